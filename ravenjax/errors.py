@@ -45,15 +45,18 @@ def list_lines(lines: Sequence[str], most: int = 8) -> str:
 
 
 def suggest_name(word: object, names: Iterable[str]) -> str:
-    """Return `. Did you mean 'x'?` with the known name that is most similar to `word`.
+    """Return `. Did you mean 'x'?` with the known name that is most similar to `word`. Names that
+    share parts between dots are most similar.
 
     Return "" if no name is similar, or if `word` is not a string.
     """
     if not isinstance(word, str):
         return ""
-    names = list(names)
-    same = [one for one in names if one.lower() == word.lower()]
-    near = same or difflib.get_close_matches(word, names, n=1, cutoff=0.5)
+    names, parts = list(names), {*word.lower().split(".")}
+    shared = {one: len(parts.intersection(one.lower().split("."))) for one in names}
+    most = max(shared.values(), default=0)
+    alike = [one for one in names if shared[one] == most > 0]
+    near = difflib.get_close_matches(word, alike or names, n=1, cutoff=0.0 if alike else 0.5)
     return f". Did you mean {near[0]!r}?" if near else ""
 
 

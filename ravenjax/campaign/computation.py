@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import re
 import time
 from collections import deque
 from collections.abc import Generator, Sequence
@@ -54,6 +55,7 @@ With several blocks, a thread can start the next block while results of the last
 """
 STANDS_STILL = 0.1
 """Share of its duration for which a golden run may stand still without a note."""
+_FROM_GOLDEN = re.compile(r"\b(unintended|loss|false_report|from_golden)\b")
 SORTED_ROWS, SORTED_TICKS = 2**14, 2**28
 """Number of rows in a window, and of ticks of these rows, with which enough rows have faults that
 begin at about the same time. Such rows can start from one checkpoint.
@@ -143,7 +145,8 @@ class Computation:
             return
         runs = concatenate(self._fault_free_outcomes)
         halted = runs.get("halted_ms", np.zeros(0))
-        still = halted > STANDS_STILL * self.plan.program.ticks
+        length = self.plan.config.campaign.duration_ms
+        still = halted > STANDS_STILL * length
         if still.any():
             tripped = [
                 name.removeprefix("check_").removesuffix("_count")
@@ -152,11 +155,12 @@ class Computation:
             ]
             self.progress.note(
                 f"in {still.sum()} of {len(still)} golden runs the robot stands still for up to"
-                f" {int(halted.max()):,} of {self.plan.program.ticks:,} ms although the pedal is"
-                " down. The robot stops without a fault, and faults after that have no effect. See"
+                f" {int(halted.max()):,} of {length:,} ms in which it should move. The robot stops"
+                " without a fault, and faults after that have no effect. See"
                 " column golden_halted_ms. Checks that tripped in these runs:"
-                f" {', '.join(tripped) or 'none'}. Write a shorter campaign.duration_s, another"
-                " motion, or a check that permits more"
+                f" {', '.join(tripped) or 'none'}. `ravenjax trace` of a run shows when, and the"
+                " positions and set points of each joint. Write a shorter campaign.duration_s,"
+                " another motion, or a check that permits more"
             )
         config = self.plan.config
         watching = {
@@ -175,7 +179,8 @@ class Computation:
                 )
         for harm in config.harm:
             happens = runs[f"harm_{harm.name}_first_ms"] >= 0
-            if happens.any():
+            # Golden runs are computed without their own tip as the reference of these signals.
+            if happens.any() and not _FROM_GOLDEN.search(harm.when):
                 self.progress.note(
                     f"harm {harm.name!r} happens in {happens.sum()} of {len(happens)} golden runs,"
                     " so a fault does not cause it there: write another limit"
@@ -323,7 +328,7 @@ class Computation:
         result = self.kernel.run(block, self.plan.columns, self._count)
         columns = take_rows(result.outcomes, slice(len(rows)))
         if self.plan.program.ends:
-            columns[schema.OBSERVED] = self.plan.ends[rows]
+            columns[schema.OBSERVED] = self.plan.ends[rows] * self.plan.tick_ms
         return columns, self._golden_outcomes(rows, golden_runs)
 
     def _block(self, rows: np.ndarray, computed: Computed | None, harmless: bool = False) -> Block:

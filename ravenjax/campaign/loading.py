@@ -17,7 +17,7 @@ from ravenjax import consent, robots
 from ravenjax.campaign import population
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import location, overriding, semantics
-from ravenjax.campaign.file.config import CampaignConfig, config_class_of, robot_of, validate_tables
+from ravenjax.campaign.file.config import CampaignConfig, config_class_of, robot_of
 from ravenjax.errors import UserError, format_error, format_value, model_at, models_in, suggest_name
 from ravenjax.hazards import expansion
 from ravenjax.store import manifest
@@ -55,7 +55,8 @@ def load_source(source: str | Path, overrides: Sequence[str] = ()) -> CampaignCo
             f"--set can change only a campaign file, but {source} is a result folder: name the"
             " campaign file"
         )
-    return validate_tables(manifest.read_manifest(Path(source)).config)
+    folder = Path(source)
+    return validate_tables(manifest.read_manifest(folder).config, folder / manifest.FILE)
 
 
 def result_folder(source: Any) -> bool:
@@ -87,33 +88,24 @@ def from_record(
     where = location.Where(source, location.key_lines(text), replaced)
     raw = population.with_population(raw, where, source)
     try:
+        robot = robot_of(raw, source and source.parent)
+    except UserError as error:
+        raise where.error([(("campaign", "robot"), str(error))]) from None
+    try:
         # Anything else is refused below.
         if isinstance(raw, dict):
             groups = raw.get("group", ())
-            raw, where.written = expansion.expand_tables(raw)
+            raw, where.written = expansion.expand_tables(raw, robot)
             if where.written:
                 where.groups = groups
                 where.names = [str(group.get("name")) for group in raw["group"]]
     except expansion.WrongGroup as error:
         raise where.error([(error.key, error.message)]) from None
-    try:
-        robot = robot_of(raw, source and source.parent)
-    except UserError as error:
-        raise where.error([(("campaign", "robot"), str(error))]) from None
     if robot.name.endswith(robots.MJCF):
         raw = raw | {"campaign": raw["campaign"] | {"robot": robot.name}}
-    try:
-        config = config_class_of(robot).model_validate(raw)
-    except ValidationError as error:
-        # Pydantic also calls a list too short if its only entries are invalid.
-        faults = [e for e in error.errors() if e["type"] != "too_short" or not e["input"]]
-        model = config_class_of(robot)
-        raise where.error(
-            _complaint(model, e, raw) for e in faults if not _is_misspelt(e, faults)
-        ) from None
-    except RecursionError:
-        raise UserError("the campaign's tables are nested too deeply to be read") from None
-    config = config.with_files(Path.cwd() if source is None else source.parent)
+    config = _validated(config_class_of(robot), raw, where).with_files(
+        Path.cwd() if source is None else source.parent
+    )
     config._source = source
     config._repeated = tuple(
         (number, name)
@@ -122,6 +114,33 @@ def from_record(
         for name in dict.fromkeys(names)
         if names.count(name) > 1
     )
+    return _with_meaning(config, where)
+
+
+def validate_tables(raw: Any, source: Path | None = None) -> CampaignConfig:
+    """Return the campaign of complete tables, such as those of a manifest.
+
+    source: the file, for the message of UserError.
+    """
+    where = location.Where(source, {}, [])
+    return _with_meaning(_validated(config_class_of(robot_of(raw)), raw, where), where)
+
+
+def _validated(model: type[CampaignConfig], raw: Any, where: location.Where) -> CampaignConfig:
+    try:
+        return model.model_validate(raw)
+    except ValidationError as error:
+        # Pydantic also calls a list too short if its only entries are invalid.
+        faults = [e for e in error.errors() if e["type"] != "too_short" or not e["input"]]
+        raise where.error(
+            _complaint(model, e, raw) for e in faults if not _is_misspelt(e, faults)
+        ) from None
+    except RecursionError:
+        raise UserError("the campaign's tables are nested too deeply to be read") from None
+
+
+def _with_meaning(config: CampaignConfig, where: location.Where) -> CampaignConfig:
+    """Return the campaign. Raise UserError for mistakes that involve several keys."""
     errors = list(semantics.find_errors(config))
     if not errors and (runs := design.count_rows(config)) > design.MOST_RUNS:
         expected = f"expected at most {design.MOST_RUNS}"

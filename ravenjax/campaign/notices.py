@@ -187,7 +187,7 @@ def _of_pedal(plan: Plan) -> OfRuns:
 def _of_faults(plan: Plan) -> OfRuns:
     if not plan.faults["code"].any():
         return
-    faults, ticks = plan.faults, plan.program.ticks
+    faults, ticks, unit = plan.faults, plan.program.ticks, plan.tick_ms
     start, length, every = (
         faults[name].astype(np.int64) for name in ("start", "duration", "every")
     )
@@ -195,7 +195,7 @@ def _of_faults(plan: Plan) -> OfRuns:
     closes = span.last_window_ends(faults, ticks, clocks)
     opens = there & (closes > 0)
     lasts = opens & (every == 0) & (length < table.FOREVER_TICKS)
-    beyond = np.where(lasts, np.clip(start + length - ticks, 0, length), 0)
+    beyond = np.where(lasts, np.clip(start + length - _clock_ends(plan), 0, length), 0)
     worst = np.unravel_index(np.argmax(beyond / np.maximum(length, 1)), beyond.shape)
     unread = [plan.config.robot.sites[site].unread for site, _ in _channels(plan)]
     unread = np.array([False, *unread])
@@ -222,15 +222,15 @@ def _of_faults(plan: Plan) -> OfRuns:
         (
             "duration_ms",
             beyond > 0,
-            f"up to {beyond[worst]} of {length[worst]} ms are after the end of the run, where the"
-            " fault has no effect",
+            f"up to {beyond[worst] * unit} of {length[worst] * unit} ms are after the end of the"
+            " run, which cuts the fault short",
         ),
         (
             "every_ms",
             opens & (every > 0) & (start + every >= ticks),
             "the fault is not repeated before the end of the run",
         ),
-        ("value", there & _idle(plan), "changes the signal by at most one count"),
+        ("value", there & _idle(plan), "changes the signal by at most one count, or not at all"),
         ("site", unread[faults["code"]], "nothing in the robot reads this signal"),
         ("site", twice, "the run has the same fault twice"),
     ):
@@ -327,6 +327,18 @@ def _counted(plan: Plan, which: np.ndarray) -> str:
     return list_names(named, NAMED)
 
 
+def _clock_ends(plan: Plan) -> np.ndarray:
+    """Return the reading that the clock of each fault cannot reach, int [runs, slots]."""
+    trigger, ticks, clocks = plan.faults["trigger"], plan.program.ticks, plan.any_clocks
+    # Packet numbers begin at 1, and the time of the pedal when the pedal first goes down.
+    down = 0 if clocks is None or clocks.moved.any() else clocks.first_down(ticks)[:, None]
+    return (
+        ticks
+        + (trigger == TRIGGER_CODES["packet"])
+        - np.where(trigger == TRIGGER_CODES["pedal"], down, 0)
+    )
+
+
 def find_copies(plan: Plan) -> np.ndarray:
     """Return which runs must have the outcome of an earlier run, bool [runs].
 
@@ -340,9 +352,7 @@ def find_copies(plan: Plan) -> np.ndarray:
     rows = plan.rows["group"].map(fixed.__getitem__).to_numpy(bool)
     ticks, faults = plan.program.ticks, {k: v for k, v in plan.faults.items() if k != "key"}
     again = np.where(faults["start"] + faults["every"] < ticks, faults["every"], 0)
-    # Packet numbers begin at 1.
-    packet = faults["trigger"] == TRIGGER_CODES["packet"]
-    end = np.where(again == 0, ticks - faults["start"] + packet, ticks)
+    end = np.where(again == 0, _clock_ends(plan) - faults["start"], ticks)
     faults |= {"every": again, "duration": np.minimum(faults["duration"], end)}
     inputs = {
         f"{name}{slot}": values[:, slot]

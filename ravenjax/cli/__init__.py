@@ -4,6 +4,7 @@ Each command imports slow modules only when it runs.
 """
 
 import gc
+import logging
 import os
 import pkgutil
 import sys
@@ -56,6 +57,8 @@ def main(tokens: list[str] | None = None) -> int:
     trusted = [consent.EVERYWHERE] if "--trust" in words else []
     # Otherwise MuJoCo starts a process that looks for a display.
     os.environ.setdefault("MUJOCO_GL", "disable")
+    # Otherwise it tells a user who has no home folder where it keeps its fonts.
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
     try:
         for text in (*words, os.getcwd()):
             if text.encode(errors="replace") != os.fsencode(text):

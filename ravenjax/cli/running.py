@@ -8,9 +8,9 @@ import gc
 import json
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ravenjax import interruption
 from ravenjax.cli import console
@@ -19,7 +19,7 @@ from ravenjax.cli.motion import show_operator
 from ravenjax.cli.results import write_report
 
 if TYPE_CHECKING:
-    from ravenjax.store.folder import Results
+    from ravenjax.store.manifest import Manifest
 
 MOST_ROWS = 40
 """Number of groups that `check` prints; further groups are only counted."""
@@ -82,23 +82,22 @@ def run(
     # The exit then does not look through all imported modules, which takes 0.2 s.
     gc.freeze()
     with _ended_by_signals(), terminal.Watch(screen) as watch:
-        results = adaptive.run_adaptively(
+        adaptive.run_adaptively(
             config, folder, engine, on_progress=watch, executor=who, shard=share, command=sys.argv
         )
+    record = manifest.read_manifest(folder)
+    head, counted = _count_faults(folder, record)
     if not as_json:
-        _summary(folder, results)
+        _summary(folder, record, head, counted)
     page = write_report(folder, prints=not as_json) if report and share is None else None
     if as_json:
-        record = manifest.read_manifest(folder)
         names = "campaign config_hash runs engine device code_hash compile_s run_s runs_per_s"
         content = {name: getattr(record, name) for name in names.split()} | {
             "folder": folder,
             "finished": record.done,
-            "verdicts_of_faulty_runs": results.verdicts() if record.done else {},
+            "verdicts_of_distinct_faults": counted,
             "runs_without_valid_outcome": record.failures,
-            "verdicts_of_faults_that_changed_no_bit": (
-                results.verdicts(acted=False) if record.done else {}
-            ),
+            "runs_not_counted": {key: head.get(key, 0) for key in NOT_COUNTED},
             "stop_rule": decisions.describe_stop(folder) or None,
             "report": page,
             "shard": None if share is None else str(share),
@@ -198,27 +197,45 @@ def fault_free(
         console.emit_json({"folder": motions_folder, "hours": there, "report": page})
 
 
-def _summary(folder: Path, results: Results) -> None:
+NOT_COUNTED = {
+    "inactive": "whose fault never changed a bit",
+    "repeats": "that repeat a fault",
+    "reacting": "with an operator who reacts",
+}
+
+
+def _count_faults(folder: Path, record: Manifest) -> tuple[dict[str, Any], dict[str, int]]:
+    # Returns the counts of the report's first page, and the number of distinct faults by verdict.
+    from ravenjax.report.data.runs import Runs
+    from ravenjax.report.sections import tables
+
+    if not record.done:
+        return {}, {}
+    with contextlib.closing(Runs.open(folder, record)) as runs:
+        counted = {name: n for name, _, n in tables.class_counts(runs, "verdict::VARCHAR", ())}
+        return tables.headline_counts(runs, record), counted
+
+
+def _summary(
+    folder: Path, record: Manifest, head: Mapping[str, Any], counted: Mapping[str, int]
+) -> None:
     # Prints the verdicts of a finished or interrupted campaign.
     from ravenjax.campaign.stop import decisions
     from ravenjax.cli import terminal
     from ravenjax.outcomes import events
-    from ravenjax.store import manifest
 
-    record = manifest.read_manifest(folder)
-    counted, idle = (results.verdicts(acted) if record.done else {} for acted in (True, False))
-    verdicts = terminal.share_rows(counted, sum(n for name, n in counted.items() if name))
+    verdicts = terminal.share_rows(counted, sum(counted.values()))
     content = {
         "record": record,
         "verdicts": [(events.name_harm(name, record.rules), *row) for name, *row in verdicts],
         "failures": terminal.share_rows(record.failures, record.done),
-        "idle": sum(idle.values()),
+        "head": head,
+        "not_counted": NOT_COUNTED,
         "why": decisions.describe_stop(folder),
     }
     console.print_tables(console.fill_listings("summary.j2", **content), as_json=False)
     if verdicts:
-        own = record.rules.harm if record.rules.harms else ""
-        console.print_text(terminal.count_evading(counted, record.limit_mm, own))
+        console.print_text(console.render_template("evading.j2", **content))
     console.print_text(console.render_template("ended.j2", folder=folder, **content))
 
 

@@ -14,7 +14,6 @@ from rich.progress import BarColumn, Progress, TextColumn
 
 from ravenjax.campaign.inspection.estimate import format_estimate
 from ravenjax.cli.console import print_text, render_template
-from ravenjax.outcomes import verdict
 
 if TYPE_CHECKING:
     from ravenjax.campaign.progress import Status
@@ -97,10 +96,9 @@ def run_checks(tests: dict[str, Callable[[], str]]) -> Iterator[tuple[str, str, 
 
 
 def share_rows(counts: Mapping[str, int], total: int) -> list[tuple[str, ...]]:
-    """Return table rows (name, runs, share of the total), most frequent first, without name "".
+    """Return table rows (name, count, share of the total), most frequent first, without name "".
 
-    counts: number of runs by name. Repeats of a fault count separately, so the shares have no
-    intervals. The report counts every fault once.
+    counts: number of faults or runs by name.
     """
     ordered = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
 
@@ -109,19 +107,3 @@ def share_rows(counts: Mapping[str, int], total: int) -> list[tuple[str, ...]]:
         return f"{100 * n / total:.1f} %" if 2000 * n >= total else "< 0.1 %"
 
     return [(name, str(n), share(n)) for name, n in ordered if name]
-
-
-def count_evading(runs: Mapping[str, int], limit_mm: float, own: str = "") -> str:
-    """Return a sentence: how many runs evade, and how many of these have a cue.
-
-    runs: number of runs by verdict. own: name of the harm, if the campaign defines harms itself.
-    """
-    valid = {tuple(name.split("/")): count for name, count in runs.items() if name}
-    motion = verdict.HAZARDS[0]
-    cues = [
-        sum(valid.get((response, motion, cue), 0) for response in verdict.UNTOLD)
-        for cue in verdict.CUES
-    ]
-    harmful = sum(count for (_, hazard, _), count in valid.items() if hazard == motion)
-    content = {"valid": sum(valid.values()), "harmful": harmful, "cues": cues}
-    return render_template("evading.j2", limit_mm=limit_mm, own=own, **content)

@@ -97,11 +97,15 @@ def describe_harms(rules: Rules) -> str:
     return f"({'or ' * rules.limit_counts}{' or '.join(rules.harms)})" if rules.harms else ""
 
 
-def name_harm(text: str, rules: Rules) -> str:
-    """Return a text about unintended motions with the names of the campaign's harms, if any."""
+def name_harm(text: str, rules: Rules, own: Iterable[str] = ()) -> str:
+    """Return a text about unintended motions with the names of the harms that the campaign
+    defines, if any. own: words of the user, which stay.
+    """
     if not rules.harms:
         return text
-    text = re.sub(r"\b([Aa]n )?[Uu]nintended( |<br>)motions?( over [\d.]+ mm)?", rules.harm, text)
+    kept = "|".join(map(re.escape, own)) or "(?!)"
+    motion = r"\b(?:[Aa]n )?[Uu]nintended(?: |<br>)motions?(?: over [\d.]+ mm)?"
+    text = re.sub(f"({kept})|{motion}", lambda found: found[1] or rules.harm, text)
     return re.sub(r"the motion (reache[sd]|exceed(s|ed)) [\d.]+ mm", "the harm began", text)
 
 

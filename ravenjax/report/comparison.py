@@ -83,6 +83,7 @@ class FolderComparison(NamedTuple):
     folders: tuple[Path, Path]
     campaigns: tuple[str, str]
     limits_mm: tuple[float, float]
+    harms: tuple[str, str]  # what counts as unintended motion in each campaign
     configuration: Sequence[Change]
     environment: Sequence[Change]  # engine, device, code, versions
     pairs: ComparedPairs
@@ -130,6 +131,7 @@ def compare_folders(first: Path, second: Path, most: int = 10) -> FolderComparis
             (first, second),
             (records[0].campaign, records[1].campaign),
             (records[0].limit_mm, records[1].limit_mm),
+            (records[0].rules.harm, records[1].rules.harm),
             manifest.find_changes(records[0].config, records[1].config),
             manifest.find_changes(*map(_describe_origin, records)),
             pairs,

@@ -3,10 +3,11 @@
 import contextlib
 import functools
 import json
+import re
 from pathlib import Path
 
 import jinja2
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from ravenjax.document import html
 from ravenjax.hazards import naming
@@ -65,7 +66,8 @@ def render_report(runs: Runs, manifest: Manifest, folder: Path) -> str:
     first = body(answers.FIRST_PAGE)
     page = _environment().get_template("page.html.j2")
     text = page.render(common, answers=first, bodies=bodies)
-    return html.with_scopes(events.name_harm(text, manifest.rules))
+    own = re.findall(r'"([^"]*nintended motion[^"]*)"', json.dumps(manifest.config))
+    return html.with_scopes(events.name_harm(text, manifest.rules, map(escape, own)))
 
 
 @functools.cache

@@ -13,6 +13,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import pydantic_core
+
 from ravenjax.errors import StoreError, UserError
 
 if TYPE_CHECKING:
@@ -72,13 +74,14 @@ def write_text(path: Path, text: str, waits: bool = True) -> None:
 def parse_json(text: str) -> Any:
     """Return the content of a JSON text.
 
-    Raise ValueError for text that is not JSON, or is nested so deeply that `json.loads` would
-    exhaust the stack.
+    Raise ValueError for text that is not JSON, cannot be written as UTF-8, or is nested too deeply.
     """
     try:
-        return json.loads(text)
-    except RecursionError:
-        raise ValueError("lists or tables are nested too deeply") from None
+        return pydantic_core.from_json(text)
+    except ValueError as error:
+        if "recursion" in str(error):
+            raise ValueError("lists or tables are nested too deeply") from None
+        raise
 
 
 def read_json(path: Path, missing: str, advice: str) -> Any:
@@ -197,6 +200,9 @@ def _read_text(path: Path, names: Sequence[str] | None, header: str) -> pd.DataF
             f"{path}: the first line contains numbers, so the table has no header line. It has"
             f" {len(first)} columns; write a line such as {header}"
         )
+    if headed:
+        # pandas would give the second one another name.
+        require_distinct(path, pd.DataFrame(columns=[cell.strip() for cell in first if cell]))
     if names is not None and (headed or len(names) != len(first)):
         got = "a header line" if headed else f"{len(first)} columns"
         raise UserError(f"{path}: has {got}; expected only numbers, in {len(names)} columns")

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import threading
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -216,26 +215,6 @@ class Results:
         """Return the table, or some of its columns, as Arrow. Raises as `read_all`."""
         tables = read_parts(self.path, columns, lambda table: table)
         return pa.concat_tables(tables).unify_dictionaries()
-
-    def verdicts(self, acted: bool = True) -> dict[str, int]:
-        """Return the number of faulty runs with each verdict, most frequent first; "" counts failed
-        runs.
-
-        acted: True counts runs whose fault changed a bit, False the other runs. Files are counted
-        one by one, so that memory does not grow with the table. Raise StoreError as `read_all`.
-        """
-        sites = [f"fault{slot}_site" for slot in range(self.shape.slots)]
-
-        def count(table: pa.Table) -> dict[str, int]:
-            frame = table.to_pandas()
-            counted = (frame["activated"] | (frame["verdict"] == "")) == acted
-            faulty = (frame[sites] != "").any(axis=1)
-            return frame.loc[faulty & counted, "verdict"].value_counts().to_dict()
-
-        counts: Counter[str] = Counter()
-        for part in read_parts(self.path, ["activated", "verdict", *sites], count):
-            counts.update(part)
-        return {verdict: number for verdict, number in counts.most_common() if number}
 
 
 def _finished(file: Path, recorded: parts.Part | None, config_hash: str) -> parts.Part | StoreError:

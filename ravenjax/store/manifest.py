@@ -32,7 +32,7 @@ from ravenjax.outcomes.verdict import LIMIT_MM, PUBLISHED_CUE_MM
 from ravenjax.store import schema
 from ravenjax.store.files import KEPT, disk_errors, path_inside, read_json, write_text
 from ravenjax.store.motion.summary import MotionSummary
-from ravenjax.store.parts import Part, require_version
+from ravenjax.store.parts import Part, Row, require_version
 from ravenjax.vocabulary.checks import built_in_column
 from ravenjax.vocabulary.robot import Robot
 
@@ -79,7 +79,7 @@ class Manifest(BaseModel):
     config_hash: str
     seed: int
     # Rows of the fault table.
-    runs: int
+    runs: Row
     duration_ms: int
     # Counts and names on which the columns of the table depend.
     shape: schema.Shape
@@ -108,7 +108,7 @@ class Manifest(BaseModel):
     # Shard of the campaign in this folder, such as 2/7; None: the whole campaign.
     shard: str | None = None
     # Row ranges (first, last inclusive) that this folder should contain; None: all rows.
-    rows: tuple[tuple[int, int], ...] | None = None
+    rows: tuple[tuple[Row, Row], ...] | None = None
     # Number of starts of the command, including starts after interruptions.
     starts: int = 1
     # Of the last start: time of compilation (s), time of computation (s), runs per second.
@@ -231,11 +231,50 @@ def read_manifest(folder: Path) -> Manifest:
     if isinstance(version, int):
         require_version(path, version)
     try:
-        return Manifest.model_validate(data).model_copy(update={"parts": read_parts(folder)})
+        record = Manifest.model_validate(data).model_copy(update={"parts": read_parts(folder)})
+        _Tables.model_validate(record.config)
     except pydantic.ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(item) for item in first["loc"]) or "top level"
         raise StoreError(f"{path}: {where}: {first['msg']}. {_RESTORE}") from error
+    return record
+
+
+class _Inner(BaseModel):
+    """A group of a campaign, or a run or a fault of a group."""
+
+    fault: list[_Inner] = []
+    run: list[_Inner] = []
+    parameters: dict[str, Any] = {}
+    cross: dict[str, Any] = {}
+    effect: str | list[Any] | dict[str, Any] = ""
+
+
+class _Named(_Inner):
+    name: str
+
+
+class _Check(_Named):
+    threshold: float = 1.0
+    consecutive: int = 1
+
+
+class _Harm(_Named):
+    when: str
+    counts: str
+
+
+class _Tables(_Inner):
+    """The forms of a campaign's tables on which reports depend. All else may be anything."""
+
+    campaign: dict[str, Any] = {}
+    operator: dict[str, Any] = {}
+    outcomes: dict[str, str | float] = {}
+    reaction: dict[str, Any] | None = None
+    group: list[_Named] = []
+    check: list[_Check] = []
+    detector: list[_Named] = []
+    harm: list[_Harm] = []
 
 
 _RESTORE = (

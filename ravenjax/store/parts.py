@@ -11,12 +11,12 @@ import hashlib
 import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from ravenjax.errors import StoreError
 from ravenjax.store import schema
@@ -39,6 +39,10 @@ for the writer. PARTS: number of parts per process, if this gives enough rows.
 """
 
 
+Row = Annotated[int, Field(ge=0, lt=10**9)]
+"""Index of a row, or a number of rows. Names of parts have nine digits."""
+
+
 class ForeignPart(StoreError):
     """Raised for a complete file of another campaign, of another schema, or of another program."""
 
@@ -49,8 +53,8 @@ class Part(BaseModel):
     model_config = ConfigDict(frozen=True)
 
     file: str  # name inside the parts folder
-    first: int  # index of the first row
-    last: int  # index of the last row, inclusive
+    first: Row  # index of the first row
+    last: Row  # index of the last row, inclusive
     sha256: str  # hex digest of the file
     size: int  # bytes
     # Number of runs without a valid outcome, by cause; None: not counted.

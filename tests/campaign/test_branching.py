@@ -115,7 +115,8 @@ def test_each_run_tells_when_it_ended(tmp_path):
 @pytest.mark.parametrize(("watchdog_ticks", "still"), [(5, True), (75, False)])
 def test_a_note_tells_of_golden_runs_that_stand_still_or_do_harm(watchdog_ticks, still):
     parameters = {"plc.watchdog_ticks": watchdog_ticks}
-    harm = [{"name": "late", "when": "time > 1"}, {"name": "never", "when": "time < 0"}]
+    whens = {"late": "time > 1", "never": "time < 0", "of_faults": "unintended > 1"}
+    harm = [{"name": name, "when": when} for name, when in whens.items()]
     told = []
     run_campaign(
         rj.load_campaign({**OPERATION, "parameters": parameters, "harm": harm}),

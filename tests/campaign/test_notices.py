@@ -80,6 +80,11 @@ def of(fault: dict[str, Any] | None = None, more: tuple = (), **sections: Any) -
         ({}, {"detector": [TWICE, {**TWICE, "name": "b"}]}, "detector[1]: differs from"),
         ({"every_ms": 1500}, {}, "fault[0].every_ms: the fault is not repeated"),
         ({"start_ms": 1500, "duration_ms": [500, 600, "end"]}, {}, "group: 2 of 3 runs have"),
+        (
+            {"trigger": "pedal", "start_ms": 1500, "duration_ms": [200, 300, 400]},
+            {},
+            "group: 1 of 3 runs have",
+        ),
     ],
 )  # fmt: skip
 def test_what_cannot_act_is_noted(fault, sections, said):

@@ -53,6 +53,7 @@ def test_a_fault_acts_in_its_window_only(table):
     ("fault", "words"),
     [
         (struck("control.motor_control.kp.shoulder"), f"Did you mean '{KP}'"),
+        (struck("pid.kp.gold.sholder"), f"Did you mean '{KP}'"),
         (struck("nominal.gold.kp.shoulder"), "cannot change during a run"),
         (struck("plant.gold.kinematic_errors.scale"), "cannot change during a run"),
         (struck("control.overdrive.dac_max.grasp2", value=20), "has no effect"),

@@ -14,7 +14,9 @@ from rendered_page import Page, rendered, words
 
 from ravenjax.campaign.stop import decisions
 from ravenjax.errors import StoreError
+from ravenjax.outcomes.events import Rules, name_harm
 from ravenjax.report import page, wording
+from ravenjax.report.data import facts
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import tables
 from ravenjax.stats.intervals import wilson_interval
@@ -80,6 +82,29 @@ def test_headline_counts_distinct_faults(built):
     assert f"of this design, {evaded:,} made the live robot move" in text
     # Groups differ, so no interval covers all of them.
     assert "of faults drawn so" not in text
+
+
+def test_faults_that_the_end_of_the_run_cuts_short_are_counted():
+    frame = FRAME.assign(fault0_duration_ms=np.where(np.arange(RUNS) % 2, -1, 3000))
+    faulty = (frame["fault0_site"] != "") & (frame["failed"] == "") & frame["activated"]
+    untold = frame["response"].isin(["silent", "limited"]) & (frame["hazard"] == "none")
+    cut = faulty & untold & (frame["fault0_duration_ms"] > 0) & (frame["fault0_start_ms"] > 0)
+    assert tables.headline_counts(Runs.of(frame, MANIFEST), MANIFEST)["cut_short"] == cut.sum() > 0
+
+
+def test_windows_on_the_clock_of_the_pedal_that_never_close_are_one_fault():
+    rows = FRAME.loc[[FAULTY.index[0]] * 4].reset_index(drop=True)
+    rows = rows.assign(pair=range(4), pedal_down_ms=1500, halted_ms=300, fault0_start_ms=1000)
+    rows = rows.assign(fault0_trigger="pedal", fault0_duration_ms=[799, 800, 900, -1])
+    distinct = facts.derive_facts(rows, facts.recorded_choices(MANIFEST))["distinct"]
+    assert distinct.tolist() == [0, 1, 1, 1]
+
+
+def test_a_harm_of_ones_own_is_named_but_the_words_of_the_user_stay():
+    rules = Rules(harms=("fast: speed > 20",), limit_counts=False)
+    text = "<i>no unintended motion</i> An unintended motion over 3 mm"
+    named = name_harm(text, rules, ["no unintended motion"])
+    assert named == "<i>no unintended motion</i> harm fast"
 
 
 def test_enumerated_faults_have_shares_without_intervals():
@@ -207,7 +232,8 @@ def test_delays_are_censored_at_stop_and_end():
         response=["silent", "silent", "stopped", "silent", "flagged"],
     )
     delays, early = tables.event_delays(runs, "warned_ms")
-    assert delays.time.tolist() == [50, 300, 2900] and delays.came.tolist() == [True, False, False]
+    assert delays.time.tolist() == [50, 300, 2900]
+    assert delays.occurred.tolist() == [True, False, False]
     # flagged: the robot went on, so to the end
     assert delays.count.tolist() == [1, 1, 2] and early == 1
 

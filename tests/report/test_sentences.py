@@ -7,7 +7,10 @@ import pytest
 import synthetic_results as synthetic
 from rendered_page import Page, rendered, words
 
-from ravenjax.cli import terminal
+from ravenjax.cli import console, terminal
+from ravenjax.report.data.runs import Runs
+from ravenjax.report.sections import tables
+from ravenjax.stats.intervals import share_of_cells
 
 RUNS = 1200
 FRAME = synthetic.frame(RUNS)
@@ -50,7 +53,7 @@ def test_enumerated_faults_have_no_interval_in_any_section():
         assert section and not PERCENT_SPAN.search(re.sub("<[^>]*>", "", section[0])), name
 
 
-def test_the_terminal_counts_runs_with_a_fault():
+def test_the_terminal_counts_distinct_faults():
     manifest = synthetic.manifest(RUNS)
     counted = FRAME.loc[FRAME["fault0_site"] != "", "verdict"].value_counts().to_dict()
     cue = np.where(VALID["cue0_first_ms"] >= 0, "cue", "no cue")
@@ -58,11 +61,15 @@ def test_the_terminal_counts_runs_with_a_fault():
     told = terminal.share_rows(counted, len(VALID))
     assert {verdict: int(runs) for verdict, runs, _ in told} == sizes.to_dict()
     evading = VALID[MOVED & UNTOLD]
-    sentence = terminal.count_evading(counted, manifest.limit_mm)
-    assert sentence.startswith(f"{len(evading)} of {len(VALID)} runs")
+
+    def sentence(frame, **changes):
+        head = tables.headline_counts(Runs.of(frame, manifest), manifest) | changes
+        return console.render_template("evading.j2", head=head, record=manifest)
+
+    said = sentence(FRAME)
+    assert said.startswith(f"{len(evading)} of {len(VALID)} distinct faults evade")
     cues = (evading["cue0_first_ms"] >= 0).sum()
-    assert sentence.endswith(f"The cue comes in {cues} of these.")
-    assert terminal.count_evading({"silent/none/no cue": 160}, 3.0).startswith(
-        "None of 160 runs with a"
-    )
-    assert "do not test the checks" in terminal.count_evading({"silent/none/no cue": 160}, 3.0)
+    assert said.endswith(f"The cue comes in {cues} of these.")
+    none = share_of_cells(0, 160)
+    said = sentence(FRAME, evaded=none, unintended=none)
+    assert said.startswith("None of 160 distinct faults") and "do not test the checks" in said

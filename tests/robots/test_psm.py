@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import ravenjax as rj
 from ravenjax.bundled import resources
+from ravenjax.campaign import notices
 
 # Modified DH, degrees and m: alpha, a, theta, d (sawIntuitiveResearchKit, share/kinematic/psm.json
 # and share/tool/LARGE_NEEDLE_DRIVER_400006.json).
@@ -55,5 +56,9 @@ def test_the_kinematics_of_the_iiwa_are_those_of_its_dh_table():
     np.testing.assert_allclose(data.site("tip").xpos, tip, rtol=0, atol=1e-12)
 
 
-def test_its_campaign_is_a_campaign():
-    assert rj.load_campaign(snippets.ROOT / "analysis/psm/psm.toml").robot.linear == ("insertion",)
+def test_one_limit_of_rotating_and_sliding_joints_is_noticed():
+    file = snippets.ROOT / "analysis/psm/psm.toml"
+    config = rj.load_campaign(file, ["parameters.sensor=0.2", "parameters.velocity.insertion=1"])
+    assert config.robot.linear == ("insertion",)
+    mixed = [notice for notice in notices.of_config(config) if "such as" in notice]
+    assert [notice.partition(":")[0] for notice in mixed] == ["parameters.sensor"]

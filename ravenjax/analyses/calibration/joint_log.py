@@ -96,7 +96,7 @@ class LogOptions(ReplayOptions):
 
     def written(self, key: str, value: object) -> str:
         """Return how a user writes an option of the command `calibrate`."""
-        if key == "sensors":
+        if key in ("sensors", "slow_down"):
             return ""
         if key == "rate_hz":
             return f"--period-ms {1e3 / float(str(value)):.6g}"
@@ -263,14 +263,17 @@ def _require_possible(samples: Samples, name: str, joints: np.ndarray) -> None:
     word, value = JOINTS[joint], joints[row, joint]
     unit, other, factor = ("m", "mm", 1e-3) if word in LINEAR else ("rad", "deg", UNITS["deg"])
     low, high = (end[joint] for end in HOLD)
-    likely, column = joints[:, joint] * factor, f"{name}_{word}"
-    inside = likely.min() >= low - BEYOND[joint] and likely.max() <= high + BEYOND[joint]
-    advice = ""
-    if inside and column in samples.table:
-        change = (
-            f"convert {samples.topic}" if samples.topic else f"name the column {column}_{other}"
-        )
-        advice = f". If these are {other.replace('deg', 'degrees')}, {change}"
+    column, advice = f"{name}_{word}", ""
+    units = (
+        (column, f"{column}_{other}", other, factor),
+        (f"{column}_{other}", column, unit, 1 / factor),
+    )
+    for read, meant, probable, scale in units:
+        likely = joints[:, joint] * scale
+        inside = likely.min() >= low - BEYOND[joint] and likely.max() <= high + BEYOND[joint]
+        if inside and read in samples.table:
+            change = f"convert {samples.topic}" if samples.topic else f"name the column {meant}"
+            advice = f". If these are {probable.replace('deg', 'degrees')}, {change}"
     raise UserError(
         f"{samples.path}: {samples.place(row)}: {name} of {word} is {value:.6g} {unit}, expected"
         f" {low:.3g} to {high:.3g} {unit}{advice}"

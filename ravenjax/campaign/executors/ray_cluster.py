@@ -6,8 +6,8 @@ the finished Parquet file as bytes through Ray's object store. Therefore the clu
 file system, and a task that Ray runs twice has no side effects. A run needs about 200 B of the
 coordinator's network in both directions together.
 
-Ray repeats a task whose worker or node died or does not answer. If no chunk finishes for a long
-time, the workers are replaced as well. If a chunk still fails, the executor delivers all others and
+Ray repeats a task whose worker or node died or does not answer. A worker whose chunk takes very
+long is replaced as well. If a chunk still fails, the executor delivers all others and
 then reports the failed chunk. The same command, started again, computes only this chunk.
 """
 
@@ -41,7 +41,11 @@ CORES = 4
 WRITERS = 4
 """Largest number of files that are written in parallel."""
 SILENT_S = 600.0
-"""Time without a finished chunk after which workers are replaced, s. It doubles each time."""
+"""Longest time to wait for a chunk before its worker is replaced, s. It doubles each time."""
+SLOW_S, SLOW = 60.0, 10.0
+"""A worker is replaced earlier if its chunk takes longer than SLOW_S and SLOW times the longest
+time of a finished chunk.
+"""
 ANSWER_S = 10.0
 """Time in which a cluster must answer, s."""
 _PASSED_ON = ("XLA_FLAGS", "JAX_PLATFORMS", "JAX_ENABLE_X64", "RAVENJAX_CACHE")
@@ -170,9 +174,9 @@ class Ray:
             runtime_env={"env_vars": task_environment(work.engine.name)},
         )(_compute)
         key = f"{os.getpid()}-{id(work)}-{os.urandom(4).hex()}"
-        waiting, under_way = list(reversed(chunks)), dict[Any, range]()
+        waiting, under_way = list(reversed(chunks)), dict[Any, tuple[range, float]]()
         lost: dict[range, str] = {}
-        delivered, patience_s, finished_at = 0, SILENT_S, time.monotonic()
+        delivered, patience, longest_s, asked_at = 0, 1, 0.0, time.monotonic()
 
         def deliver(finished: FinishedChunk) -> None:
             work.deliver(finished)
@@ -185,22 +189,25 @@ class Ray:
                     while waiting and len(under_way) < 2 * tasks:
                         rows = waiting.pop()
                         share = ray.put(work.plan.row_fields(slice(rows.start, rows.stop)))
-                        under_way[compute.remote(key, head, share)] = rows
+                        under_way[compute.remote(key, head, share)] = rows, time.monotonic()
                     done, _ = ray.wait(list(under_way), num_returns=1, timeout=1.0)
-                    if done:
-                        finished_at = time.monotonic()
-                    elif time.monotonic() - finished_at < patience_s:
+                    now = time.monotonic()
+                    if not done or now - asked_at > ANSWER_S:
                         _require_answer(first_node)
-                    else:
-                        # Ray repeats tasks whose process died, but not tasks that hang.
-                        for task in under_way:
-                            ray.cancel(task, force=True)
-                        waiting += under_way.values()
-                        under_way.clear()
-                        progress.note(f"no result for {patience_s:g} s, so workers were replaced")
-                        patience_s, finished_at = 2 * patience_s, time.monotonic()
+                        asked_at = now
                     for task in done:
-                        rows = under_way.pop(task)
+                        longest_s = max(longest_s, now - under_way[task][1])
+                    usual_s = max(SLOW_S, SLOW * longest_s) if delivered else SILENT_S
+                    limit_s = patience * min(SILENT_S, usual_s)
+                    slow = {task for task in under_way if now - under_way[task][1] > limit_s}
+                    patience *= 2 if slow.difference(done) else 1
+                    # Ray repeats tasks whose process died, but not tasks that hang.
+                    for task in slow.difference(done):
+                        ray.cancel(task, force=True)
+                        waiting.append(under_way.pop(task)[0])
+                        progress.note(f"no result for {limit_s:g} s, so a worker was replaced")
+                    for task in done:
+                        rows, _ = under_way.pop(task)
                         try:
                             compile_s, finished = ray.get(task)
                         except ray.exceptions.RayError as error:
@@ -268,9 +275,10 @@ def _join(ray: Any, address: str | None) -> None:
         )
     # Also catches ConnectionError, which Ray raises: it is a subclass of OSError.
     except OSError as error:
-        raise UserError(
-            f"--ray-address {address}: no Ray cluster answers there ({error})"
-        ) from error
+        what = "Ray cannot start on this machine"
+        if address is not None:
+            what = f"--ray-address {address}: no Ray cluster answers there"
+        raise UserError(f"{what} ({error})") from error
     if threading.current_thread() is threading.main_thread():
         # Ray replaced the handler of SIGTERM, so the earlier handler is restored.
         signal.signal(signal.SIGTERM, terminated)

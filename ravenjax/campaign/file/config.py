@@ -170,7 +170,8 @@ class CampaignConfig(Section):
     def lines(self) -> Iterator[tuple[str, str]]:
         """Yield name and value of settings of the robot and the operator, as texts for a table."""
         arms, noise = self.campaign.arms, ", with noise" if self.campaign.noise else ""
-        yield "robot", f"{self.robot_label}, {' and '.join(arms)} arm{'s' * (len(arms) > 1)}{noise}"
+        named = " and ".join(arms) + " arm" * (arms != ("arm",)) + "s" * (len(arms) > 1)
+        yield "robot", f"{self.robot_label}, {named}{noise}"
         if self.campaign.observe_ms is not None:
             yield (
                 "observed",
@@ -309,11 +310,3 @@ def robot_of(raw: Any, folder: Path | None = None) -> Robot:
 def config_class_of(robot: Robot) -> type[CampaignConfig]:
     """Return the pydantic model of a robot's campaigns."""
     return getattr(robot.part("campaign"), "Config", CampaignConfig)
-
-
-def validate_tables(raw: Any) -> CampaignConfig:
-    """Return the campaign of nested tables, such as those of a manifest.
-
-    Raise ValidationError and UserError.
-    """
-    return config_class_of(robot_of(raw)).model_validate(raw)

@@ -11,7 +11,7 @@ from typing import Any
 
 from ravenjax.campaign import runner
 from ravenjax.campaign.faults import design
-from ravenjax.campaign.file.config import validate_tables
+from ravenjax.campaign.loading import validate_tables
 from ravenjax.campaign.progress import OnProgress
 from ravenjax.errors import UserError
 from ravenjax.store import manifest

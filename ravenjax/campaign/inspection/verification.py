@@ -17,8 +17,8 @@ import pyarrow.parquet as pq
 from ravenjax.campaign import compile_cache, outcomes
 from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.faults import run_id
-from ravenjax.campaign.file.config import validate_tables
 from ravenjax.campaign.inspection.replay import original_engine
+from ravenjax.campaign.loading import validate_tables
 from ravenjax.campaign.plan import Plan, make_plan
 from ravenjax.campaign.progress import Progress
 from ravenjax.engines.interface import Engine
@@ -94,9 +94,8 @@ def verify_folder(
     parts, whole = checking.check_files(folder, record)
     checks = [parts, checking.check_rows(record), *checking.check_values(folder, record, whole)]
     try:
-        plan = make_plan(validate_tables(record.config))
-    except ValueError as error:
-        # UserError, and pydantic's error for a config that this version cannot read.
+        plan = make_plan(validate_tables(record.config, folder / manifest.FILE))
+    except UserError as error:
         what = "the manifest's campaign, expanded again"
         return Verification([*checks, FolderCheck("campaign", what, [str(error)])], None)
     checks.append(_check_campaign(folder, record, plan, whole))

@@ -15,6 +15,7 @@ import os
 import threading
 from typing import Any
 
+import llvmlite.binding as llvm
 import numpy as np
 
 from ravenjax import threads
@@ -224,7 +225,8 @@ class ScanEngine:
     @property
     def device(self) -> str:
         """The device in words."""
-        return str(jax.devices()[0].device_kind)
+        kind = str(jax.devices()[0].device_kind)
+        return f"cpu {llvm.get_host_cpu_name()}" if kind == "cpu" else kind
 
     @property
     def threads(self) -> int:

@@ -87,8 +87,13 @@ def register_table(table: ResultTable, frame: pd.DataFrame) -> None:
 
 def needed_columns(names: Sequence[str], chosen: Choices) -> list[str]:
     """Return the columns of a result table that `define_facts` reads."""
-    cue = f"cue{chosen.rules.cue}_first_ms"
-    needed = {*_COLUMNS["needed"], cue, f"golden_{cue}", chosen.rules.jump}
+    cue, jump = f"cue{chosen.rules.cue}_first_ms", chosen.rules.jump
+    plain = (
+        "run_id group operator pair failed activated first_active_ms response response_ms told_ms"
+        " pedal_down_ms halted_ms"
+    )
+    hazards = ("hazard", "unintended_first_ms", "loss_first_ms", "false_report_first_ms")
+    needed = {*plain.split(), *hazards, cue, f"golden_{cue}", jump}
     return [name for name in names if name in needed or name.startswith(("fault", "param:"))]
 
 
@@ -188,7 +193,7 @@ def _number_faults(table: ResultTable, types: Mapping[str, str], end_ms: int) ->
     names = ["operator"] + [name for name in types if name.startswith(("param:", "fault"))]
     inputs = {name: kind for name, kind in types.items() if name in names}
     draws, key, key_of_copies = wording.fill_template(
-        "inputs.sql.j2", types=inputs, end_ms=end_ms, random=RANDOM, quote=quote_name
+        "inputs.sql.j2", types=inputs, columns=types, end_ms=end_ms, random=RANDOM, quote=quote_name
     )
     (drawn,) = table.row(f"SELECT coalesce(bool_or({draws}), false) FROM {RESULTS}")
     # An effect that draws random numbers differs in every run, so each run is distinct.

@@ -103,7 +103,8 @@ def headline_counts(runs: Runs, manifest: Manifest) -> dict[str, Any]:
     """Return the counts and rates on the first page, by name.
 
     They count distinct faults, by the first valid run of each in which nobody reacts. loss and
-    misreport are hazards that no check reported. halted counts losses of motion only because the
+    misreport are hazards that no check reported. cut_short counts faults without an alarm or hazard
+    that lasted longer than their run. halted counts losses of motion only because the
     robot was not live. inactive counts valid runs whose fault changed no bit, and repeats counts
     further valid runs of the same faults. reacting counts runs with an operator who reacts, if
     others have none. faulty and failed count all runs; false_cue counts fault-free motions.
@@ -111,6 +112,10 @@ def headline_counts(runs: Runs, manifest: Manifest) -> dict[str, Any]:
     conditions = resources.read_tables(__file__, "headline.toml") | {
         name: f"outcome = '{name}'" for name in OUTCOMES
     }
+    # A fault without an end cannot be cut short.
+    window = f"length_ms > 0 AND onset_ms + length_ms::BIGINT > {manifest.duration_ms}"
+    window = window if "length_ms" in runs.facts else "false"
+    conditions["cut_short"] = f"NOT told AND hazard = 'none' AND {window}"
     counts = runs.counts(list(conditions.values()), where="sample AND faulty")
     n = dict(zip(conditions, counts, strict=True))
     total = n["total"]
@@ -177,7 +182,7 @@ def jump_rows(runs: Runs) -> list[dict[str, Any]]:
     rules = {
         "jump_code": f"reported tip: steps over {step:g} mm on two packets in a row",
         "jump_tip": f"true tip: steps over {step:g} mm in two ticks in a row",
-        "jump_text": f"true tip: over {large:g} mm within 2 ms",
+        "jump_text": f"true tip: over {large:g} mm within two ticks",
     }
     rows = []
     for name, words in rules.items():

@@ -16,7 +16,7 @@ def incidence_curves(runs: Runs) -> tuple[Chart | None, dict[str, int]]:
     """Return a chart of the share of faults with a cue, and with an alarm, over time.
 
     Time is counted from the fault's first effect. One run of each fault counts. The chart is None
-    if no fault had an effect. Also return how many faults each curve leaves out because the event
+    if neither ever came. Also return how many faults each curve leaves out because the event
     came before the first effect.
     """
     cue, early_cue = tables.event_delays(runs, "warned_ms")
@@ -28,10 +28,10 @@ def incidence_curves(runs: Runs) -> tuple[Chart | None, dict[str, int]]:
         ("alarm or stop by a check", RESPONSE, incidence_curve(alarm_delays)),
         ("first of all, for unintended motions", SAME, runs.once(answers.detection_answers).delay),
     ):
-        if delays.n:
+        if delays.events:
             # Enumerated faults have no confidence band.
             edges = (delays.low, delays.high) if runs.sampled() else ()
-            label = f"{name} ({delays.events:,} of {delays.n:,})"
+            label = f"{name}, in {delays.events:,} of {delays.n:,} faults"
             curve = (delays.time, delays.fraction)
             curves.append(Curve.steps(label, colour, *curve, *edges, start=FIRST_MS, end=end_ms))
     most = max((float(curve.y.max()) for curve in curves), default=0.0)

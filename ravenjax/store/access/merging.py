@@ -22,8 +22,8 @@ from ravenjax.store.folder import PARTS, READERS
 from ravenjax.store.manifest import Manifest
 from ravenjax.store.parts import Part
 
-MAY_DIFFER = ("device", "shard")
-"""Properties in which shards may differ, because different machines may compute them."""
+PORTABLE = ("simd", "cuda")
+"""Engines whose results do not depend on the device, so different machines may compute shards."""
 
 
 class Merged(NamedTuple):
@@ -91,8 +91,9 @@ def _folders(out: Path, shards: Sequence[Path]) -> list[Path]:
 
 
 def _require_same(first: Path, one: Manifest, other: Path, two: Manifest) -> None:
-    # Refuses a folder that differs in more than MAY_DIFFER.
-    alike = two.model_copy(update={name: getattr(one, name) for name in MAY_DIFFER})
+    # Refuses a folder of another campaign, or with other code, or of a device that matters.
+    device = one.device if one.engine in PORTABLE else two.device
+    alike = two.model_copy(update={"shard": one.shard, "device": device})
     differences = one.differences(alike, "there")
     if one.runs != two.runs:
         differences.append(f"runs: {one.runs} here, {two.runs} there")
@@ -170,7 +171,7 @@ def _link_or_copy(source: PartSource, out: Path, config_hash: str) -> str:
     def fill(aside: Path) -> None:
         # Creates a part in the output folder as a link if possible, otherwise as a copy.
         try:
-            os.link(source.file, aside)
+            os.link(source.file.resolve(), aside)
         # The folders are on different file systems, or the file system has no links.
         except OSError:
             shutil.copyfile(source.file, aside)

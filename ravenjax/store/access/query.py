@@ -69,15 +69,16 @@ class ResultTable(contextlib.ExitStack):
         self.connection.register(name, table)
 
     def run(self, sql: str, given: Sequence[Any] = ()) -> duckdb.DuckDBPyConnection:
-        """Run one SQL statement. Raise StoreError for lack of memory and for errors of the disk."""
+        """Run one SQL statement. Raise StoreError if it fails."""
         import duckdb
 
-        # A name in somebody else's file must not add a second statement.
-        if self.connection.extract_statements(sql)[1:]:
-            raise StoreError(
-                "a name in the result contains SQL, so the result is forged; nothing was computed"
-            )
         try:
+            # A name in somebody else's file must not add a second statement.
+            if self.connection.extract_statements(sql)[1:]:
+                raise StoreError(
+                    "a name in the result contains SQL, so the result is forged; nothing was"
+                    " computed"
+                )
             return self.connection.execute(sql, list(given))
         except duckdb.OutOfMemoryException as error:
             raise StoreError(
@@ -85,9 +86,11 @@ class ResultTable(contextlib.ExitStack):
                 f" {parts.first_line(error)}. Permit more with RAVENJAX_QUERY_MB=4000 (in MB), or"
                 " free space on the disk of the result folder."
             ) from error
-        except duckdb.IOException as error:
+        # Also for columns that the table lacks, although its manifest states them.
+        except duckdb.Error as error:
             raise StoreError(
-                f"a query of the result table failed: {parts.first_line(error)}"
+                f"a query of the result table failed: {parts.first_line(error)}. `ravenjax verify`"
+                " checks the folder"
             ) from error
 
 

@@ -85,7 +85,7 @@ def read_topic(path: Path, reader: AnyReader, topic: str, stamped: bool) -> Topi
         first = int(np.argmin(known))
         notes = (
             f"message {first} of {topic} has time 0, and the next message {at[known][0] * 1e-9:.4g}"
-            f" s: {(~known).sum()} messages without a time are left out",
+            f" s: all messages with time 0 ({(~known).sum()}) are left out",
         )
         at, number = at[known], number[known]
         messages = [messages[i] for i in number]

@@ -223,13 +223,15 @@ def read_track(
     read = read_stream(path, arms, console)
     rows, dropped = len(read.counted), int((~read.counted).sum())
     if dropped > MOST_MISFITS * rows:
-        back = int((np.diff([fields[0] for fields in read.packets.fields]) <= 0).sum())
-        what = (
-            f"Packet numbers repeat or decrease {back} times, because two streams are mixed, or"
-            " because each packet was recorded twice. Record one console, once"
-            if back > MOST_MISFITS * rows
-            else "Packets before them are missing. Record on the robot's computer or network"
-        )
+        back = np.flatnonzero(np.diff([fields[0] for fields in read.packets.fields]) <= 0)
+        what = "Packets before them are missing. Record on the robot's computer or network"
+        if back.size > MOST_MISFITS * rows:
+            what = (
+                f"Packet numbers repeat or decrease {back.size} times, because two streams are"
+                " mixed, or because each packet was recorded twice. Record one console, once"
+            )
+        elif back.size:
+            what = f"Packet numbers decrease after packet {back[0]}. Cut the file there"
         raise UserError(f"{path}: the robot would drop {dropped:,} of {rows:,} packets. {what}")
     tracks: dict[str, ArmTrack] = {}
     for i, arm in enumerate(arms):

@@ -111,7 +111,7 @@ def _read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -
             )
     if kind == STREAM:
         return packet_file.read_track(
-            path, arms, options.console, {arm: _home(arm) for arm in arms}
+            path, arms, options.console, {arm: home_pose(arm) for arm in arms}
         )
     return source.read_track(path, arms, options)
 
@@ -127,7 +127,7 @@ def load_recording(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions
     begin_s = 0.0 if options.window_s is None else options.window_s[0]
     for arm in arms:
         first = min(int(np.searchsorted(time_s[arm], begin_s - 1e-9)), len(time_s[arm]) - 1)
-        track.arms[arm] = in_frame0(track.arms[arm], arm, options, first, _home(arm))
+        track.arms[arm] = in_frame0(track.arms[arm], arm, options, first, home_pose(arm))
     check_plausible(track)
     jumps = [
         spike
@@ -175,7 +175,8 @@ def load_recording(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions
 def require_readable(path: Path) -> None:
     """Raise UserError if a file is missing, of an unknown kind, or empty."""
     if not path.is_file():
-        raise UserError(f"{path}: no such file; expected a recorded operator motion ({ANY_KIND})")
+        there = "this is a folder" if path.is_dir() else "no such file"
+        raise UserError(f"{path}: {there}; expected a recorded operator motion ({ANY_KIND})")
     if path.suffix.lower() not in KINDS:
         raise UserError(
             f"{path}: unknown kind of file {path.suffix.lower()!r}; expected {ANY_KIND}"
@@ -208,7 +209,7 @@ def _evenly(
     position, quat, opening = [], [], []
     arms: tuple[ArmName, ...] = tuple(arm for arm in ARMS if arm in track.arms)
     for arm in arms:
-        samples, times, home = track.arms[arm], time_s[arm], _home(arm)
+        samples, times, home = track.arms[arm], time_s[arm], home_pose(arm)
         if options.spikes == "remove":
             samples, times = spikes.remove_spikes(
                 samples, times, [spike for spike in jumps if spike.arm == arm]
@@ -245,7 +246,7 @@ def _row_at(time_s: float) -> int:
     return math.ceil(time_s / TICK_S - 1e-6)
 
 
-def _home(arm: ArmName) -> Home:
+def home_pose(arm: ArmName) -> Home:
     # Returns the tip pose of an arm after homing.
     from ravenjax.numbers.lazy import jax
     from ravenjax.robots.raven2.geometry import kinematics, limits, mapping

@@ -18,7 +18,12 @@ from ravenjax.store import files
 from ravenjax.store.motion import resampling, spikes, timeline
 from ravenjax.store.motion.options import ReplayOptions
 from ravenjax.store.motion.reach import ArmReach, Bounds, reach_poses, unreached_reason
-from ravenjax.store.motion.recording import HandRecording, load_recording, require_readable
+from ravenjax.store.motion.recording import (
+    HandRecording,
+    home_pose,
+    load_recording,
+    require_readable,
+)
 from ravenjax.store.motion.summary import ArmSummary, MotionSummary, TipCourse, format_spans
 from ravenjax.store.motion.timeline import Timeline
 
@@ -106,6 +111,8 @@ class OperatorReplay:
             path_mm=steps.sum() * 1e3,
             fastest_mm_s=steps.max(initial=0.0) * 1e3 / TICK_S,
             distance_mm=(distance.min(), distance.max()),
+            start_mm=tuple(path[0] * 1e3),
+            from_home_mm=float(np.linalg.norm(path[0] - home_pose(arm).position)) * 1e3,
             removed=removed,
         )
 
@@ -300,10 +307,13 @@ def _require_inside(
         f"Reachable stretches, longest first: {format_spans(usable)}. Write a stretch, or a part"
         " of it, as operator.window_s"
         if usable
-        else "No row lies inside the joint limits of every arm. If positions use another frame,"
-        " write operator.frame, operator.rotation and operator.offset_mm, or operator.place ="
-        ' "home"'
+        else "No row lies inside the joint limits of every arm"
     )
+    if recording.options.place != "home":
+        advice += (
+            ". If positions use another frame, write operator.frame, operator.rotation and"
+            ' operator.offset_mm, or operator.place = "home"'
+        )
     share = 1.0 - float((inside & ~reachable.leaps)[begin:end].mean())
     raise UserError(
         f"{recording.path}: at {bad * TICK_S:.3f} s an arm cannot reach the pose inside its soft"

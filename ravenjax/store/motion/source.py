@@ -41,6 +41,10 @@ MATRIX = tuple(f"r{row}{column}" for row in "123" for column in "123")
 QUAT = tuple(f"q{axis}" for axis in "xyzw")
 JIGSAWS = resources.read_tables(__file__, "source.toml")["jigsaws"]
 """Column names for kinematics files of the data set JIGSAWS. The left instrument is gold."""
+JAWS_OF_JIGSAWS = (
+    "JIGSAWS does not state in which direction its jaw angles open the jaws; here a larger angle"
+    " is a wider opening"
+)
 
 
 @dataclasses.dataclass(eq=False)
@@ -94,7 +98,14 @@ class Samples:
             raise UserError(
                 f"{self.path}: columns {' and '.join(names)} mean the same; keep one of them"
             )
-        return self.numbers(names[0]) * factors[names[0]] if names else None
+        if not names:
+            return None
+        numbers = self.numbers(names[0])
+        stem, _, unit = names[0].rpartition("_")
+        if unit == "deg" and 0 < (largest := np.abs(numbers).max(initial=0)) <= math.pi:
+            note = f"{names[0]} is at most {largest:.3g}; if these are radians, name the column"
+            self.notes = (*self.notes, f"{note} {stem}_rad" if "rad" in units else f"{note} {stem}")
+        return numbers * factors[names[0]]
 
     def group(self, names: Sequence[str], what: str) -> np.ndarray | None:
         """Return k columns that belong together as [T, k]; None if the table has none of them."""
@@ -136,7 +147,8 @@ def read_table(path: Path, options: ReplayOptions, header: str) -> Samples:
     if len(table) < 2:
         content = f"contains {len(table)} rows" if len(table) else "the table has no rows"
         raise UserError(f"{path}: {content}; expected a motion of at least 2")
-    samples = Samples(path, table)
+    notes = (JAWS_OF_JIGSAWS,) if options.columns == "jigsaws" else ()
+    samples = Samples(path, table, notes=notes)
     times = stamps.time_columns(table)
     if len(times) > 1:
         raise UserError(f"{path}: columns {' and '.join(times)} mean the same; keep one of them")
@@ -306,7 +318,8 @@ class Bag:
         other topics.
         """
         space = self._options.topics.get(arm, f"/{ARM_TOPICS[arm]}")
-        others = [topic for topic in self.kinds if topic.endswith(ends)]
+        taken = [f"/{name}/" for one, name in ARM_TOPICS.items() if one != arm]
+        others = [t for t in self.kinds if t.endswith(ends) and not any(x in t for x in taken)]
         kinds = [f"{topic} ({kind})" for topic, kind in sorted(self.kinds.items())]
         advice = f". To use other topics, write {self._choice(arm, others)}" if others else ""
         return UserError(

@@ -75,11 +75,13 @@ def sample_times(
         return None, rate, ()
     span, stated = float(seconds[-1] - seconds[0]), (rows - 1) / rate_hz
     if not abs(span - stated) <= RATES_AGREE * stated:
+        slow_down = options.written("slow_down", "2.0")
+        slower = f". To replay more slowly, write {slow_down}" if slow_down else ""
         mean = f"{(rows - 1) / span:.4g} rows a second" if span > 0 else "all rows at one time"
         raise UserError(
             f"{path}: {rows} rows last {stated:.4g} s by {rate}, but {span:.4g} s by {clock}"
             f" ({mean}); expected agreement within {100 * RATES_AGREE:g} %. Write the rate of the"
-            " recording, or remove its times. To replay more slowly, set operator.slow_down"
+            f" recording, or remove its times{slower}"
         )
     note = f"{clock} is not used, because {rate} spaces rows evenly; it spans {span:.3f} s"
     return None, rate, (note,)
@@ -106,7 +108,7 @@ def require_plausible(path: Path, time_s: np.ndarray, clock: str, options: Repla
     if (back := np.flatnonzero(steps < 0.0)).size:
         raise UserError(
             f"{path}: {item} {back[0] + 1}: time goes back by {-steps[back[0]]:.6g} s ({clock};"
-            f" {_such_rows(back)}); expected no step back. Sort the rows, or cut the file there"
+            f" {_such_rows(back)}); expected no step back. {_correction(time_s, back, item)}"
         )
     if (still := np.flatnonzero(steps == 0.0)).size:
         row = int(still[0]) + 1
@@ -142,6 +144,18 @@ def find_gaps(time_s: np.ndarray) -> list[tuple[int, float, float]]:
     steps = np.diff(time_s)
     rows = np.flatnonzero(steps > max(USUAL_STEPS * float(np.median(steps)), LEAST_GAP_S))
     return [(row, float(time_s[row]), float(time_s[row + 1])) for row in rows.tolist()]
+
+
+def _correction(time_s: np.ndarray, back: np.ndarray, item: str) -> str:
+    """Return advice for times [T] that go back after the rows `back`."""
+    if back.size > len(time_s) // 20:
+        return f"Sort the {item}s by time"
+    row = int(back[0])
+    # Wrong times lie between right ones. A clock that was set back needs a while to catch up.
+    around = time_s[max(row - 1, 0)], time_s[min(row + 4, len(time_s) - 1)]
+    if time_s[row + 1] > around[0] or time_s[row] < around[1]:
+        return f"Remove the {item}s with wrong times, or correct their times"
+    return "Cut the file there"
 
 
 def _such_rows(rows: np.ndarray) -> str:

@@ -28,6 +28,8 @@ class ArmSummary(BaseModel):
     path_mm: float  # length of the tip's path
     fastest_mm_s: float  # largest speed
     distance_mm: tuple[float, float]  # least and greatest distance from the remote centre
+    start_mm: tuple[float, float, float]  # first position in frame 0
+    from_home_mm: float  # distance of the first position from that after homing
     # Removed by the low-pass filter: root mean square (mm), largest value (mm), and its time in the
     # recording (s).
     removed: tuple[float, float, float] | None = None

@@ -16,7 +16,7 @@ import pytest
 from chromium import CHROMIUM, NEEDED
 
 import ravenjax as rj
-from ravenjax.analyses.deadline.finding import Actor, Lanes
+from ravenjax.analyses.deadline.finding import Actor, FaultActions
 from ravenjax.analyses.explorer import program
 from ravenjax.analyses.explorer.page import PREFIX, import_map
 from ravenjax.campaign import outcomes
@@ -26,6 +26,7 @@ from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.engine import SimdEngine, SimdKernel
 from ravenjax.engines.interface import Block
 from ravenjax.outcomes import events
+from ravenjax.stages.recorded import read_series
 
 sync_api = pytest.importorskip(
     "playwright.sync_api", reason="playwright is not installed (pip install playwright)"
@@ -235,9 +236,7 @@ def test_a_replay_is_the_trace_of_the_run(page, config, ready, description):
     )
     golden = kernel.run(Block(varied, harmless, None), ready.columns)
     _, signals = kernel.run_signals(Block(varied, faults, golden.reference), ready.columns)
-    series = config.robot.part("campaign").series(
-        ready.program.setup, signals, golden.reference[:, :, 0]
-    )
+    series = read_series(config.robot, ready.program, signals, golden.reference[:, :, 0])
     told = page.evaluate(
         """async (fault) => {
           const { faulty, golden, period_ms, outcome } = await engine.replay(engine.question(), fault);
@@ -322,7 +321,7 @@ def test_deadlines_are_those_of_the_command(page):
     )
     assert len(told) >= 2
     row, effect, harm = (np.repeat([one[k] for one in told], len(actor.actions)) for k in range(3))
-    lanes = Lanes(row, np.tile(list(actor.actions.values()), len(told)), effect, harm)
+    lanes = FaultActions(row, np.tile(list(actor.actions.values()), len(told)), effect, harm)
     found = actor.find(lanes, lambda text: None)[0]
     ours = np.where(found < effect, -1, found).reshape(len(told), -1)
     assert (ours > 0).any() and (ours < 0).any()

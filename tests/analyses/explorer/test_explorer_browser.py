@@ -13,7 +13,7 @@ from chromium import NEEDED, PATIENCE_MS
 
 from ravenjax.analyses.explorer import page
 from ravenjax.campaign import loading
-from ravenjax.campaign.file.config import validate_tables
+from ravenjax.campaign.loading import validate_tables
 from ravenjax.campaign.stop import adaptive
 from ravenjax.store import manifest
 from ravenjax.store.folder import Results

@@ -5,7 +5,7 @@ import tomllib
 
 from ravenjax.analyses.explorer import program, words
 from ravenjax.campaign import loading
-from ravenjax.campaign.file.config import validate_tables
+from ravenjax.campaign.loading import validate_tables
 from ravenjax.campaign.stop import adaptive
 from ravenjax.store import manifest
 

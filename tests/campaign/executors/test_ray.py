@@ -2,11 +2,18 @@
 
 import contextlib
 import os
+import re
+import shlex
 import signal
+import socket
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
+import snippets
 import tiny_campaign as tiny
+import waiting
 
 ray = pytest.importorskip("ray")
 
@@ -112,3 +119,43 @@ def test_a_chunk_that_always_fails_is_named_and_the_others_are_delivered(cluster
 def test_an_address_where_nobody_answers():
     with pytest.raises(UserError, match=r"--ray-address 127\.0\.0\.1:1: no Ray cluster answers"):
         runner.run_campaign(tiny.config(), None, "simd", executor=ray_cluster.Ray(1, "127.0.0.1:1"))
+
+
+def test_the_documented_commands_start_a_cluster_that_may_change(tmp_path, monkeypatch):
+    """One machine is killed on the way, and one is added, which computes the rest."""
+    page = (snippets.ROOT / "docs" / "how-to" / "many-machines.md").read_text(encoding="utf-8")
+    (block,) = (text for text in snippets.blocks(page, "text") if "ray start" in text)
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = str(free.getsockname()[1])
+    block = re.sub("FIRST|SECOND", "127.0.0.1", re.sub(r" *#.*", "", block)).replace("6379", port)
+    mode, token, head, second, run, _ = block.splitlines()
+    monkeypatch.setenv(*mode.removeprefix("export ").split("="))
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("PATH", str(Path(sys.executable).parent), prepend=os.pathsep)
+    subprocess.run(shlex.split(token), check=True)
+    with contextlib.ExitStack() as ended:
+
+        def start(command, cores):
+            words = [*shlex.split(command), "--block", "--num-cpus", str(cores)]
+            node = subprocess.Popen(words, start_new_session=True)
+            ended.callback(kill, node)
+            return node
+
+        def kill(node):
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(node.pid, signal.SIGKILL)
+            node.wait()
+
+        start(head, 0)
+        first = start(second, 1)
+        tiny.file(tmp_path, **SIZE).rename(tmp_path / "big.toml")
+        there = tmp_path / "there"
+        words = [*shlex.split(run), "--out", str(there), "--no-report"]
+        command = subprocess.Popen([sys.executable, "-m", "ravenjax.cli", *words[1:]], cwd=tmp_path)
+        listed = there / "parts.jsonl"
+        waiting.until(lambda: listed.is_file() and listed.read_text().count("\n") >= 5)
+        kill(first)
+        start(second, 1)
+        assert command.wait(300) == 0
+    runner.run_campaign(tiny.config(**SIZE), tmp_path / "here", "simd")
+    assert tiny.digest(there) == tiny.digest(tmp_path / "here")

@@ -114,6 +114,7 @@ def test_an_interrupted_merge_is_finished_by_the_same_command(tmp_path, monkeypa
         ({"code_hash": "f" * 64}, "code: "),
         ({"engine": "simd"}, 'engine: "xla" here, "simd" there'),
         ({"versions": {"jax": "0.1"}}, "versions.jax: "),
+        ({"device": "another"}, '" here, "another" there'),
     ],
 )
 def test_another_campaign_code_or_engine_is_no_shard(tmp_path, changes, told):

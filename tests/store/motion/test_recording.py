@@ -62,7 +62,7 @@ def test_both_arms_pedal_and_grasp(parquet):
 
 def test_orientation_is_followed(parquet):
     frame = recording()
-    home = recordings._home("gold").quat
+    home = recordings.home_pose("gold").quat
     angle = np.radians(20.0) * np.sin(np.pi * np.arange(ROWS) / ROWS) ** 2
     turned = (
         Rotation.from_rotvec(angle[:, None] * [[0.0, 0.0, 1.0]]) * Rotation.from_quat(home)
@@ -80,7 +80,7 @@ def test_orientation_is_followed(parquet):
 
 def trace(path, place, ticks=ROWS, arms=("gold",)):
     """What `ravenjax trace` writes of a motion along `place` [T, 3] m."""
-    home = Rotation.from_quat(recordings._home("gold").quat).as_matrix()
+    home = Rotation.from_quat(recordings.home_pose("gold").quat).as_matrix()
     series = {}
     for arm in arms:
         series |= {

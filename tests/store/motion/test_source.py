@@ -156,6 +156,36 @@ def test_an_unknown_frame_and_a_stamp_of_zero(tmp_path):
     )
 
 
+@pytest.mark.parametrize(
+    ("rows", "change", "advice"),
+    [
+        (
+            [60],
+            -2.0,
+            "row 60: time goes back by 1.96667 s (column time_s; 1 such row); expected no",
+        ),
+        ([60], -2.0, "Remove the rows with wrong times"),
+        ([60, 61], -1.5, "Remove the rows with wrong times"),
+        ([60], 50.0, "row 61: time goes back"),
+        (range(60, 120), -0.5, "Cut the file there"),
+        (range(0, 120, 2), 0.05, "Sort the rows by time"),
+    ],
+)
+def test_times_that_go_back_say_what_to_do(tmp_path, rows, change, advice):
+    time_s = TIME_S.copy()
+    time_s[list(rows)] += change
+    refused(csv(tmp_path / "a.csv", FRAME.assign(time_s=time_s)), advice)
+
+
+def test_what_a_name_says_twice_or_in_another_unit(tmp_path):
+    path = csv(tmp_path / "a.csv", pd.concat([FRAME, FRAME[["gold_x_mm"]]], axis=1))
+    refused(path, "column gold_x_mm is there twice; keep one")
+    one = play(csv(tmp_path / "b.csv", FRAME.assign(gold_grasp_deg=0.5)))
+    assert "if these are radians, name the column gold_grasp_rad" in one.summary.notes[0]
+    arm = one.summary.arms[0]
+    assert arm.start_mm == pytest.approx(HOME_MM, abs=1e-3) and arm.from_home_mm < 1e-3
+
+
 def test_a_clock_that_was_set_is_refused_at_once(tmp_path):
     frame = FRAME.assign(time_s=TIME_S + 3600.0 * (TIME_S > 2.0))
     refused(csv(tmp_path / "a.csv", frame), "gap of 3600.033 s after row 60", "Cut the file")
@@ -167,5 +197,8 @@ def test_two_consoles_on_one_stream_are_refused(tmp_path):
     numbers = np.arange(50) // 2 + np.where(np.arange(50) % 2, 500_000, 1)
     path = table(tmp_path / "a.parquet", fields={"sequence": numbers})
     refused(path, "would drop 49 of 50 packets", "because two streams are mixed", console="raven")
+    numbers = np.r_[26:51, 1:26]
+    path = table(tmp_path / "c.parquet", fields={"sequence": numbers})
+    refused(path, "Packet numbers decrease after packet 24. Cut the file", console="raven")
     path = table(tmp_path / "b.parquet", fields={"sequence": np.arange(50) // 2 + 1})
     refused(path, "would drop 25 of 50 packets", "each packet was recorded twice", console="raven")

@@ -49,6 +49,8 @@ def test_only_the_servers_own_names_and_pages_come_in(path, headers, welcome):
         ("/?token=wrong", {}, False),
         (f"/?token={TOKEN}x", {}, False),
         (f"/?role=operator&token={TOKEN}", {}, True),
+        # A second header with the same name.
+        (f"/?token={TOKEN}", {"HOST": "192.0.2.7:8000"}, False),
         ("/static/page.js", {"Cookie": f"ravenjax_8000={TOKEN}"}, True),
         ("/static/page.js", {"Cookie": f"ravenjax_8001={TOKEN}"}, False),
         ("/?token=%C3%A9%ff", {"Cookie": "ravenjax_8000=; =;;"}, False),
