@@ -1,7 +1,6 @@
 """Finds files of bundled campaigns and models.
 
-A file is searched for at an explicit path, then in the working directory, then in the installed
-package.
+A file is searched for at an explicit path, in the working directory, and in the package.
 """
 
 import tomllib

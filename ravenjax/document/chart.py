@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -133,9 +133,7 @@ class Curve(_Series):
             return np.nan, np.nan, np.nan
         index = int(np.searchsorted(self.x, x, side="right")) - 1
         value, low, high = (
-            np.nan
-            if not len(part)
-            else float(part[index] if self.step else np.interp(x, self.x, part))
+            float(part[index] if self.step else np.interp(x, self.x, part)) if len(part) else np.nan
             for part in (self.y, self.low, self.high)
         )
         return value, low, high
@@ -192,28 +190,18 @@ class Chart:
         """Return one sentence that describes the chart to a reader who cannot see it."""
         names = [name for name, *_ in self.legend()]
         of = f", of {'; '.join(names)}" if names else ""
-        return (
-            f"Chart: {self.title}. {self.y.title} over {self.x.title}{of}. Its numbers are in the"
-            " table below."
-        )
+        what = f"{self.title}. {self.y.title} over {self.x.title}{of}"
+        return f"Chart: {what}. Its numbers are in the table below."
 
     def values(self) -> str:
         """Return the axes and the points of each curve as JSON, for the page's script."""
-        content: dict[str, Any] = {
-            name: {
-                key: getattr(axis, key) for key in ("title", "low", "high", "log", "share", "unit")
-            }
-            for name, axis in (("x", self.x), ("y", self.y))
-        }
-        content["curves"] = [
-            {"name": mark.name, "step": mark.step}
-            | {
-                name: [float(f"{value:.5g}") for value in getattr(mark, name)]
-                for name in ("x", "y")
-            }
-            for mark in self.marks
-            if isinstance(mark, Curve) and mark.in_legend
-        ]
+        keys, curves = ("title", "low", "high", "log", "share", "unit"), []
+        x_axis, y_axis = ({key: getattr(axis, key) for key in keys} for axis in (self.x, self.y))
+        for mark in self.marks:
+            if isinstance(mark, Curve) and mark.in_legend:
+                x, y = ([float(f"{value:.5g}") for value in part] for part in (mark.x, mark.y))
+                curves.append({"name": mark.name, "step": mark.step, "x": x, "y": y})
+        content = {"x": x_axis, "y": y_axis, "curves": curves}
         return json.dumps(content, allow_nan=False, separators=(",", ":"))
 
     def numbers(self) -> list[Numbers]:
@@ -230,16 +218,13 @@ class Chart:
         axis, curves = self.x, [curve for curve in curves if curve.in_legend]
         round_numbers = round_values(axis.low, axis.high, 6, log=axis.log)
         positions = [x for x in round_numbers if axis.low <= x <= axis.high]
-        if axis.high not in positions and any(
-            len(curve.x) and curve.x[-1] >= axis.high for curve in curves
-        ):
+        reaches_end = any(len(curve.x) and curve.x[-1] >= axis.high for curve in curves)
+        if axis.high not in positions and reaches_end:
             positions.append(axis.high)
         heads = [axis.words(x) for x in positions]
         heads[:1] = [f"{axis.title}: {head}" for head in heads[:1]]
-        rows = [
-            (curve.name, *(self.y.words_with_interval(*curve.at(x)) for x in positions))
-            for curve in curves
-        ]
+        write = self.y.words_with_interval
+        rows = [(curve.name, *(write(*curve.at(x)) for x in positions)) for curve in curves]
         return Numbers(("", *heads), rows)
 
     def _dot_rows(self, mark: Mark) -> Iterator[tuple[str, ...]]:
@@ -247,17 +232,10 @@ class Chart:
         if not isinstance(mark, Dots):
             return
         none = np.full(len(mark.x), np.nan)
-        edges = [
-            part if len(part) else none
-            for part in (mark.x_low, mark.x_high, mark.y_low, mark.y_high)
-        ]
+        parts = mark.x, mark.x_low, mark.x_high, mark.y, mark.y_low, mark.y_high
+        columns = [part if len(part) else none for part in parts]
         names = mark.tips or (mark.name,) * len(mark.x)
-        for name, x, y, x_low, x_high, y_low, y_high in zip(
-            names, mark.x, mark.y, *edges, strict=True
-        ):
-            up = (
-                self.y.names[round(y)]
-                if self.y.names
-                else self.y.words_with_interval(y, y_low, y_high)
-            )
-            yield name, self.x.words_with_interval(x, x_low, x_high), up
+        for name, *x, y, low, high in zip(names, *columns, strict=True):
+            named = self.y.names[round(y)] if self.y.names else ""
+            words = named or self.y.words_with_interval(y, low, high)
+            yield name, self.x.words_with_interval(*x), words

@@ -30,22 +30,14 @@ MARGINS = 76
 BAND_OPACITY, FAINT_OPACITY, MANY_BANDS = 0.16, 0.07, 3
 """Opacity of a band, and its opacity in a chart with more than MANY_BANDS bands."""
 LETTERS_PER_PX = 0.05
-"""Largest number of letters of a name beside an axis, per px of the width. Longer names are
-truncated; the table of numbers has the full names.
-"""
+"""Letters of a name beside an axis per px of the width. Longer names are truncated."""
 PX_PER_INCH, LETTERS, NAME = 100, 14, 2.3
-"""In print: px of a chart's height per inch, letters of a title per inch, and width of a name in
-the legend, inches.
-"""
+"""In print: px of a chart's height and letters of a title per inch; inches of a legend's name."""
 PRINTED = 0.6
 """Size of dots and lines in print, relative to their size on a page."""
 _PAPER, _GRID = "#ffffff", STYLE["grid.color"]
-_NAMES = {colour.light: name for name, colour in reversed(PALETTE.items())} | {
-    INK: "ink",
-    SOFT: "soft",
-    _GRID: "line",
-    _PAPER: "paper",
-}
+_NAMES = {colour.light: name for name, colour in reversed(PALETTE.items())}
+_NAMES |= {INK: "ink", SOFT: "soft", _GRID: "line", _PAPER: "paper"}
 """Custom property of each colour."""
 _REPLACED = [
     (re.compile(pattern, re.DOTALL), replacement)
@@ -123,8 +115,7 @@ def print_figure(
 def draw_chart(chart: Chart, axes: Axes, *, page: bool = False, longest: int = 1000) -> None:
     """Draw a chart on empty axes. The caller adds legend and titles.
 
-    `page`: mark curves for the script of an HTML page, and draw hidden curves, too. `longest`:
-    largest number of letters of a name.
+    `page`: mark curves for a page's script, and draw hidden ones. `longest`: letters of a name.
     """
     series = {name: number for number, (name, *_) in enumerate(chart.legend())}
     marks = [mark for mark in chart.marks if page or mark.visible]
@@ -132,9 +123,8 @@ def draw_chart(chart: Chart, axes: Axes, *, page: bool = False, longest: int = 1
     scale, artists = 1.0 if page else PRINTED, 0
     for mark in marks:
         if isinstance(mark, Curve):
-            drawn = _draw_curve(
-                mark, axes, FAINT_OPACITY if bands > MANY_BANDS else BAND_OPACITY, scale
-            )
+            opacity = FAINT_OPACITY if bands > MANY_BANDS else BAND_OPACITY
+            drawn = _draw_curve(mark, axes, opacity, scale)
         else:
             drawn = _draw_dots(mark, axes, scale)
         # `drawn` is a generator, so the loop also draws. In print the elements need no id.
@@ -178,21 +168,15 @@ def _label(mark: Mark) -> str:
 
 def _draw_curve(mark: Curve, axes: Axes, alpha: float, scale: float) -> Iterator[Any]:
     # Draws a curve and its band with matplotlib; yields the drawn elements.
-    colour, step = _colour(mark), "post" if mark.step else None
+    colour: Any = {"color": _colour(mark)}
     if len(mark.low):
-        yield axes.fill_between(
-            mark.x, mark.low, mark.high, color=colour, alpha=alpha, lw=0, step=step
-        )
-    (line,) = axes.plot(
-        mark.x,
-        mark.y,
-        color=colour,
-        lw=scale * (1.5 if mark.dashed else 2.2),
-        ls=(0, (4, 2)) if mark.dashed else "-",
-        label=_label(mark),
-        drawstyle="steps-post" if mark.step else "default",
-    )
-    yield line
+        step: Any = "post" if mark.step else None
+        band = mark.x, mark.low, mark.high
+        yield axes.fill_between(*band, alpha=alpha, lw=0, step=step, **colour)
+    look: Any = {"lw": 1.5, "ls": (0, (4, 2))} if mark.dashed else {"lw": 2.2, "ls": "-"}
+    look["lw"] *= scale
+    style = "steps-post" if mark.step else "default"
+    yield from axes.plot(mark.x, mark.y, label=_label(mark), drawstyle=style, **colour, **look)
 
 
 def _draw_dots(mark: Dots, axes: Axes, scale: float) -> Iterator[Any]:
@@ -202,19 +186,10 @@ def _draw_dots(mark: Dots, axes: Axes, scale: float) -> Iterator[Any]:
         yield axes.hlines(mark.y, mark.x_low, mark.x_high, **look)
     if len(mark.y_low):
         yield axes.vlines(mark.x, mark.y_low, mark.y_high, **look)
-    sizes = scale * np.array(mark.size or (8.0,) * len(mark.x))
-    dots = axes.scatter(
-        mark.x,
-        mark.y,
-        sizes**2,
-        _colour(mark),
-        marker="D" if mark.diamond else "o",
-        edgecolors=_PAPER,
-        linewidths=1.2 * scale,
-        clip_on=False,
-        zorder=3,
-        label=_label(mark),
-    )
+    areas = (scale * np.array(mark.size or (8.0,) * len(mark.x))) ** 2
+    look = {"marker": "D" if mark.diamond else "o", "edgecolors": _PAPER, "clip_on": False}
+    look |= {"linewidths": 1.2 * scale, "zorder": 3, "label": _label(mark)}
+    dots = axes.scatter(mark.x, mark.y, areas, _colour(mark), **look)
     dots.set_urls(mark.tips or [None] * len(mark.x))  # pyright: ignore[reportArgumentType]
     yield dots
     # Dots at the same position share one label.

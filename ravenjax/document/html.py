@@ -22,21 +22,20 @@ _TEMPLATES = resources.files("ravenjax.document") / "templates"
 
 def template_environment(*packages: str) -> jinja2.Environment:
     """Return a Jinja environment for these packages' templates, with style and script of pages."""
+    loaders = [jinja2.PackageLoader(name) for name in (*packages, "ravenjax.document")]
     templates = jinja2.Environment(
-        loader=jinja2.ChoiceLoader(
-            [jinja2.PackageLoader(name) for name in (*packages, "ravenjax.document")]
-        ),
+        loader=jinja2.ChoiceLoader(loaders),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    templates.globals |= {
-        "document_style": Markup(
-            palette.palette_css() + (_TEMPLATES / "document.css").read_text(encoding="utf-8")
-        ),
-        "document_script": Markup((_TEMPLATES / "document.js").read_text(encoding="utf-8")),
-    }
+    style, script = (
+        Markup((_TEMPLATES / f"document.{kind}").read_text(encoding="utf-8"))
+        for kind in ("css", "js")
+    )
+    style = Markup(palette.palette_css()) + style
+    templates.globals |= {"document_style": style, "document_script": script}
     templates.tests |= {"nan": math.isnan, "finite": math.isfinite}
     templates.filters |= {
         "drawings": _drawings,

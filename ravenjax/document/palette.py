@@ -16,9 +16,8 @@ class Colour(NamedTuple):
 
 
 CUE, RESPONSE, SAME = "cue", "response", "same"
-PALETTE = {
-    name: Colour(*pair) for name, pair in resources.read_tables(__file__, "palette.toml").items()
-}
+_PAIRS = resources.read_tables(__file__, "palette.toml")
+PALETTE = {name: Colour(*pair) for name, pair in _PAIRS.items()}
 """Colours by name."""
 SERIES = tuple(name for name in PALETTE if name.startswith("series"))
 """Names of the colours for several curves in one chart."""
@@ -35,7 +34,5 @@ def palette_css() -> str:
         " ".join(f"--{name}: {getattr(colour, scheme)};" for name, colour in PALETTE.items())
         for scheme in ("light", "dark")
     )
-    return (
-        f":root {{ {light} }}\n@media screen and (prefers-color-scheme: dark) {{ :root {{ {dark} }}"
-        " }\n"
-    )
+    in_dark = f"@media screen and (prefers-color-scheme: dark) {{ :root {{ {dark} }} }}"
+    return f":root {{ {light} }}\n{in_dark}\n"

@@ -1,8 +1,7 @@
 """Defines the interface of an engine, which is a program that computes the tick of many robots.
 
 An engine divides robots into *blocks* and advances a block over all ticks of a run. Each robot of a
-block is a *lane*. A lane's result depends only on its inputs, not on the division into blocks and
-threads.
+block is a *lane*. A lane's result depends on its inputs, but not on the division into blocks.
 """
 
 from __future__ import annotations
@@ -79,13 +78,9 @@ class Loop(Protocol):
 class TickProgram:
     """The settings from which a campaign's kernel is compiled. Every field affects the code."""
 
-    # Dotted name of the module that is the robot's `Loop`, because a program is sent between
-    # processes.
-    module: str
-    # The robot's subclass of `ravenjax.numbers.setup.Setup`.
-    setup: Any
-    # The robot's parameters that all runs share, as plain numbers.
-    params: Any
+    module: str  # dotted name of the robot's `Loop`; a program is sent between processes
+    setup: Any  # the robot's subclass of `ravenjax.numbers.setup.Setup`
+    params: Any  # the robot's parameters that all runs share, as plain numbers
     varied: tuple[str, ...]  # paths of the parameters that differ between runs
     ticks: int  # length of a run
     ends: bool = False  # True if lanes end at different ticks, `Block.ends`
@@ -117,10 +112,8 @@ class TickProgram:
         motion: Any,
     ) -> tuple[Any, Any, Any]:
         """Advance a lane as `Loop.advance` does. end: () or (tick,), from which the state stays."""
-        params = self.params_of(varied)
-        new, series, signals = self.loop.advance(
-            self.setup, params, faults, state, now, motion, golden
-        )
+        lane = self.setup, self.params_of(varied), faults
+        new, series, signals = self.loop.advance(*lane, state, now, motion, golden)
         return where(now < end[0], new, state) if end else new, series, signals
 
     def finish(self, varied: Sequence[Any], state: Any) -> dict[str, Any]:
@@ -281,12 +274,10 @@ class Tracer:
     def run(
         self, golden: Block, block: Block, motion: Motion
     ) -> tuple[BlockResult, BlockResult, Any]:
-        """Return the results of `golden` and of `block`, and every signal of the block's first
-        lane: a record of [ticks].
+        """Return the results of both blocks, and every signal of `block`'s first lane, [ticks].
 
         `golden` is the same block without faults.
         """
         results = self.kernel.run(golden, motion)
-        return results, *self.kernel.run_signals(
-            dataclasses.replace(block, reference=results.reference), motion
-        )
+        block = dataclasses.replace(block, reference=results.reference)
+        return results, *self.kernel.run_signals(block, motion)

@@ -1,6 +1,4 @@
-"""Defines the inputs of the robots (lanes) that compiled code runs, and the snapshots from which
-they start.
-"""
+"""Defines the inputs of the robots (lanes) that compiled code runs, and snapshots to start from."""
 
 from __future__ import annotations
 
@@ -48,9 +46,8 @@ class Trunk:
     @staticmethod
     def allocate(every: int, snapshots: int, group: int, lane: int) -> Trunk:
         """Allocate `snapshots` snapshots with this many words of the group and of the lane."""
-        return Trunk(
-            every, np.empty((snapshots, group), np.uint32), np.empty((snapshots, lane), np.uint32)
-        )
+        states = (np.empty((snapshots, words), np.uint32) for words in (group, lane))
+        return Trunk(every, *states)
 
     def start_ticks(self, first: np.ndarray) -> np.ndarray:
         """Return the tick of the last snapshot before `first`, the tick of a fault, int."""

@@ -1,5 +1,4 @@
-"""Defines the base class of printers, which write a program in a language such as LLVM IR or CUDA
-C.
+"""Defines the base class of printers, which write a program in a language such as LLVM IR.
 
 A subclass defines the text of constants, loads, stores, operations and conditional blocks. A number
 is read where an operation first needs it, and a result is written as soon as it is computed. If a
@@ -11,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from ravenjax.ir.program import Program, from_bits
+from ravenjax.ir.program import Program
 from ravenjax.ir.regions import Region, arrange_regions, flatten_regions
 from ravenjax.ir.time_loop import Split
 
@@ -60,9 +59,8 @@ class Printing(ABC, Generic[Where]):
         operations = list(operations)
         types = [operation.dtype for operation in program.operations]
         values: dict[int, str] = dict(given or {})
-        read = {o for i in flatten_regions(operations) for o in program.operations[i].operands} | {
-            i for i, _ in results
-        }
+        read = {o for i in flatten_regions(operations) for o in program.operations[i].operands}
+        read.update(i for i, _ in results)
         old_number = {place: i for i, place in sources.items() if i in read}
         waiting: dict[int, list[tuple[int, Where]]] = {}
 
@@ -71,9 +69,7 @@ class Printing(ABC, Generic[Where]):
             if i not in values:
                 operation = program.operations[i]
                 if operation.name == "constant":
-                    values[i] = self._constant(
-                        operation.dtype, from_bits(operation.dtype, operation.detail)
-                    )
+                    values[i] = self._constant(operation.dtype, operation.value)
                 else:
                     values[i] = self._load(types[i], sources[i])
                     write(waiting.pop(i, []))

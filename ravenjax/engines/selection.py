@@ -22,8 +22,7 @@ def select_engine(
     objects: MutableMapping[str, bytes] | None = None,
     ticks: int | None = None,
 ) -> Engine:
-    """Return the engine of that name; "auto" means the fastest that supports this precision on this
-    machine.
+    """Return the engine of that name; "auto": this machine's fastest with this precision.
 
     objects: cache of compiled code that several processes share; None: no such cache. ticks: number
     of ticks of all runs; None: unknown, treated as a large campaign. Raises UserError.

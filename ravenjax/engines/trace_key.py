@@ -85,8 +85,7 @@ AT_IMPORT = hash_files()
 def persistent_key(*values: Any) -> str:
     """Return a key for the cache on disk: a hash of these values, the source files and versions.
 
-    Returns "" if the files have changed since the import, because they are then not the running
-    code.
+    Returns "" if the files have changed since the import, as they are then not the running code.
     """
     return hash_values(*values, AT_IMPORT, package_versions()) if hash_files() == AT_IMPORT else ""
 

@@ -1,5 +1,4 @@
-"""Traces one robot's tick, which is written in JAX, into three programs without loops: beginning,
-step and end.
+"""Traces one robot's tick, written in JAX, into programs without loops: beginning, step and end.
 
 Tracing takes seconds, so the programs are cached together with the code that was generated from
 them. The cache in memory serves later campaigns of the same process. The cache on disk serves other
@@ -11,6 +10,7 @@ import dataclasses
 import re
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -79,30 +79,25 @@ def traced_forms(
     program: TickProgram, block: Block, motion: Sequence[np.ndarray], objects: Objects | None = None
 ) -> Forms:
     """Return `program`, traced for blocks and motions of these types. objects: cache on disk."""
-    empty_block = Block(
-        {path: np.zeros(0, np.asarray(block.varied[path]).dtype) for path in program.varied},
-        tree.map_leaves(lambda leaf: np.zeros(0, np.asarray(leaf).dtype), block.faults),
-        None,
-    )
-    shapes = (
-        empty_block.varied,
-        empty_block.faults,
-        [(column.shape, column.dtype.str) for column in motion],
-    )
+
+    def empty(column: Any) -> np.ndarray:
+        return np.zeros(0, np.asarray(column).dtype)
+
+    varied = {path: empty(block.varied[path]) for path in program.varied}
+    empty_block = Block(varied, tree.map_leaves(empty, block.faults), None)
+    shapes = varied, empty_block.faults, [(column.shape, column.dtype.str) for column in motion]
     definition = program.module, program.setup, program.params, program.varied, program.ends
     key = trace_key.hash_values(*definition, *shapes)
     # A second caller waits instead of tracing the same program.
     with _TRACING:
         if key not in _FORMS:
-            # A robot of another package may import code from unknown files, so it is not cached on
-            # disk.
+            # A robot of another package may import unknown files, so it is not cached on disk.
             cacheable = program.module.startswith("ravenjax.") and objects is not None
             disk_key = trace_key.persistent_key("trace", key) if cacheable else ""
             # Zeros that take no memory.
             columns = [np.broadcast_to(np.zeros((), c.dtype), c.shape) for c in motion]
-            traced = trace_key.load_or_make(
-                objects, disk_key, lambda: trace_tick(program, empty_block, columns)
-            )
+            trace = partial(trace_tick, program, empty_block, columns)
+            traced = trace_key.load_or_make(objects, disk_key, trace)
             _FORMS[key] = Forms(traced, disk_key, objects)
             if len(_FORMS) > MAX_PROGRAMS:
                 del _FORMS[next(iter(_FORMS))]
@@ -174,8 +169,7 @@ def trace_tick(program: TickProgram, block: Block, motion: Sequence[np.ndarray])
 def trace_function(
     function: Callable[..., Any], *arguments: Any, functions: lowering.Functions = "polynomials"
 ) -> tuple[Program, Any]:
-    """Return the program of a function with arguments of these shapes, and the shapes of its
-    results.
+    """Return a function's program for arguments of these shapes, and the shapes of its results.
 
     functions: see `lowering.lower_jaxpr`. With polynomials, sums with a product are fused.
     """

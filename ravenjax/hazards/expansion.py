@@ -3,15 +3,13 @@
     [[group]]
     name = "library"
     hazards = ["C09", "L7"]     # ids and layers, or "all": every hazard that can be simulated
-    start_ms = 1200             # optional: replaces the library's value, as may arm, value and
-                                # duration_ms
+    start_ms = 1200             # optional, as are arm, value, duration_ms: replaces the library's
 
 Groups without `hazards` are left unchanged. The new groups are checked like any other group.
 
 In a campaign with both arms, a hazard of the gold or the green arm acts on that arm. A hazard of
 both arms acts on both in the same run. Any other hazard gets one group for each arm, with -gold or
--green at the end of its name. The key `arm` overrides this with one arm or a list of arms. Fault
-sites without an arm get one group.
+-green at the end of its name. The key `arm` overrides this. Sites without an arm get one group.
 """
 
 import itertools
@@ -30,9 +28,7 @@ KEY = "hazards"
 ALL = "all"
 _TABLES = resources.read_tables(__file__, "expansion.toml")
 OVERRIDES, PASSED_ON = _TABLES["overrides"], _TABLES["passed_on"]
-"""Keys of faults that a group with hazards may set for all its hazards, and keys that the ordinary
-groups inherit, with their meanings.
-"""
+"""Keys of faults that a group may set for all its hazards, and keys that it passes on."""
 KEYS: dict[str, str] = _TABLES["keys"] | OVERRIDES | PASSED_ON
 """Keys that a group with hazards may have."""
 _CROSSED = ("value", "start_ms", "duration_ms", "every_ms")
@@ -149,12 +145,11 @@ def _expand_case(
             raise WrongGroup(key, f"{name} {message}")
         # Several channels or arms then have faults in the same run, so their values go in pairs.
         is_joint = case.fault[0].along or len(faulty) > 1
+        slots = (_expand_fault(fault, overrides, faulty) for fault in case.fault)
         table = {
             "name": f"{group['name']}/{name}{suffix}",
             "design": "zip" if is_joint else case.design,
-            "fault": [
-                slot for fault in case.fault for slot in _expand_fault(fault, overrides, faulty)
-            ],
+            "fault": list(itertools.chain(*slots)),
         }
         runs = {} if case.runs is None else {"runs": case.runs}
         yield table | runs | {key: group[key] for key in PASSED_ON if key in group}
@@ -200,10 +195,8 @@ def _expand_fault(
     fault: LibraryFault, overrides: Mapping[str, Any], arms: Sequence[Any]
 ) -> Iterator[dict[str, Any]]:
     """Yield a [[group.fault]] table for each channel and arm that are faulty in the same run."""
-    table = fault.model_dump(
-        exclude={"along", "unit"}, exclude_none=True, exclude_defaults=True, mode="json"
-    )
-    table |= overrides
+    dumped = fault.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
+    table = {key: dumped[key] for key in dumped if key not in ("along", "unit")} | {**overrides}
     if "value" in overrides:
         table.pop("wraps", None)  # `wraps` applies to the library's values only
     per_arm = arms if fault.declared.per_arm else ()

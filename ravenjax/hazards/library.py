@@ -8,7 +8,7 @@ file `data/terms.toml` explains the terms.
 import tomllib
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -23,6 +23,10 @@ DATA = Path(__file__).with_name("data")
 Number = int | float
 Numbers = Number | tuple[Number, ...] | dict[str, tuple[Number, ...]]
 """One number, a list of numbers, or a distribution, with the form of a campaign file."""
+Durations = Numbers | str | tuple[Number | str, ...] | dict[str, tuple[Number | str, ...]]
+
+
+Text = Annotated[str, Field(min_length=1)]
 
 
 class LibraryTable(BaseModel):
@@ -43,9 +47,7 @@ class LibraryFault(LibraryTable):
     unit: str | None = None  # Unit of the value, for readers and for checks
     trigger: str = "time"
     start_ms: Numbers
-    duration_ms: Numbers | str | tuple[Number | str, ...] | dict[str, tuple[Number | str, ...]] = (
-        "end"
-    )
+    duration_ms: Durations = "end"
     every_ms: Numbers = 0
     period_ms: Numbers = 0
     wraps: bool = False  # A value beyond 16 bits is intended
@@ -78,24 +80,23 @@ class Hazard(LibraryTable):
 
     id: str = Field(pattern=r"^[A-Z]\d\d$")
     layer: str = Field(pattern=r"^L([1-9]|10)$")  # layer of the loop, L1 console .. L10 mechanics
-    title: str = Field(min_length=1)
-    target: str = Field(min_length=1)  # target of the fault, in the words of the source
+    title: Text
+    target: Text  # target of the fault, in the words of the source
     # Faulty arm in the source. both: in the same run; either or None: each arm in another run
     arm: Literal["gold", "green", "both", "either"] | None = None
     hazards: tuple[str, ...]
     unsafe_control_actions: tuple[str, ...] = ()
-    # Models that a simulation needs: D dynamics and control, S state machine and PLC, O operator,
-    # X more than a simulator has
+    # Models that a simulation needs: D dynamics, control; S states, PLC; O operator; X others
     needs: tuple[Literal["D", "S", "O", "X"], ...] = Field(min_length=1)
-    kind: str = Field(min_length=1)
-    values: str = Field(min_length=1)  # values in the source
-    when: str = Field(min_length=1)  # trigger, start and duration in the source
-    expected: str = Field(min_length=1)  # outcome in the words of the source
+    kind: Text
+    values: Text  # values in the source
+    when: Text  # trigger, start and duration in the source
+    expected: Text  # outcome in the words of the source
     expected_class: tuple[str, ...] = Field(min_length=1)
     activated: int | None = Field(default=None, ge=0)  # number of injections with an effect
     injected: int | None = Field(default=None, ge=1)  # number of all injections
-    impact: str = Field(min_length=1)  # clinical impact; numbers count adverse event reports
-    source: str = Field(min_length=1)
+    impact: Text  # clinical impact; numbers count adverse event reports
+    source: Text
     scenarios: tuple[  # Training scenarios of IROS 2016 that contain the hazard
         Literal["temporarily unavailable", "permanently unavailable", "sudden jump"], ...
     ] = ()
@@ -112,9 +113,7 @@ class Hazard(LibraryTable):
 
 @cache
 def library_terms() -> dict[str, dict[str, str]]:
-    """Return the meanings of words, by kind: accidents, hazards, control actions, classes,
-    sources.
-    """
+    """Return meanings of words, by kind: accidents, hazards, control actions, classes, sources."""
     return resources.read_tables(__file__, "data/terms.toml")
 
 

@@ -91,6 +91,5 @@ def _format_numbers(value: Any) -> str:
     if isinstance(value, dict):
         ((kind, numbers),) = value.items()
         return f"{kind} {_format_numbers(numbers)}"
-    return (
-        f"{{{', '.join(map(_format_numbers, value))}}}" if isinstance(value, tuple) else f"{value}"
-    )
+    is_list = isinstance(value, tuple)
+    return f"{{{', '.join(map(_format_numbers, value))}}}" if is_list else f"{value}"

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ravenjax.ir import semantics
-from ravenjax.ir.program import Operation, Program, from_bits, to_bits
+from ravenjax.ir.program import Operation, Program, to_bits
 
 COMMUTATIVE = frozenset(("add", "mul", "and", "or", "xor", "eq", "ne"))
 
@@ -40,10 +40,9 @@ class Builder:
 
     def constant(self, dtype: str, value: Any) -> int:
         """Return the number of a constant."""
-        pattern = to_bits(dtype, value)
-        i = self._write(Operation("constant", dtype, (), pattern))
+        i = self._write(Operation("constant", dtype, (), to_bits(dtype, value)))
         if i not in self.constants:
-            self.constants[i] = from_bits(dtype, pattern)
+            self.constants[i] = self.operations[i].value
         return i
 
     def emit(self, name: str, dtype: str, *operands: int) -> int:
@@ -216,8 +215,7 @@ def _simplify_select(b: Builder, dtype: str, condition: int, yes: int, no: int) 
 
 
 def _simplify_conversion(b: Builder, name: str, dtype: str, x: int) -> int | None:
-    # Simplifies conversions to the same type, and writes conversions from and to truth values as
-    # selects and comparisons.
+    # Simplifies conversions to the same type. Those from and to bool become selects, comparisons.
     source = b.operations[x].dtype
     if source == dtype:
         return x
@@ -231,8 +229,7 @@ def _simplify_conversion(b: Builder, name: str, dtype: str, x: int) -> int | Non
 def contract_to_fma(program: Program) -> Program:
     """Return the program with each sum of a product as one `fma`, without unneeded operations.
 
-    Whether a sum is fused depends only on its operands. Parts of the program that are left out
-    therefore change no bit of the others.
+    Whether a sum is fused depends only on its operands, not on parts that are left out.
     """
     builder = Builder()
     builder.inputs, builder.tables = list(program.inputs), list(program.tables)
@@ -244,7 +241,7 @@ def contract_to_fma(program: Program) -> Program:
         if (fused := _fuse(builder, name, dtype, operands)) is not None:
             new[i] = fused
         elif name == "constant":
-            new[i] = builder.constant(dtype, from_bits(dtype, detail))
+            new[i] = builder.constant(dtype, program.operations[i].value)
         elif name in ("input", "lookup"):
             new[i] = builder._write(Operation(name, dtype, operands, detail))
         else:

@@ -55,6 +55,7 @@ _RENAMED = {
 }
 _CALLS = ("jit", "pjit", "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call")
 _REMATERIALISED = ("remat", "checkpoint")
+_SMALL = "expected single numbers or 1-D arrays"
 
 Functions = Literal["polynomials", "library"]
 
@@ -107,17 +108,14 @@ class _Lowering:
         # Returns the name of a type. Raises UnknownPrimitive for an unsupported type.
         name = str(np.dtype(aval.dtype))
         if name not in self.types:
-            raise UnknownPrimitive(
-                f"numbers of type {name} are not supported; expected {', '.join(self.types)}"
-            )
+            expected = ", ".join(self.types)
+            raise UnknownPrimitive(f"numbers of type {name} are not supported; expected {expected}")
         return name
 
     def input(self, aval: Any) -> _Value:
         # Adds an input of the program: a single number, or a table for a 1-D array.
         if len(aval.shape) > 1:
-            raise UnknownPrimitive(
-                f"an input has shape {aval.shape}; expected single numbers or 1-D arrays"
-            )
+            raise UnknownPrimitive(f"an input has shape {aval.shape}; {_SMALL}")
         if aval.shape:
             number = self.builder.table(self._dtype(aval), aval.shape[0])
             return _Table(aval.shape[0], lambda index: self.builder.lookup(number, index))
@@ -130,14 +128,11 @@ class _Lowering:
         if value.size == 1:
             return self.builder.constant(dtype, value.reshape(()))
         if value.ndim != 1:
-            raise UnknownPrimitive(
-                f"a constant has shape {value.shape}; expected single numbers or 1-D arrays"
-            )
+            raise UnknownPrimitive(f"a constant has shape {value.shape}; {_SMALL}")
         return _Table(len(value), lambda index: self._select_constant(dtype, value, index))
 
     def _select_constant(self, dtype: str, values: np.ndarray, index: int) -> int:
-        # Emits the number at `index` of a table of constants, as a chain of selects, one for each
-        # number of the table.
+        # Emits the number at `index` of a table of constants, as a chain of selects.
         b, result = self.builder, self.builder.constant(dtype, values[0])
         for k, value in enumerate(values[1:], 1):
             is_index = b.emit("eq", "bool", index, b.constant("int32", k))
@@ -147,8 +142,7 @@ class _Lowering:
     def equations(
         self, jaxpr: core.Jaxpr, consts: Sequence[_Value], inputs: Sequence[_Value]
     ) -> list[_Value]:
-        # Translates the equations of a jaxpr in order. Returns its results: numbers of operations,
-        # or tables.
+        # Translates the equations of a jaxpr in order. Returns its results.
         values: dict[Any, _Value] = dict(zip(jaxpr.constvars, consts, strict=True))
         values.update(zip(jaxpr.invars, inputs, strict=True))
 
@@ -187,30 +181,19 @@ class _Lowering:
             self.equations(branch.jaxpr, [self.constant(c) for c in branch.consts], operands[1:])
             for branch in eqn.params["branches"]
         )
-        return [
-            b.emit(
-                "rarely",
-                b.operations[_require_number(x)].dtype,
-                condition,
-                _require_number(x),
-                _require_number(y),
-            )
-            for x, y in zip(rare, usual, strict=True)
-        ]
+        pairs = zip(map(_require_number, rare), map(_require_number, usual), strict=True)
+        return [b.emit("rarely", b.operations[x].dtype, condition, x, y) for x, y in pairs]
 
     def _equation(self, eqn: core.JaxprEqn, operands: list[_Value]) -> int:
         # Emits one equation of the jaxpr. Returns the number of its result.
         aval: Any = eqn.outvars[0].aval
         name = eqn.primitive.name
         if math.prod(aval.shape) != 1:
-            raise UnknownPrimitive(
-                f"the result of {name} has shape {aval.shape}; expected a single number"
-            )
+            got = f"the result of {name} has shape {aval.shape}"
+            raise UnknownPrimitive(f"{got}; expected a single number")
         if name in ("dynamic_slice", "gather"):
             return self._lookup(eqn, operands)
-        return self._operation(
-            eqn, self._dtype(aval), [_require_number(operand) for operand in operands]
-        )
+        return self._operation(eqn, self._dtype(aval), list(map(_require_number, operands)))
 
     def _operation(self, eqn: core.JaxprEqn, dtype: str, x: list[int]) -> int:
         # Emits the operations of one primitive of JAX on the operands `x`. Returns the result's
@@ -259,15 +242,10 @@ class _Lowering:
     def _lookup(self, eqn: core.JaxprEqn, operands: list[_Value]) -> int:
         """Return the number of a 1-D table at an index.
 
-        Outside of the table the result is the first or last number of the table. With JAX's mode
-        `fill` it is NaN.
+        Outside of the table the result is its first or last number, or NaN with JAX's mode `fill`.
         """
-        table = operands[0]
-        if (
-            not isinstance(table, _Table)
-            or len(operands) != 2
-            or tuple(eqn.params["slice_sizes"]) != (1,)
-        ):
+        table, is_single = operands[0], tuple(eqn.params["slice_sizes"]) == (1,)
+        if not isinstance(table, _Table) or len(operands) != 2 or not is_single:
             aval: Any = eqn.invars[0].aval
             name = f"{eqn.primitive.name} of shape {aval.shape}"
             raise UnknownPrimitive(f"{name} is not supported; expected one number of a 1-D array")
@@ -284,7 +262,6 @@ class _Lowering:
             raise UnknownPrimitive(
                 f"a gather of {dtype} with mode fill is not supported; use .at[k].get(mode='clip')"
             )
-        inside = b.emit(
-            "and", "bool", b.emit("le", "bool", first, index), b.emit("le", "bool", index, last)
-        )
+        bounds = b.emit("le", "bool", first, index), b.emit("le", "bool", index, last)
+        inside = b.emit("and", "bool", *bounds)
         return b.emit("select", dtype, inside, result, b.constant(dtype, np.nan))

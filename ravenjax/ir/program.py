@@ -1,5 +1,4 @@
-"""Defines the intermediate representation of the simulation from which code for CPUs and GPUs is
-generated.
+"""Defines the intermediate representation from which code for CPUs and GPUs is generated.
 
 A program is a list of operations on single numbers, without loops. Operations have the names of
 `semantics`, and three more:
@@ -27,6 +26,14 @@ class Operation(NamedTuple):
     dtype: str
     operands: tuple[int, ...] = ()
     detail: Any = None
+
+    @property
+    def value(self) -> Any:
+        """The number of a constant, else None."""
+        if self.name != "constant":
+            return None
+        pattern = np.asarray(self.detail, f"u{np.dtype(self.dtype).itemsize}")
+        return pattern.view(self.dtype)[()]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,8 +74,3 @@ def to_bits(dtype: str, value: Any) -> int:
     """Return the bit pattern of a number."""
     stored = np.asarray(value, dtype)
     return int(stored.view(f"u{stored.dtype.itemsize}"))
-
-
-def from_bits(dtype: str, pattern: int) -> Any:
-    """Return the number of a bit pattern."""
-    return np.asarray(pattern, f"u{np.dtype(dtype).itemsize}").view(dtype)[()]

@@ -59,19 +59,14 @@ def arrange_regions(
             ready: dict[int, None] = {}
             for member in order:
                 is_member = member in unplaced and region_condition.get(member) == condition
-                if is_member and all(
-                    o in ready or o not in unplaced for o in operations[member].operands
-                ):
+                if is_member and ready.keys() >= unplaced.intersection(operations[member].operands):
                     ready[member] = None
             unplaced.difference_update(ready)
-            results_outside = tuple(
-                member for member in ready if not ready.keys() >= {*readers[member]}
-            )
-            arranged += (
-                ready
-                if len(ready) < MIN_OPERATIONS
-                else [Region(condition, tuple(ready), results_outside)]
-            )
+            if len(ready) < MIN_OPERATIONS:
+                arranged += ready
+            else:
+                outside = (member for member in ready if not ready.keys() >= {*readers[member]})
+                arranged.append(Region(condition, tuple(ready), tuple(outside)))
         unplaced.discard(i)
         arranged.append(i)
     return arranged

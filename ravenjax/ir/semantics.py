@@ -8,8 +8,7 @@ follow XLA where it defines them:
   `(int)x` on x86: a number that does not fit becomes -2147483648.
 - A shift by the width of the number, or by more, shifts all bits out.
 - Division of an integer by 0 gives -1.
-- Of two zeros with different signs, `max` and `min` return the second. They return NaN if an
-  operand is NaN.
+- Of zeros with different signs, `max` and `min` return the second; of NaN and a number, NaN.
 
 `rarely` equals `select`, and its condition is seldom true (see `regions`). Functions are those of
 the C library, rounded to their type.
@@ -22,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from ravenjax.bundled import resources
-from ravenjax.ir.program import Operation, Program, from_bits
+from ravenjax.ir.program import Operation, Program
 
 Array = Any
 
@@ -52,7 +51,7 @@ def run_program(program: Program, inputs: Sequence[Any], tables: Sequence[Array]
         if name == "input":
             return np.asarray(inputs[detail], dtype)[()]
         if name == "constant":
-            return from_bits(dtype, detail)
+            return operation.value
         return tables[detail][operands[0]] if name == "lookup" else _result(name, dtype, *operands)
 
     with np.errstate(all="ignore"):
@@ -95,15 +94,13 @@ def _integer_remainder(a: Array, b: Array) -> Array:
 
 
 def _convert(x: Array, dtype: np.dtype) -> Array:
-    # Converts numbers to another type. From float to integer, numbers saturate at the ends of the
-    # integer type, and NaN becomes 0.
+    # Converts numbers to another type. Floats saturate at an integer's ends, and NaN becomes 0.
     if dtype.kind == "b":
         return x != 0
     if x.dtype.kind == "f" and dtype.kind in "iu":
         integers = np.iinfo(dtype)
         # The smallest power of two above the integers. Their largest number may have no float64.
-        sign_bits = 1 if dtype.kind == "i" else 0
-        limit = 2.0 ** (integers.bits - sign_bits)
+        limit = 2.0 ** (integers.bits - (dtype.kind == "i"))
         number = np.where(np.isnan(x), 0.0, x).astype(np.float64)
         clipped = np.clip(number, float(integers.min), np.nextafter(limit, 0.0))
         return np.where(number < limit, clipped.astype(dtype), integers.max)

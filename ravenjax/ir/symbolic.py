@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ravenjax.ir.builder import Builder
-from ravenjax.ir.program import Operation, Program, from_bits
+from ravenjax.ir.program import Operation, Program
 from ravenjax.numbers import jnp, trigonometry
 
 _REAL = "float64"
@@ -124,11 +124,11 @@ def replay_program(program: Program, inputs: Sequence[Any]) -> list[Any]:
 
     def apply(operation: Operation, *operands: Any) -> Any:
         # Computes one operation of the program with JAX's functions or Python's operators.
-        name, dtype, _, detail = operation
+        name = operation.name
         if name == "input":
-            return inputs[detail]
+            return inputs[operation.detail]
         if name == "constant":
-            return float(from_bits(dtype, detail))
+            return float(operation.value)
         return getattr(jnp if name in ("sin", "cos") else operator, name)(*operands)
 
     return program.replay(apply)

@@ -80,18 +80,12 @@ def split_lanes(loop: TimeLoop, shared: int, grouped: bool) -> Split:
     lanes = {i: 0 if grouped and i < shared else LANE for i in range(lane_inputs)}
     begins = _dependencies(loop.begin, lanes)
     state = {k: begins[loop.begin.outputs[k]] | (0 if k in constant else TICK) for k in live}
-    ticks = {
-        lane_inputs + loop.states + i: TICK | (0 if grouped or i == 0 else LANE)
-        for i in loop.tick_inputs
-    }
+    for i in loop.tick_inputs:
+        lanes[lane_inputs + loop.states + i] = TICK | (0 if grouped or i == 0 else LANE)
     while True:
-        depends = _dependencies(
-            step, lanes | ticks | {lane_inputs + k: bits for k, bits in state.items()}
-        )
-        new = {
-            k: bits if k in constant else bits | depends[step.outputs[k]]
-            for k, bits in state.items()
-        }
+        lanes |= {lane_inputs + k: bits for k, bits in state.items()}
+        depends = _dependencies(step, lanes)
+        new = state | {k: state[k] | depends[step.outputs[k]] for k in live - constant}
         if new == state:
             break
         state = new

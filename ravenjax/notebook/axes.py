@@ -5,8 +5,6 @@ the table that a campaign file contains: `uniform(0, 1)` is `{ uniform = [0, 1] 
 checked with the campaign, by the same rules as in a file. A plain list is a list of values.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, TypeAlias
 

@@ -28,8 +28,7 @@ SECTION = "campaign"
 
 
 class Campaign:
-    """A campaign. Arguments are the keys of [campaign] in a file, and its other tables as objects
-    or dicts.
+    """A campaign. Arguments are the keys of [campaign], and other tables as objects or dicts.
 
         campaign = rj.Campaign(
             name="mine",
@@ -60,8 +59,7 @@ class Campaign:
     """
 
     config: CampaignConfig
-    """The checked campaign with all defaults, and with hazards of the library as ordinary groups.
-    """
+    """The checked campaign with all defaults, and with the library's hazards as ordinary groups."""
     _tables: dict[str, Any]
 
     def __init__(self, **keys: Any) -> None:
@@ -71,15 +69,12 @@ class Campaign:
     def _set_content(self, tables: dict[str, Any], folder: Path, config: CampaignConfig) -> None:
         # Fills a new object. Paths in `tables` are relative to `folder`.
         loading.check_parameters(config)
-        with_absolute_paths = _change_file_paths(
-            tables, lambda file: str((folder / file).absolute())
-        )
-        self.__dict__.update(_tables=with_absolute_paths, config=config)
+        tables = _change_file_paths(tables, lambda file: str((folder / file).absolute()))
+        self.__dict__.update(_tables=tables, config=config)
 
     @classmethod
     def from_toml(cls, source: str | Path, overrides: Sequence[str] = ()) -> Campaign:
-        """Return the campaign from a TOML file, a bundled campaign's name, or a TOML text of
-        several lines.
+        """Return the campaign of a TOML file, a bundled campaign's name, or a TOML text of lines.
 
         overrides: `key.path=value`, as for `--set` on the command line. Comments are lost. Raise
         UserError with file, line, key, value and expected values.
@@ -88,9 +83,8 @@ class Campaign:
             file, text = None, source
             raw = location.parse_toml(text, "the text")
         else:
-            file = location.find_campaign_file(
-                source, "campaigns", "campaign", "ravenjax campaigns"
-            )
+            command = "ravenjax campaigns"
+            file = location.find_campaign_file(source, "campaigns", "campaign", command)
             raw, text = location.read_toml(file)
         config = loading.from_dict(raw, source=file, text=text, overrides=overrides)
         tables, _ = overriding.all_applied(raw, overrides)
@@ -101,8 +95,7 @@ class Campaign:
         return campaign
 
     def to_toml(self, path: str | Path | None = None) -> str:
-        """Return the text of a campaign file with the same content, and write it to `path` if
-        given.
+        """Return the text of a campaign file with the same content, and write it to any `path`.
 
         Paths of files in the folder of `path` are written relative to this folder. Raise StoreError
         if `path` cannot be written.
@@ -144,9 +137,8 @@ class Campaign:
         return CampaignResults(results.path, results)
 
     def __setattr__(self, name: str, value: Any) -> None:
-        raise AttributeError(
-            f"a campaign cannot be changed: write changed = campaign.replace({name}=...)"
-        )
+        remedy = f"write changed = campaign.replace({name}=...)"
+        raise AttributeError(f"a campaign cannot be changed: {remedy}")
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Campaign) and self.config.model_dump() == other.config.model_dump()
@@ -171,13 +163,10 @@ def _signature() -> inspect.Signature:
     model = config_class_of(robots.find_robot(robots.DEFAULT))
     tables = [key for key in model.model_fields if key != SECTION]
     names = dict.fromkeys(["name", "group", *_campaign_keys(model), *tables])
-    kind, empty = inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.empty
-    return inspect.Signature(
-        [
-            inspect.Parameter(name, kind, default=empty if name in ("name", "group") else None)
-            for name in names
-        ]
-    )
+    kind, defaults = inspect.Parameter.KEYWORD_ONLY, dict.fromkeys(names)
+    defaults |= dict.fromkeys(("name", "group"), inspect.Parameter.empty)
+    keys = [inspect.Parameter(name, kind, default=defaults[name]) for name in names]
+    return inspect.Signature(keys)
 
 
 Campaign.__signature__ = _signature()  # pyright: ignore[reportAttributeAccessIssue]
@@ -236,8 +225,8 @@ def run_config(
 ) -> Results:
     """Run a campaign and store its results in the folder `out`.
 
-    Without `out`, a temporary folder is used, which is deleted together with the results. Raise
-    UserError and StoreError.
+    Without `out`, results are in a temporary folder that is deleted with them. Raise UserError and
+    StoreError.
     """
     if out is not None:
         out = location.require_path("out", out, "a result folder, or None for a temporary one")
@@ -246,6 +235,5 @@ def run_config(
             f"on_progress is {format_value(on_progress)}, expected a function of one Status, or"
             " None"
         )
-    return adaptive.run_adaptively(
-        config, out, engine, on_progress=on_progress, executor=choose_executor(executor, workers)
-    )
+    chosen = choose_executor(executor, workers)
+    return adaptive.run_adaptively(config, out, engine, on_progress=on_progress, executor=chosen)

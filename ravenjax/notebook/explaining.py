@@ -1,5 +1,4 @@
-"""Shows how errors propagate from a fault to a failure: many runs as a table, or one run as a
-figure."""
+"""Shows how errors propagate from fault to failure: many runs as a table, one run as a figure."""
 
 from __future__ import annotations
 

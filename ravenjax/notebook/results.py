@@ -97,8 +97,7 @@ class CampaignResults:
         return self._results.arrow(columns)
 
     def query(self, sql: str) -> pd.DataFrame:
-        """Run an SQL query on the tables `results` (the result table) and `facts` (columns that the
-        report computes from it).
+        """Run an SQL query on the tables `results` and `facts` (computed from it by the report).
 
         Join the tables on the column `row`. Example: `results.query("SELECT site, count(*) AS n
         FROM facts WHERE evaded GROUP BY site")`. Raise UserError for an invalid query.
@@ -107,19 +106,17 @@ class CampaignResults:
 
         if not isinstance(sql, str):
             raise UserError(f"sql is {format_value(sql)}, expected a query (text)")
+        example = "SELECT * FROM facts LIMIT 5"
         try:
             kinds = [statement.type for statement in duckdb.extract_statements(sql)]
             if kinds != [duckdb.StatementType.SELECT]:
-                raise UserError(
-                    f"sql is {format_value(sql)}, expected one query, such as SELECT * FROM facts"
-                    " LIMIT 5"
-                )
+                got = format_value(sql)
+                raise UserError(f"sql is {got}, expected one query, such as {example}")
             return self._runs.table.frame(sql)
         except duckdb.Error as error:
             reason = str(error).strip().splitlines()[0].rstrip(".")
-            raise UserError(
-                f"sql: {reason}. The tables are results and facts; see SELECT * FROM facts LIMIT 5"
-            ) from None
+            tables = f"The tables are results and facts; see {example}"
+            raise UserError(f"sql: {reason}. {tables}") from None
 
     def rates(
         self, event: str | Sequence[str] = "evades", by: str | Sequence[str] = "group"
@@ -136,9 +133,8 @@ class CampaignResults:
         """
         from ravenjax.notebook import rates
 
-        return rates.rates(
-            self._runs, self._manifest.rules, rates.as_list(event, "event"), rates.as_list(by, "by")
-        )
+        names, classes = rates.as_list(event, "event"), rates.as_list(by, "by")
+        return rates.rates(self._runs, self._manifest.rules, names, classes)
 
     def worst(self, n: int = 10, by: str = "unintended") -> pd.DataFrame:
         """Return the n worst valid runs with a fault, the worst first, or fewer.
@@ -156,13 +152,10 @@ class CampaignResults:
         if by not in ranking.RANKINGS:
             raise UserError(f"by: {describe_unknown_name('quantity', by, ranking.RANKINGS)}")
         runs = ranking.worst_runs(self.folder, n, by)
-        rows = self._runs.whole_rows([one.row for one in runs])
         measure, robot = ranking.RANKINGS[by], self._manifest.robot
-        name = f"{measure.name}_{measure.unit}"
-        lines = [
-            row | {"fault": wording.describe_fault(row, robot), name: one.value}
-            for row, one in zip(rows, runs, strict=True)
-        ]
+        name, lines = f"{measure.name}_{measure.unit}", []
+        for row, one in zip(self._runs.whole_rows([run.row for run in runs]), runs, strict=True):
+            lines.append(row | {"fault": wording.describe_fault(row, robot), name: one.value})
         table = pd.DataFrame(lines, columns=[*_WORST, name])
         table.attrs.update({"units": {name: measure.unit}, "meanings": {name: measure.meaning}})
         return table
@@ -180,21 +173,15 @@ class CampaignResults:
         return self._plot("verdicts", "no run has a fault")
 
     def plot_time_to_know(self) -> ShownFigure:
-        """Plot the delay from a fault's first effect to the cue, to the first alarm or stop by a
-        check, and, for unintended motions, to the first sign of any kind.
-        """
+        """Plot delays from a fault's first effect: to the cue, an alarm or stop, the first sign."""
         return self._plot("time_to_know", "no fault had an effect")
 
     def plot_roc(self) -> ShownFigure:
-        """Plot the share of unintended motions with an alarm over the share of other runs with an
-        alarm, for each detector and threshold.
-        """
+        """Plot detectors: shares with an alarm, of unintended motions over those of other runs."""
         return self._plot("roc", "the campaign has no [[detector]]")
 
     def plot_tradeoff(self) -> ShownFigure:
-        """Plot the share of unintended motions without a cue over the false cues per hour, for each
-        haptic set.
-        """
+        """Plot haptic sets: share of unintended motions without a cue over false cues per hour."""
         return self._plot("tradeoff", "the results contain no fault-free motion")
 
     def plot_chain(self, run: int | str, engine: str = "auto") -> ShownFigure:
@@ -204,10 +191,8 @@ class CampaignResults:
         """
         from ravenjax.notebook import explaining
 
-        return self._figure(
-            lambda _: explaining.explain_figure(self.folder, run, engine),
-            f"nothing differs from the golden run in run {run}",
-        )
+        absent = f"nothing differs from the golden run in run {run}"
+        return self._figure(lambda _: explaining.explain_figure(self.folder, run, engine), absent)
 
     def _plot(self, name: str, absent: str) -> ShownFigure:
         from ravenjax.report import paper

@@ -27,9 +27,7 @@ class Definition(NamedTuple):
 
 
 def definition_rows(rules: Rules, robot: Robot) -> list[Definition]:
-    """Return all words and their meanings. Responses are first; each kind begins with the
-    strongest.
-    """
+    """Return all words and meanings: responses first, and the strongest of each kind first."""
     terms = {
         "limit": f"{rules.limit_mm:g} mm",
         "threshold": f"{rules.threshold_mm:g} mm",

@@ -1,7 +1,6 @@
 """Defines events of runs as SQL expressions over columns of the result table, for DuckDB.
 
-Stop rules, reports and searches use the same events. They work on Parquet files, Arrow tables and
-DataFrames.
+Stop rules, reports and searches use the same events, on Parquet files, Arrow tables and DataFrames.
 """
 
 from __future__ import annotations
@@ -43,9 +42,7 @@ def _among(words: Iterable[str]) -> str:
 
 
 def beyond_golden_sql(column: str) -> str:
-    """Return SQL for the time of an event; -1 if it never happened, or not later than in the golden
-    run. The SQL equals `verdict.beyond_golden`.
-    """
+    """Return SQL for the time of an event, with the meaning of `verdict.beyond_golden`."""
     ms, golden = f'"{column}"', f'"golden_{column}"'
     return f"CASE WHEN {ms} >= 0 AND NOT ({golden} >= 0 AND {golden} <= {ms}) THEN {ms} ELSE -1 END"
 
@@ -58,10 +55,8 @@ def check_ms_sql(name: str) -> str:
     ms = f'"check_{name}_first_ms"'
     more = f'"check_{name}_count" > "golden_check_{name}_count"'
     sooner = beyond_golden_sql(f"check_{name}_first_ms")
-    return (
-        f"CASE WHEN ({sooner}) >= 0 THEN {ms} WHEN {more} THEN greatest({ms}, first_active_ms)"
-        " ELSE -1 END"
-    )
+    later = f"greatest({ms}, first_active_ms)"
+    return f"CASE WHEN ({sooner}) >= 0 THEN {ms} WHEN {more} THEN {later} ELSE -1 END"
 
 
 EVENTS: dict[str, dict[str, str]] = resources.read_tables(__file__, "events.toml")
@@ -93,10 +88,8 @@ def event_sql(name: str, rules: Rules) -> str:
 def event_meaning(name: str, rules: Rules) -> str:
     """Return the meaning of an event as text, with the limits of the campaign."""
     note = describe_harms(rules) if "unintended motion" in EVENTS[name]["sql"] else ""
-    meaning = EVENTS[name]["meaning"].format(
-        limit=f"{rules.limit_mm:g} mm", threshold=f"{rules.threshold_mm:g} mm"
-    )
-    return f"{meaning} {note}".rstrip()
+    limits = {"limit": f"{rules.limit_mm:g} mm", "threshold": f"{rules.threshold_mm:g} mm"}
+    return f"{EVENTS[name]['meaning'].format(**limits)} {note}".rstrip()
 
 
 def describe_harms(rules: Rules) -> str:
@@ -134,11 +127,9 @@ def events_happened(
     import duckdb
     import numpy as np
 
-    select_list = ", ".join(
-        f"coalesce(({expression})::BOOLEAN, false) AS e{place}"
-        for place, expression in enumerate([valid, *(event_sql(name, rules) for name in names)])
-    )
+    conditions = [valid, *(event_sql(name, rules) for name in names)]
+    columns = [f"coalesce(({sql})::BOOLEAN, false) AS e{k}" for k, sql in enumerate(conditions)]
     with duckdb.connect(config={"threads": 1}) as connection:
         connection.register("runs", table)
-        rows = connection.execute(f"SELECT {select_list} FROM runs").fetchnumpy()
-    return np.array([np.asarray(rows[f"e{place}"], bool) for place in range(1 + len(names))])
+        rows = connection.execute(f"SELECT {', '.join(columns)} FROM runs").fetchnumpy()
+    return np.array([np.asarray(column, bool) for column in rows.values()])

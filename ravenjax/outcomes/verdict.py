@@ -83,14 +83,10 @@ def built_in_responses(
     `detector<d>_threshold0_*`.
     """
     names = checks.check_names(outcomes)
-    added = [
-        (f"check_{name}_count", f"check_{name}_first_ms")
-        for name in names
-        if robot.check(name).own and robot.check(name).acts
-    ]
-    added += [
-        (f"detector{d}_threshold0_alarms", f"detector{d}_threshold0_first_ms") for d in detectors
-    ]
+    acting = [name for name in names if robot.check(name).own and robot.check(name).acts]
+    added = [(f"check_{name}_count", f"check_{name}_first_ms") for name in acting]
+    levels = [f"detector{d}_threshold0" for d in detectors]
+    added += [(f"{level}_alarms", f"{level}_first_ms") for level in levels]
     onset, never = np.asarray(outcomes["first_active_ms"]), np.iinfo(np.int32).max
     # Time at which an added check or detector first acted differently than in the golden run, ms.
     acted = np.full(len(onset), never)
@@ -108,8 +104,7 @@ def _responses(
 ) -> Response:
     """Return the response of the checks `names`.
 
-    `until`: ms [rows], last time at which trips count; -1: all count. Trips of a check with
-    `follows` count only before this time.
+    `until`: ms [rows], last time at which trips count (with `follows`: before it); -1: all count.
     """
     onset = np.asarray(outcomes["first_active_ms"])
     response = np.full(len(onset), SILENT, np.int8)
@@ -126,8 +121,7 @@ def _responses(
             continue
         sooner = beyond_golden(ms, usual_ms) >= 0
         more = (count > usual_count) | sooner
-        # If the check also tripped in the golden run, its first trip may be before the fault. The
-        # response must not be before the fault.
+        # The first trip may be that of the golden run, but the response is not before the fault.
         ms = np.where(sooner, ms, np.maximum(ms, onset))
         if until is not None:
             more = more & ((until < 0) | (ms < until + (not robot.check(name).follows)))
@@ -136,9 +130,8 @@ def _responses(
         if rank in _TOLD:
             earlier = more & ((alarm < 0) | (ms < alarm))
             alarm[earlier] = ms[earlier]
-    return Response(
-        response, cause, first, alarm, ("", *(robot.check(name).named_cause for name in names))
-    )
+    causes = "", *(robot.check(name).named_cause for name in names)
+    return Response(response, cause, first, alarm, causes)
 
 
 def classify_hazards(outcomes: Any, stopped: np.ndarray) -> np.ndarray:
@@ -155,8 +148,7 @@ def classify_hazards(outcomes: Any, stopped: np.ndarray) -> np.ndarray:
 
 
 def is_halt(halted_ms: Any, golden_halted_ms: Any, stopped: Any) -> Any:
-    """Return whether a run has a loss of motion because the robot stood still although the pedal
-    was down; bool, numbers or arrays [rows].
+    """Return whether a run lost motion by a halt while the pedal was down; bool or arrays [rows].
 
     `stopped`: True if a check stopped the robot; this is no loss of motion.
     """

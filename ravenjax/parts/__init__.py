@@ -25,15 +25,5 @@ from ravenjax.numbers.quantity import Quantity
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, to_int32, where
 from ravenjax.parts.reading import load
 
-__all__ = [
-    "Annotated",
-    "Quantity",
-    "Scalar",
-    "Vec",
-    "as_int",
-    "jnp",
-    "load",
-    "record",
-    "to_int32",
-    "where",
-]
+__all__ = ["Annotated", "Quantity", "Scalar", "Vec"]
+__all__ += ["as_int", "jnp", "load", "record", "to_int32", "where"]

@@ -1,5 +1,4 @@
-"""Runs a user's Python file in each tick: loads its code, reads its parameters, and checks its
-steps.
+"""Runs a user's Python file in each tick: loads code, reads parameters, and checks steps.
 
 The code runs while JAX traces it. Each mistake becomes one error that names file and line. Mistakes
 are an exception in the file, a branch that depends on a value, an array in place of a single
@@ -42,12 +41,8 @@ SCORE = object()
 
 _KINDS = {"f": "float", "i": "int", "u": "int", "b": "bool"}
 _CONVERSIONS = {"int": ": write to_int32(x), which truncates", "float": ": write jnp.float32(x)"}
-_BRANCHES = (
-    "TracerBoolConversionError",
-    "ConcretizationTypeError",
-    "TracerIntegerConversionError",
-    "TracerArrayConversionError",
-)
+_BRANCHES = {f"Tracer{what}ConversionError" for what in ("Bool", "Integer", "Array")}
+_BRANCHES.add("ConcretizationTypeError")
 
 
 class View:
@@ -181,9 +176,8 @@ class Part:
         self.source = source
         self._functions = {name: getattr(module, name, None) for name in ("params", "init", "step")}
         if not callable(self._functions["step"]):
-            raise UserError(
-                f"{source.path}: expected a function {STEP} that returns (state, score)"
-            )
+            expected = f"expected a function {STEP} that returns (state, score)"
+            raise UserError(f"{source.path}: {expected}")
         self._require_ranges()
 
     def params(self) -> Any:
@@ -195,13 +189,11 @@ class Part:
         """Return the state before the first millisecond: floats of `width`, int32 and bool."""
         with _blame(self.source, INIT):
             state = self._call("init", params)
-            named = (
-                (f"the state's {name or 'number'}", value)
-                for name, value in tree.named_leaves(state)
-            )
-            return tree.fill_tree(
-                state, [self._convert_number(INIT, *pair, width) for pair in named]
-            )
+            numbers = []
+            for name, value in tree.named_leaves(state):
+                what = f"the state's {name or 'number'}"
+                numbers.append(self._convert_number(INIT, what, value, width))
+            return tree.fill_tree(state, numbers)
 
     def step(self, params: Any, state: Any, view: Any, width: str, **gives: Any) -> tuple[Any, ...]:
         """Compute one millisecond. Return the state, then the other results in order.
@@ -216,14 +208,9 @@ class Part:
             if type(result) is not tuple or len(result) != len(names_of_results):
                 expected = ", ".join(names_of_results)
                 raise self._error(STEP, f"returns {format_value(result)}, expected ({expected})")
-            state_names = (
-                ", ".join(name or "one number" for name, _ in tree.named_leaves(state)) or "nothing"
-            )
-            out = [
-                self._check_structure(
-                    "state", state, result[0], width, f"{state_names}, as init returns"
-                )
-            ]
+            names = [name or "one number" for name, _ in tree.named_leaves(state)]
+            expected = f"{', '.join(names) or 'nothing'}, as init returns"
+            out = [self._check_structure("state", state, result[0], width, expected)]
             for (name, like), value in zip(gives.items(), result[1:], strict=True):
                 if like is SCORE:
                     number = self._convert_number(STEP, name, value, width)

@@ -1,3 +1,1 @@
-"""Writes reports about a result folder: an HTML page, figures for print, and a comparison of two
-folders.
-"""
+"""Writes reports on result folders: an HTML page, figures for print, and a comparison of two."""

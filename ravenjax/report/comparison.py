@@ -15,8 +15,7 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.errors import UserError
-from ravenjax.outcomes import events
-from ravenjax.outcomes.events import Rules
+from ravenjax.outcomes.events import VALID_SQL, Rules, event_meaning, event_sql
 from ravenjax.outcomes.verdict import CUES, HAZARDS, RESPONSES
 from ravenjax.report import wording
 from ravenjax.report.data import draws, pair_intervals
@@ -112,7 +111,7 @@ def compare_folders(first: Path, second: Path, most: int = 10) -> FolderComparis
         table.run(f'CREATE VIEW runs_second AS SELECT *, "index" AS row FROM {files}')
         pairs = _pair_runs(table, (first, second))
         for side, record, key in zip(SIDES, records, _fault_key_sql(table), strict=True):
-            _create_judged_table(table, side, record, key)
+            _create_judged_table(table, side, record.rules, key)
         names = ["group", *WORDS, *(f"is_{name}" for name in RATES)]
         aliases = (f"{s}.{quote_name(n)} AS {quote_name(f'{s}_{n}')}" for s in "ab" for n in names)
         compared = table.frame(
@@ -136,11 +135,7 @@ def compare_folders(first: Path, second: Path, most: int = 10) -> FolderComparis
             manifest.find_changes(records[0].config, records[1].config),
             manifest.find_changes(*map(_describe_origin, records)),
             pairs,
-            [
-                _compare_rate(compared, name, records[0].rules, units)
-                for name in RATES
-                if len(faults)
-            ],
+            _compare_rates(compared, records[0].rules, units) if len(faults) else [],
             {word: _transitions(compared, word) for word in WORDS},
             _list_changed_runs(records[0].robot, table, most),
         )
@@ -157,8 +152,7 @@ def _describe_origin(record: Manifest) -> dict[str, Any]:
 
 
 def _pair_runs(table: ResultTable, folders: tuple[Path, Path]) -> ComparedPairs:
-    # Creates the table `pairs`: runs with the same run id, then runs with equal faults and
-    # parameters.
+    # Creates the table `pairs`: runs with the same run id, then with equal faults and parameters.
     table.run(
         "CREATE TABLE pairs AS SELECT a.row AS first, b.row AS second, true AS same "
         "FROM runs_first AS a JOIN runs_second AS b USING (run_id)"
@@ -173,9 +167,8 @@ def _pair_runs(table: ResultTable, folders: tuple[Path, Path]) -> ComparedPairs:
         "INSERT INTO pairs SELECT a.row, b.row, false FROM left_first AS a JOIN left_second AS b"
         " USING (key, nth)"
     )
-    by_run_id, by_fault = table.row(
-        "SELECT count(*) FILTER (same), count(*) FILTER (NOT same) FROM pairs"
-    )
+    counts = "count(*) FILTER (same), count(*) FILTER (NOT same)"
+    by_run_id, by_fault = table.row(f"SELECT {counts} FROM pairs")
     if not by_run_id + by_fault:
         raise UserError(
             f"{folders[0]} and {folders[1]} share no fault: no run has the same run id, or the same"
@@ -183,9 +176,8 @@ def _pair_runs(table: ResultTable, folders: tuple[Path, Path]) -> ComparedPairs:
             " campaign, or of one that was varied by --set."
         )
     runs = [table.row(f"SELECT count(*) FROM runs_{side}")[0] for side in SIDES]
-    return ComparedPairs(
-        by_run_id, by_fault, (runs[0] - by_run_id - by_fault, runs[1] - by_run_id - by_fault), 0
-    )
+    first, second = (count - by_run_id - by_fault for count in runs)
+    return ComparedPairs(by_run_id, by_fault, (first, second), 0)
 
 
 def _fault_key_sql(table: ResultTable) -> list[str]:
@@ -197,28 +189,20 @@ def _fault_key_sql(table: ResultTable) -> list[str]:
     return wording.fill_template("fault_keys.sql.j2", folders=types, names=names, quote=quote_name)
 
 
-def _create_judged_table(table: ResultTable, side: str, record: Manifest, key: str) -> None:
+def _create_judged_table(table: ResultTable, side: str, rules: Rules, key: str) -> None:
     """Create `judged_<side>`: each run's fault and outcome by its own campaign's rules.
 
-    key: SQL expression that is equal for equal faults. Column `counts` is true for valid runs with
-    a fault.
+    key: SQL that is equal for equal faults. Column `counts` is true for valid runs with a fault.
     """
     names = list(table.types(f"runs_{side}"))
-    happened = {
-        name: f"coalesce(({events.event_sql(name, record.rules)})::BOOLEAN, false)"
-        for name in RATES
-    }
+    happened = {name: f"coalesce(({event_sql(name, rules)})::BOOLEAN, false)" for name in RATES}
     listed = ", ".join(f"{sql} AS {quote_name('is_' + name)}" for name, sql in happened.items())
     table.run(
         f'CREATE TABLE judged_{side} AS SELECT row, run_id, hash({key}) AS fault, "group"::VARCHAR'
-        ' AS "group", '
-        "verdict::VARCHAR AS verdict, "
-        "response::VARCHAR AS response, hazard::VARCHAR AS hazard, "
-        f"CASE WHEN {happened['cue']} THEN 'cue' ELSE 'no cue' END AS cue, "
-        "activated::BOOLEAN AS activated, "
-        f"unintended_mm::DOUBLE AS unintended_mm, {events.VALID_SQL} AND {faulty_sql(names)} AS"
-        f" counts, {listed} "
-        f"FROM runs_{side}"
+        ' AS "group", verdict::VARCHAR AS verdict, response::VARCHAR AS response, hazard::VARCHAR'
+        f" AS hazard, CASE WHEN {happened['cue']} THEN 'cue' ELSE 'no cue' END AS cue,"
+        " activated::BOOLEAN AS activated, unintended_mm::DOUBLE AS unintended_mm,"
+        f" {VALID_SQL} AND {faulty_sql(names)} AS counts, {listed} FROM runs_{side}"
     )
 
 
@@ -231,17 +215,14 @@ _ACTING = "(a.activated OR b.activated)"
 _JOINED = f"{_VALID} AND {_ACTING}"
 
 
-def _compare_rate(
-    compared: pd.DataFrame, name: str, rules: Rules, units: Units | None
-) -> RateChange:
-    # Returns the rate of one event in both folders, and the difference. units: the faults, the
-    # independent units of the intervals.
-    first, second = (compared[f"{side}_is_{name}"].to_numpy(bool) for side in "ab")
-    return RateChange(
-        name,
-        events.event_meaning(name, rules),
-        *pair_intervals.compare_rates(second, first, units)[:-1],
-    )
+def _compare_rates(table: pd.DataFrame, rules: Rules, units: Units | None) -> list[RateChange]:
+    # Returns the rate of each event in both folders. units: the faults, to draw for the intervals.
+    changes = []
+    for name in RATES:
+        first, second = (table[f"{side}_is_{name}"].to_numpy(bool) for side in "ab")
+        rates = pair_intervals.compare_rates(second, first, units)[:-1]
+        changes.append(RateChange(name, event_meaning(name, rules), *rates))
+    return changes
 
 
 def _transitions(compared: pd.DataFrame, word: str) -> list[Transition]:
@@ -262,15 +243,10 @@ def _list_changed_runs(robot: Robot, table: ResultTable, most: int) -> list[RunC
     if not rows:
         return []
     listed = ", ".join(str(row[0]) for row in rows)
-    faults = table.frame(
-        f"SELECT row, COLUMNS('fault.*') FROM runs_first WHERE row IN ({listed})"
-    ).set_index("row")
-    return [
-        RunChange(
-            (run_id, other_id),
-            wording.describe_fault(faults.loc[row].to_dict(), robot),
-            (verdict, other_verdict),
-            (mm, other_mm),
-        )
-        for row, run_id, other_id, verdict, other_verdict, mm, other_mm in rows
-    ]
+    query_faults = f"SELECT row, COLUMNS('fault.*') FROM runs_first WHERE row IN ({listed})"
+    faults, changes = table.frame(query_faults).set_index("row"), []
+    for row, *values in rows:
+        fault = wording.describe_fault(faults.loc[row].to_dict(), robot)
+        run_ids, verdicts, mm = zip(values[::2], values[1::2], strict=True)
+        changes.append(RunChange(run_ids, fault, verdicts, mm))
+    return changes

@@ -16,8 +16,7 @@ from ravenjax.store.files import without_formula
 
 
 def format_csv(rows: Iterable[Any]) -> str:
-    """Return rows (mappings or named tuples, possibly nested) as CSV with a header; empty if there
-    are no rows.
+    """Return rows (mappings or named tuples, possibly nested) as CSV with a header; "" for none.
 
     Nested values become columns joined by "_". Lists, arrays and curves belong to figures and are
     left out. NaN and infinite numbers become empty cells, and formulas become text.

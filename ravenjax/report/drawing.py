@@ -22,11 +22,9 @@ def save_figure(figure: Figure, path: Path) -> None:
     from ravenjax.document.figure_style import STYLE
 
     kind = path.suffix.lstrip(".") or "png"
-    metadata = _DATELESS.get(kind, {})
+    options = {"format": kind, "dpi": 160, "metadata": _DATELESS.get(kind, {})}
     with matplotlib.rc_context(STYLE):
-        write_aside(
-            path, lambda target: figure.savefig(target, format=kind, dpi=160, metadata=metadata)
-        )
+        write_aside(path, lambda target: figure.savefig(target, **options))
 
 
 def save_panels(path: Path, charts: Sequence[Chart], columns: int = 3, title: str = "") -> None:

@@ -28,12 +28,10 @@ MOST_GROUPS = 40
 
 
 def write_figures(folder: Path, out: Path) -> list[Path]:
-    """Write the figures of a result folder into `out`, each as .svg and .pdf, and return their
-    paths.
+    """Write a result folder's figures into `out`, each as .svg and .pdf; return their paths.
 
     They are verdicts, time_to_know, roc (only with detectors) and tradeoff. A figure without runs
-    is left out. Raises StoreError if the folder holds no readable result or
-    `out` cannot be written.
+    is left out. Raises StoreError if results cannot be read, or `out` cannot be written.
     """
     folder, out = Path(folder), Path(out)
     manifest = manifests.read_manifest(folder)

@@ -53,8 +53,7 @@ class LaneCourse:
 class LaneGroup:
     """The memory of a group of lanes: state of each vector, shared state, rows of some ticks.
 
-    Ticks count from the beginning of a run. Methods collect calls of compiled functions, and
-    `run_calls` makes the calls.
+    Ticks count from the beginning of a run. Methods collect calls, which `run_calls` makes.
     """
 
     def __init__(
@@ -71,8 +70,7 @@ class LaneGroup:
         self.group_state = aligned_buffer(1, kernel.group_state.bytes)
         self.results = aligned_buffer(results, kernel.results.bytes)
         self._rows, self._row_tick = aligned_buffer(rows, kernel.row.bytes), 0
-        # Compiled code always writes its outputs. Where nobody reads them, each tick overwrites
-        # those of the tick before.
+        # Compiled code always writes its outputs. Each tick overwrites those that nobody reads.
         self._unread_outputs = aligned_buffer(kernel.outputs, 8 * kernel.inputs.width)
         self._call("shared_begin", row_address(self._group_inputs), row_address(self.group_state))
         for v in range(vectors):
@@ -100,15 +98,10 @@ class LaneGroup:
         after: address for a copy of the group's state at the end.
         """
         state = row_address(self.group_state)
-        self._call(
-            "shared_run",
-            *(row_address(self._group_inputs), state, row_address(self.lanes.tables)),
-            *(
-                *self._tick_input_arguments(first, 0),
-                row_address(self._rows, first - self._row_tick),
-            ),
-            *(first, until - first),
-        )
+        buffers = row_address(self._group_inputs), state, row_address(self.lanes.tables)
+        row = row_address(self._rows, first - self._row_tick)
+        inputs = self._tick_input_arguments(first, 0)
+        self._call("shared_run", *buffers, *inputs, row, first, until - first)
         if after is not None and self.group_state.size:
             self._call("copy_bytes", after, state, self.group_state.size)
 
@@ -117,10 +110,8 @@ class LaneGroup:
         lane, out = v * self.kernel.inputs.width, self.lanes.out
         # Address of the outputs, and the bytes to the next tick and to the next number.
         if out is None:
-            output_arguments = (
-                *(row_address(self._unread_outputs), 0),
-                self._unread_outputs.strides[0],
-            )
+            unread = self._unread_outputs
+            output_arguments = row_address(unread), 0, unread.strides[0]
         else:
             address = row_address(out, first - self.lanes.first) + lane * out.itemsize
             output_arguments = (address, *out.strides[:2])
@@ -134,9 +125,7 @@ class LaneGroup:
         )
 
     def _tick_input_arguments(self, tick: int, lane: int) -> tuple[int, int, int]:
-        """Return the address of the inputs of a tick for lanes from `lane` on, the bytes from one
-        tick to the next, and the bytes from one number to the next.
-        """
+        """Return the address of a tick's inputs from `lane` on, bytes per tick and per number."""
         numbers = self.lanes.tick_inputs
         # An array of one tick serves all ticks.
         tick_bytes = numbers.strides[0] if len(numbers) > 1 else 0
@@ -221,8 +210,7 @@ class VectorCode:
     def trunk(self, lanes: Lanes, last: int, ends: np.ndarray) -> tuple[Trunk, list[np.ndarray]]:
         """Run a vector of lanes that are all the same golden run.
 
-        Return its snapshots before tick `last`, and its results at each of `ends` (ascending), each
-        [ends].
+        Return its snapshots before tick `last`, and its results at `ends` (ascending), each [ends].
         """
         words, shared_words = self._state_words[0], self.kernel.group_state.bytes // 4
         every = snapshot_spacing(last, len(words) + shared_words)

@@ -1,5 +1,4 @@
-"""Engine `simd`: compiles one tick of a robot to vector code for the CPU and runs it for many
-robots.
+"""Engine `simd`: compiles a robot's tick to vector code for the CPU, and runs many robots.
 
 Each robot uses one lane of the vectors. Robots with equal varied parameters form a group. Numbers
 that are equal in a whole group, such as those of the nominal model, are computed once for the
@@ -46,9 +45,8 @@ class SimdKernel(traced.PrintedKernel):
         signals: bool = False,
         host: jit.Host | None = None,
     ) -> None:
-        """signals: every tick returns every signal, and lanes run one by one. host: CPU for whose
-        vectors the code is generated, and which must be able to run here; None: this machine's CPU.
-        """
+        """signals: every tick returns every signal, and lanes run one by one. host: CPU whose
+        vectors the code is for, which must run here; None: this machine's CPU."""
         super().__init__(program, lanes, objects)
         self.signals, self._host = signals, host or jit.host_target()
         self.width = 1 if signals else self._host.width
@@ -81,9 +79,8 @@ class SimdKernel(traced.PrintedKernel):
         """See `interface.Kernel`."""
         code, inputs = self._code(block, motion, True), traced.lane_inputs(self.program, block)
         until = max([last, *ends.tolist()])
-        golden_series = self._golden_series(
-            block, np.arange(self.width), grouped=True, first=0, last=until
-        )
+        lanes = np.arange(self.width)
+        golden_series = self._golden_series(block, lanes, grouped=True, first=0, last=until)
         lanes = Lanes(inputs, golden_series, traced.motion_tables(motion), None)
         trunk, columns = code.trunk(lanes, last, ends)
         names = self.forms(block, motion).traced.outcomes

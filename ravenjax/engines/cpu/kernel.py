@@ -249,9 +249,8 @@ class _LlvmModule(LoopPrinting[Place]):
             offset = printer.op(f"mul i64 %out_step, {k}")
             outputs.append((i, Place(printer.op(f"getelementptr i8, ptr %out, i64 {offset}"))))
         changed = {k: state[k] for k in split.lane_state}
-        self.print_step(
-            printer, split.lane, sources, changed, outputs, schedule=schedule_operations
-        )
+        order = schedule_operations
+        self.print_step(printer, split.lane, sources, changed, outputs, schedule=order)
         steps = {"in": "%in_stride", "row": str(buffers.row.bytes), "out": "%out_stride"}
         self._loop("lane_run", printer, steps)
 

@@ -9,7 +9,7 @@ called for one lane at a time, and Python's `math` calls the same functions.
 """
 
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from ravenjax.bundled import resources
 from ravenjax.engines.cpu.jit import FUSED
 from ravenjax.engines.cpu.memory import Place, stored_size
 from ravenjax.engines.printing import Printing
-from ravenjax.ir.program import Program, from_bits
+from ravenjax.ir.program import Program
 from ravenjax.ir.semantics import LIBRARY
 
 TEXTS = resources.read_tables(__file__, "llvm.toml")
@@ -50,9 +50,7 @@ class LlvmPrinter(Printing[Place]):
             return self.select(dtype, *inputs)
         sources = [program.operations[o] for o in operands]
         # A constant NaN does not count as known, because `max` and `min` must return it.
-        known = [
-            o.name == "constant" and not np.isnan(from_bits(o.dtype, o.detail)) for o in sources
-        ]
+        known = [o.name == "constant" and not np.isnan(o.value) for o in sources]
         return self._compute(name, dtype, sources[0].dtype, inputs, known)
 
     def _begin_region(self, condition: str, types: list[str]) -> tuple[str, str, list[str]]:
@@ -63,10 +61,8 @@ class LlvmPrinter(Printing[Place]):
         self._count += 1
         outer, self.block = self.block, f"rare{self._count}"
         after = f"after{self._count}"
-        self.lines += [
-            f"br i1 {condition}, label %{self.block}, label %{after}, !prof !0",
-            f"{self.block}:",
-        ]
+        self.lines.append(f"br i1 {condition}, label %{self.block}, label %{after}, !prof !0")
+        self.lines.append(f"{self.block}:")
         return outer, after, types
 
     def _end_region(self, begun: tuple[str, str, list[str]], results: list[str]) -> list[str]:
@@ -96,10 +92,6 @@ class LlvmPrinter(Printing[Place]):
         self.lines.append(f"%v{self._count} = {text}")
         return f"%v{self._count}"
 
-    def typed_operands(self, dtype: str, inputs: Sequence[str]) -> str:
-        """Return operands as text, each with its type."""
-        return ", ".join(f"{self.type(dtype)} {x}" for x in inputs)
-
     def call(self, result: str, name: str, *arguments: tuple[str, str]) -> str:
         """Call a function or intrinsic, given type and text of each argument; return the value."""
         self.declared.add(f"declare {result} @{name}({', '.join(kind for kind, _ in arguments)})")
@@ -107,16 +99,13 @@ class LlvmPrinter(Printing[Place]):
 
     def select(self, dtype: str, condition: str, yes: str, no: str) -> str:
         """Return a value that is `yes` or `no` in each lane."""
-        return self.op(
-            f"select {self.type('bool')} {condition}, {self.typed_operands(dtype, [yes, no])}"
-        )
+        wide = self.type(dtype)
+        return self.op(f"select {self.type('bool')} {condition}, {wide} {yes}, {wide} {no}")
 
     def intrinsic(self, name: str, dtype: str, *inputs: str) -> str:
         """Call an intrinsic function whose operands and result have one type."""
-        wide = self.type(dtype)
-        return self.call(
-            wide, f"llvm.{name}.{self._type_suffix(dtype)}", *((wide, x) for x in inputs)
-        )
+        wide, suffix = self.type(dtype), self._type_suffix(dtype)
+        return self.call(wide, f"llvm.{name}.{suffix}", *((wide, x) for x in inputs))
 
     def _constant(self, dtype: str, value: Any) -> str:
         # Returns a constant as text, with the same value in each lane.
@@ -186,13 +175,9 @@ class LlvmPrinter(Printing[Place]):
         bits = stored_size(dtype) * 8
         constants = {"zero": 0, "one": 1, "ones": -1, "bits": bits, "last": bits - 1}
         words = {key: self._constant(dtype, value) for key, value in constants.items()}
-        words |= {
-            "type": wide,
-            "truth": self.type("bool"),
-            "sign": kind[0],
-            **dict(zip("xyz", x, strict=False)),
-        }
+        words |= {"type": wide, "truth": self.type("bool"), "sign": kind[0]}
         words |= {"double": self._vector_of("double"), "long": self._vector_of("i64")}
+        words |= zip("xyz", x, strict=False)
         match name:
             case "shl" | "shr" | "sar":
                 words["shift"] = TEXTS["shifts"][name]
@@ -210,9 +195,8 @@ class LlvmPrinter(Printing[Place]):
             case "not" | "neg" | "fma":
                 return self._print_sequence(name, words)
             case "abs":
-                return self.call(
-                    wide, f"llvm.abs.{self._type_suffix(dtype)}", (wide, x[0]), ("i1", "false")
-                )
+                function = f"llvm.abs.{self._type_suffix(dtype)}"
+                return self.call(wide, function, (wide, x[0]), ("i1", "false"))
             case "max" | "min":
                 result = self._print_sequence(name, words)
                 # "nan" also returns the first operand where it is NaN.
@@ -277,9 +261,7 @@ class LlvmPrinter(Printing[Place]):
         return self._convert(dtype, "float64", result) if dtype == "float32" else result
 
     def _truncate(self, source: str, x: str) -> str:
-        """Convert floats to int32 as C's `(int)x` does on x86: a number that does not fit becomes
-        -2^31. On x86 this is one instruction.
-        """
+        """Convert floats to int32 as C's `(int)x` on x86: numbers that do not fit become -2^31."""
         wide, before = self.type("int32"), self.type(source)
         form = TEXTS["truncations"].get(str(self.width))
         if source == "float32" and form and form["feature"] in self.features:

@@ -12,16 +12,9 @@ from typing import Any
 import numpy as np
 
 from ravenjax.engines import trace_key, traced
-from ravenjax.engines.cpu import jit
+from ravenjax.engines.cpu import jit, transition
 from ravenjax.engines.cpu.memory import BufferLayout, aligned_buffer, stored_size
-from ravenjax.engines.cpu.transition import (
-    EMPTY,
-    Compiled,
-    Memory,
-    RecordKind,
-    StateTransition,
-    print_module,
-)
+from ravenjax.engines.cpu.transition import EMPTY, Compiled, Memory, RecordKind, StateTransition
 from ravenjax.numbers import lazy, tree
 from ravenjax.numbers.lazy import jax
 
@@ -57,9 +50,7 @@ class StepCode:
             first, state = traced.trace_function(begin, self.inputs.shapes())
             columns = tuple(jax.ShapeDtypeStruct((n,), np.float32) for n in self.tables)
             middle, (_, out) = traced.trace_function(
-                lambda inputs, state, step_inputs, tables: step(
-                    inputs, state, step_inputs[0], step_inputs[1], tables
-                ),
+                lambda inputs, state, row, tables: step(inputs, state, row[0], row[1], tables),
                 *(self.inputs.shapes(), state, self.step_inputs.shapes(), columns),
             )
             last, outcomes = traced.trace_function(finish, self.inputs.shapes(), state)
@@ -73,13 +64,12 @@ class StepCode:
                 "finish": StateTransition(last, fixed, EMPTY, kind.layout),
             }
             named, outputs = RecordKind.of(outcomes), len(tree.tree_leaves(out))
-            return print_module(transitions), kind, named, outputs
+            return transition.print_module(transitions), kind, named, outputs
 
         # The generated code depends on the CPU's instructions.
         types = [str(kind.layout) + repr(kind.record) for kind in (self.inputs, self.step_inputs)]
-        key = key and trace_key.persistent_key(
-            "step", key, types, self.tables, jit.host_target().text
-        )
+        parts = key, types, self.tables, jit.host_target().text
+        key = key and trace_key.persistent_key("step", *parts)
         made = trace_key.load_or_make(objects, key, make)
         text, self.state, self.outcomes, self.outputs = made
         self.machine = Compiled(text, ("begin", "step", "finish"), objects)
@@ -96,19 +86,14 @@ class Stepper:
     def __init__(self, code: StepCode, inputs: Any, tables: np.ndarray | None = None) -> None:
         """inputs: see `StepCode`. tables: float32, all columns concatenated; zeros if omitted."""
         self.code = code
-        fixed, step_inputs = (
-            code.inputs.row(inputs),
-            aligned_buffer(1, code.step_inputs.layout.bytes),
-        )
+        fixed = code.inputs.row(inputs)
+        step_inputs = aligned_buffer(1, code.step_inputs.layout.bytes)
         self.inputs: list[np.ndarray] = tree.tree_leaves(code.inputs.views(fixed))
         self._tick: np.ndarray
         self._tick, *self.step_inputs = tree.tree_leaves(code.step_inputs.views(step_inputs[0]))
         # np.full instead of np.zeros: the memory is then allocated before the first tick.
         self.flat = np.full(sum(code.tables), 0.0, np.float32) if tables is None else tables
-        ends = np.cumsum(code.tables)
-        self.tables = [
-            self.flat[end - length : end] for end, length in zip(ends, code.tables, strict=True)
-        ]
+        self.tables = np.split(self.flat, np.cumsum(code.tables)[:-1]) if code.tables else []
         self._state = aligned_buffer(1, code.state.layout.bytes)
         self._results = aligned_buffer(1, code.outcomes.layout.bytes)
         nothing = aligned_buffer(1, 0)

@@ -2,9 +2,8 @@
 
 The program is a function (fixed, state, step_inputs, tables) -> (state, step_outputs) of single
 numbers. Each argument is a row of bytes in memory. `step_inputs` and `step_outputs` have one row
-per step. No operations are fused. `Compiled` runs the program as machine code.
-`Interpreted` runs each operation in NumPy (`ir.semantics`), to check `Compiled`. Both give the same
-bits.
+per step. No operations are fused. `Compiled` runs the program as machine code. `Interpreted` runs
+each operation in NumPy (`ir.semantics`), to check `Compiled`. Both give the same bits.
 """
 
 from __future__ import annotations
@@ -12,6 +11,7 @@ from __future__ import annotations
 import ctypes
 import dataclasses
 import functools
+import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from typing import Any, NamedTuple
 
@@ -34,8 +34,7 @@ STEPS = (
 )
 """Parameters of a transition's function.
 
-They are: fixed numbers, state, rows of inputs and outputs with their strides in bytes, tables,
-number of steps.
+They are: fixed numbers, state, rows of inputs and outputs with their strides, tables, steps.
 """
 # Pointer -> bytes by which it advances per step.
 _POINTER_STEPS = {"step_inputs": "%step_inputs_bytes", "step_outputs": "%step_outputs_bytes"}
@@ -81,9 +80,8 @@ class RecordKind:
     def columns(self, rows: np.ndarray) -> Any:
         """Return a record of arrays [rows]."""
         pairs = zip(self.layout.views(rows), self.layout.types, strict=True)
-        return tree.fill_tree(
-            self.record, [(x != 0 if kind == "bool" else x)[:, 0] for x, kind in pairs]
-        )
+        columns = [(x != 0 if kind == "bool" else x)[:, 0] for x, kind in pairs]
+        return tree.fill_tree(self.record, columns)
 
 
 def read_row(layout: BufferLayout, row: np.ndarray | bytes) -> list[Any]:
@@ -165,11 +163,8 @@ class Compiled:
         self._module = jit.compile_functions(text, names, objects)
         pointer, size = ctypes.c_void_p, ctypes.c_int64
         types = [*(pointer, pointer), *(pointer, size) * 2, *(pointer, size)]
-        self._functions = {
-            (name, brief): self._module.function(name, types, brief)
-            for name in names
-            for brief in (False, True)
-        }
+        keys = itertools.product(names, (False, True))
+        self._functions = {key: self._module.function(key[0], types, key[1]) for key in keys}
 
     def bind(self, name: str, memory: Memory) -> BoundTransition:
         """Return a function that makes the transition `name` once for each row of `memory`."""
@@ -187,12 +182,11 @@ class BoundTransition:
         self._function, self._steps = function, len(step_inputs)
         self._output_pointer = ctypes.c_void_p(step_outputs.ctypes.data)
         # ctypes converts its own number types faster than Python's.
+        pointer, size = ctypes.c_void_p, ctypes.c_int64
         self._arguments = (
-            *(ctypes.c_void_p(fixed.ctypes.data), ctypes.c_void_p(state.ctypes.data)),
-            *(ctypes.c_void_p(step_inputs.ctypes.data), ctypes.c_int64(step_inputs.strides[0])),
-            *(self._output_pointer, ctypes.c_int64(step_outputs.strides[0])),
-            ctypes.c_void_p(None if tables is None else tables.ctypes.data),
-            ctypes.c_int64(self._steps),
+            *(pointer(part.ctypes.data) for part in (fixed, state, step_inputs)),
+            *(size(step_inputs.strides[0]), self._output_pointer, size(step_outputs.strides[0])),
+            *(pointer(None if tables is None else tables.ctypes.data), size(self._steps)),
         )
 
     def __call__(self) -> None:
@@ -221,18 +215,14 @@ def _print_transition(transition: StateTransition, features: Set[str]) -> LlvmPr
     # Prints the loop over the steps of one transition.
     program = transition.program
     state = transition.state.places("%state")
-    places = [
-        *transition.fixed.places("%fixed"),
-        *state,
-        *transition.step_inputs.places("%step_inputs"),
-    ]
+    places = transition.fixed.places("%fixed") + state
+    places += transition.step_inputs.places("%step_inputs")
     sources = {i: places[k] for i, k in program.reads.items()}
     targets = [*state, *transition.step_outputs.places("%step_outputs")]
     results = list(zip(program.outputs, targets, strict=True))
     order = [i for i in program.needed() if program.operations[i].name not in ("input", "constant")]
     printer = LlvmPrinter(1, frozenset(features), "again")
-    regions = schedule_operations(
-        program.operations, arrange_regions(program.operations, order, program.outputs)
-    )
+    arranged = arrange_regions(program.operations, order, program.outputs)
+    regions = schedule_operations(program.operations, arranged)
     printer.run(program, regions, sources, results)
     return printer

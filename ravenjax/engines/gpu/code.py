@@ -1,9 +1,7 @@
-"""Runs a compiled time loop on one GPU, one chunk of ticks after another, and copies inputs and
-results.
+"""Runs a compiled time loop on one GPU, chunk by chunk of ticks, and copies inputs and results.
 
 Robots (lanes) with equal varied parameters form a group, and a row of numbers per tick is computed
-once for the group. While lanes run through one chunk, the GPU computes these rows for the next
-chunk.
+once for the group. While lanes run through a chunk, the GPU computes the next chunk's rows.
 """
 
 import dataclasses
@@ -123,11 +121,9 @@ class _Run:
         self.state = session.allocate(self.blocks * source.state * self.threads)
         self.group_state = session.allocate(self.groups * source.group_state)
         self.rows = [session.allocate(self.groups * self.chunk * source.row) for _ in range(2)]
-        input_columns = self.groups if code.grouped else self.total
+        input_words = (self.groups if code.grouped else self.total) * source.tick_inputs
         # Two buffers: one is written while the lanes read the other.
-        self.given = [
-            session.allocate(input_columns * self.chunk * source.tick_inputs) for _ in range(2)
-        ]
+        self.given = [session.allocate(input_words * self.chunk) for _ in range(2)]
         out_words = self.total * self.chunk * source.outputs
         self.out = None if lanes.out is None else session.allocate(out_words)
         # Device memory for the snapshots of the group and of the lane.
@@ -184,9 +180,8 @@ class _Run:
         # Initialises the groups, then the lanes, then the lanes that start from snapshots.
         session, code, course = self.session, self.code, self.course
         if course.group_state is None:
-            self._launch_for_groups(
-                "shared_begin", self.group_inputs, self.group_state, self.groups
-            )
+            arguments = self.group_inputs, self.group_state, self.groups
+            self._launch_for_groups("shared_begin", *arguments)
         else:
             session.write(self.group_state, course.group_state, session.urgent)
         where = self.blocks, self.threads, session.main
@@ -206,10 +201,8 @@ class _Run:
 
     def _launch_for_groups(self, name: str, *arguments: object) -> None:
         # Launches a kernel with one thread per group, on the stream of rows.
-        blocks = -(-self.groups // WARP)
-        self.session.launch(
-            self.code.functions[name], blocks, WARP, self.session.urgent, *arguments
-        )
+        where = -(-self.groups // WARP), WARP, self.session.urgent
+        self.session.launch(self.code.functions[name], *where, *arguments)
 
     def _make_rows(self, k: int, first: int) -> object:
         """Start computing the rows of chunk `k`; return a mark that is reached at the end."""
@@ -242,7 +235,4 @@ class _Run:
         block = np.empty((len(types), self.total), np.uint32)
         session.read(block, results, session.main)
         # Some threads compute no lane, so the result of each lane is taken from its thread.
-        return [
-            typed_column(row[self.places.thread], dtype)
-            for row, dtype in zip(block, types, strict=True)
-        ]
+        return list(map(typed_column, block[:, self.places.thread], types))

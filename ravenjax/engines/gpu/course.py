@@ -1,5 +1,4 @@
-"""Assigns simulated robots (lanes) to threads of a GPU, and decides in which tick each block of
-threads begins.
+"""Assigns simulated robots (lanes) to threads of a GPU, and plans the ticks of blocks of threads.
 
 Until its fault acts, a robot equals its golden run. A block can therefore begin from a snapshot of
 the golden run. All threads of a block begin in the same tick: the first tick that any of its lanes
@@ -115,14 +114,12 @@ def plan_course(
         if trunk is not None:
             begins[is_member] = trunk.start_ticks(earliest[is_member])
     begins = begins.reshape(-1, threads // WARP).min(axis=1)
-    spans = np.stack([begins, thread_ends.reshape(-1, threads).max(axis=1)], axis=1).astype(
-        np.int32
-    )
+    block_ends = thread_ends.reshape(-1, threads).max(axis=1)
+    spans = np.stack([begins, block_ends], axis=1).astype(np.int32)
 
     snapshot_number = np.repeat(begins // EVERY, threads // WARP)
-    pairs, snapshot = np.unique(
-        np.stack([places.group, snapshot_number], axis=1), axis=0, return_inverse=True
-    )
+    rows = np.stack([places.group, snapshot_number], axis=1)
+    pairs, snapshot = np.unique(rows, axis=0, return_inverse=True)
     states = [trunks[group].lane[row] for group, row in pairs.tolist() if row]
     position = np.cumsum(pairs[:, 1] > 0) - 1
     snapshot = np.where(snapshot_number > 0, position[snapshot.reshape(-1)], -1).astype(np.int32)

@@ -13,7 +13,7 @@ import numpy as np
 
 from ravenjax.bundled import resources
 from ravenjax.engines.printing import Printing
-from ravenjax.ir.program import Program, from_bits
+from ravenjax.ir.program import Program
 
 OPTIONS = ("--fmad=false", "--ftz=false", "--prec-div=true", "--prec-sqrt=true")
 """Options of the compiler that keep each operation's rounding."""
@@ -64,9 +64,8 @@ class CudaPrinter(Printing[str]):
         if name == "lookup":
             start = sum(length for _, length in program.tables[:detail])
             return self._load(dtype, f"__ldg(tables + {start} + {inputs[0]})")
-        literal = from_bits(first.dtype, first.detail) if first.name == "constant" else None
         types = [program.operations[o].dtype for o in operands]
-        return self._new(dtype, _operation_text(name, dtype, types, inputs, literal))
+        return self._new(dtype, _operation_text(name, dtype, types, inputs, first.value))
 
     def _begin_region(self, condition: str, types: list[str]) -> list[str]:
         # Prints the beginning of an `if`, with variables for the results of its block.
@@ -98,8 +97,7 @@ def _operation_text(
 ) -> str:
     """Return the C text of an operation.
 
-    x: texts of the operands. sources: their types. known: value of the first operand if it is a
-    constant, else None.
+    x: texts of the operands. sources: their types. known: the first operand's constant, else None.
     """
     real, source = dtype == "float32", sources[0]
     if "float64" in (dtype, *sources):

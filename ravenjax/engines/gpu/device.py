@@ -1,5 +1,4 @@
-"""Lists NVIDIA GPUs, compiles code for them, manages their memory and launches kernels, through
-NVIDIA's Python bindings.
+"""Lists NVIDIA GPUs, compiles code, manages memory and launches kernels, by NVIDIA's bindings.
 
 The bindings are optional packages that are imported at first use. The return code of every call is
 checked. An error that a user can correct becomes a UserError of one line.

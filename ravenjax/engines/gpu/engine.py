@@ -1,5 +1,4 @@
-"""Engine `cuda`: generates CUDA C for one tick of a robot and runs it for many robots on NVIDIA
-GPUs.
+"""Engine `cuda`: generates CUDA C for a robot's tick, and runs many robots on NVIDIA GPUs.
 
 One thread computes one robot (lane). NVRTC, NVIDIA's compiler library, compiles the code. Lanes
 with equal varied parameters form a group, and numbers that are equal in a group are computed once.
@@ -107,8 +106,7 @@ class CudaKernel(traced.PrintedKernel):
     def _placed(self, block: Block, device: Device) -> tuple[list[np.ndarray], Places, bool]:
         """Return a block's inputs, the threads of its lanes, and whether lanes run by group.
 
-        Lanes run by group if all groups fit on the device at the same time, or if at most half of
-        the threads have no lane.
+        Lanes run by group if all groups fit on the device, or if at most half of its threads idle.
         """
         form = form_for(device)
         inputs, group = self.groups(block)
@@ -184,9 +182,7 @@ class CudaEngine:
     def device(self) -> str:
         """The GPUs in words."""
         counts = collections.Counter(device.name for device in cuda_device.visible_gpus())
-        return ", ".join(
-            f"{count} x {name}" if count > 1 else name for name, count in counts.items()
-        )
+        return ", ".join(f"{n} x {name}" if n > 1 else name for name, n in counts.items())
 
     @property
     def threads(self) -> int:

@@ -38,9 +38,7 @@ VECTOR = 4
 """Number of 32-bit words that one instruction loads or stores."""
 
 _MAX_PLAIN_WORDS = 128
-"""Most words of state that plain C accesses. With assembly, code is 2 % slower, but compiles in 2 s
-instead of 13 s.
-"""
+"""Most words of state that plain C accesses. Assembly is 2 % slower; it compiles in 2, not 13 s."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,8 +52,7 @@ class Form:
     threads: int = 384  # per block, with 168 registers each
     # Largest number of words of a thread's state in shared memory; the others are in device memory.
     shared_words: int = 148
-    # Number of statements across which the compiler may move memory accesses. With more, it would
-    # need too many registers.
+    # Number of statements across which memory accesses may move. More need too many registers.
     region: int = 1000
     # Least number of operations of a tick for which all warps begin the tick together, because
     # they then share fetched instructions.
@@ -148,9 +145,7 @@ class _CudaModule(LoopPrinting[str]):
         return f"{name}[{{}} * (size_t)lanes]"
 
     def _count_reads(self) -> tuple[collections.Counter[int], dict[int, int]]:
-        """Return how often a lane reads each operation in a tick, and the position of the first
-        operation that reads it.
-        """
+        """Return how often a lane reads each operation in a tick, and where it reads it first."""
         read_counts, first_readers = collections.Counter[int](), dict[int, int]()
         for position, i in enumerate(self.split.lane):
             for operand in self.step.operations[i].operands:
@@ -190,16 +185,11 @@ class _CudaModule(LoopPrinting[str]):
 
     def _state_in_loop(self) -> dict[int, str]:
         # State that is used often lies in shared memory, the rest in global memory.
-        template = (
-            "state[{} * {}]"
-            if len(self.in_device_memory) <= _MAX_PLAIN_WORDS
-            else "Far{{state + {} * {}}}"
-        )
-        threads = self.form.threads
-        places = {
-            k: template.format(position, threads)
-            for position, k in enumerate(self.in_device_memory)
-        }
+        is_plain = len(self.in_device_memory) <= _MAX_PLAIN_WORDS
+        template = "state[{} * {}]" if is_plain else "Far{{state + {} * {}}}"
+        threads, places = self.form.threads, {}
+        for position, k in enumerate(self.in_device_memory):
+            places[k] = template.format(position, threads)
         for position, k in enumerate(self.in_shared):
             group, member = divmod(position, VECTOR)
             places[k] = f"room[{group * threads * VECTOR + member}]"
@@ -220,9 +210,8 @@ class _CudaModule(LoopPrinting[str]):
         # Prints one tick of the numbers that all lanes of a group share.
         printer = CudaPrinter("    ")
         state = {k: f"s{position}" for position, k in enumerate(self.split.shared_state)}
-        words, tick_values = self._tick_input_words(
-            f"given[(size_t)tick * {self.tick_inputs} + {{}}]"
-        )
+        given = f"given[(size_t)tick * {self.tick_inputs} + {{}}]"
+        words, tick_values = self._tick_input_words(given)
         sources = self.sources(self.step, self._input_words("inputs[{}]"), state) | words
         row = [(i, f"row[{position}]") for position, i in enumerate(self.in_row)]
         self.print_step(printer, self.split.shared, sources, state, row, tick_values)
@@ -242,15 +231,11 @@ class _CudaModule(LoopPrinting[str]):
         packed, prologue_words, prologue = self._print_prologue(inputs)
 
         printer = CudaPrinter("    ")
-        words, tick_values = self._tick_input_words(
-            f"given[((size_t)tick * {self.tick_inputs} + {{}}) * lanes + lane]"
-        )
+        given = f"given[((size_t)tick * {self.tick_inputs} + {{}}) * lanes + lane]"
+        words, tick_values = self._tick_input_words(given)
         position_in_row = {i: position for position, i in enumerate(self.in_row)}
         # A row is read in vectors of four words, whose members are x, y, z and w.
-        rows = {
-            i: f"row[{position // VECTOR}].{'xyzw'[position % VECTOR]}"
-            for i, position in position_in_row.items()
-        }
+        rows = {i: f"row[{k // VECTOR}].{'xyzw'[k % VECTOR]}" for i, k in position_in_row.items()}
         sources = inputs | ({} if self.given_by_group else words) | rows | prologue_words
         changed = {k: state[k] for k in split.lane_state}
         outputs = [(i, f"o{position}") for position, i in enumerate(self.outputs)]

@@ -66,16 +66,13 @@ def link_module(code: bytes, defined: Sequence[str], names: Sequence[str]) -> by
         if kind[0] in (_TYPE, _IMPORT, _FUNCTION, _CODE):
             sections[kind[0]] = content
         elif kind[0] != _CUSTOM:
-            raise Unlinkable(
-                f"the object has a section {kind[0]}, expected only types, imports, functions and"
-                " code"
-            )
+            expected = "expected only types, imports, functions and code"
+            raise Unlinkable(f"the object has a section {kind[0]}, {expected}")
     imports = _Reader(sections[_IMPORT])
     count, name = imports.number(), (imports.content().decode(), imports.content().decode())
     if count != 1 or name != MEMORY:
-        raise Unlinkable(
-            f"the object has {count} imports, first {'.'.join(name)}, expected only its memory"
-        )
+        got = f"{count} imports, first {'.'.join(name)}"
+        raise Unlinkable(f"the object has {got}, expected only its memory")
     exports = [
         encode_leb128(len(name)) + name.encode() + b"\0" + encode_leb128(defined.index(name))
         for name in names
@@ -91,8 +88,7 @@ TRIPLE = "wasm32-unknown-unknown"
 FEATURES = frozenset(("simd128", "bulk-memory", "nontrapping-fptoint", "sign-ext"))
 """Features of WebAssembly 2.0, which browsers have had since 2023 (Safari 16.4).
 
-The relaxed vector instructions of 3.0, which include a multiply-add, may round differently on each
-machine.
+The relaxed vector instructions of 3.0, such as a multiply-add, may round differently on machines.
 """
 WIDTH = 4
 """float32 lanes of a vector."""

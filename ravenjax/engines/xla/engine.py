@@ -43,9 +43,8 @@ results were wrong.
 LANE_BYTES = 2**14
 """Device memory of each lane in bytes: its state and the intermediate results of a tick."""
 MJX_ON_CPU: dict[str, str | bool] = {"xla_cpu_use_fusion_emitters": False}
-"""XLA options of engine mjx on a CPU. With these emitters the code of a fusion computes the pose of
-a body again for each body behind it, so a tick takes up to a hundred times as long.
-"""
+"""XLA options of engine mjx on a CPU. With these emitters a fusion computes the pose of a body for
+each body behind it, so a tick takes up to a hundred times as long."""
 LANE_MULTIPLE = 16
 """Lanes come in multiples of the widest float32 vector, so that every lane is in a full vector."""
 
@@ -103,15 +102,13 @@ def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> 
         state = jax.tree.map(lambda a, b: jnp.where(first == 0, a, b), fresh, state)
 
         def body(carry, x):
+            advance_all = jax.vmap(advance, in_axes=(0, 0, 0, 0, None, 1, None))
             now, row = x
-            new, series, signals = jax.vmap(advance, in_axes=(0, 0, 0, 0, None, 1, None))(
-                varied, faults, ends, carry, now, row, motion
-            )
+            new, series, signals = advance_all(varied, faults, ends, carry, now, row, motion)
             return new, (jnp.stack(series), jax.tree.map(lambda leaf: leaf[0], signals))
 
-        state, (series, signals) = lax.scan(
-            body, state, (first + jnp.arange(length, dtype=jnp.int32), reference)
-        )
+        rows = first + jnp.arange(length, dtype=jnp.int32), reference
+        state, (series, signals) = lax.scan(body, state, rows)
         return state, jax.vmap(program.finish)(varied, state), series, signals
 
     return segment
@@ -171,8 +168,7 @@ class ScanKernel:
         return lanes, (varied, faults, ends, state, jnp.int32(0), reference, columns)
 
     def _reference(self, block: Block, first: int, lanes: int) -> Any:
-        """Return the lanes' golden series for the segment that begins with tick `first`, [length,
-        series, lanes].
+        """Return the lanes' golden series from tick `first` on, [length, series, lanes].
 
         The last row is repeated if the segment ends after the run.
         """
@@ -205,9 +201,8 @@ class ScanKernel:
             for first in range(0, ticks, self.length):
                 if block.compared and first:
                     reference = self._reference(block, first, lanes)
-                state, outcomes, series, signals = compiled(
-                    varied, faults, ends, state, jnp.int32(first), reference, columns
-                )
+                inputs = varied, faults, ends, state, jnp.int32(first), reference, columns
+                state, outcomes, series, signals = compiled(*inputs)
                 if block.reference is None or self.keep_signals:
                     read = series[:, :, : block.rows or lanes]
                     chunks.append(jax.tree.map(np.asarray, (read, signals)))
@@ -246,9 +241,8 @@ class ScanEngine:
                 "engine 'mjx' moves the links of the Raven-II and of MJCF files, not those of this"
                 " robot: use engine xla, or auto"
             )
-        return dataclasses.replace(
-            program, setup=dataclasses.replace(program.setup, link_dynamics="mjx")
-        )
+        setup = dataclasses.replace(program.setup, link_dynamics="mjx")
+        return dataclasses.replace(program, setup=setup)
 
     def compile(self, program: TickProgram, runs: int) -> ScanKernel:
         """See `interface.Engine`. Block sizes do not depend on the chunk size of the results."""

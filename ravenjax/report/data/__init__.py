@@ -1,3 +1,1 @@
-"""Derives facts about every run from the result table, with SQL queries. The report counts these
-facts.
-"""
+"""Derives facts about every run from the result table, with SQL. The report counts the facts."""

@@ -1,7 +1,6 @@
 """Finds the groups of a campaign whose faults are drawn at random.
 
-All other groups enumerate fixed values. Their rates have no confidence interval, because nothing is
-sampled.
+All other groups enumerate fixed values. Nothing is sampled, so their rates have no interval.
 """
 
 from collections.abc import Mapping
@@ -26,16 +25,13 @@ def drawn_groups(config: Mapping[str, Any]) -> frozenset[str] | None:
 
 
 def _has_drawn_fault(group: Mapping[str, Any]) -> bool:
-    # Returns whether a value of a fault, or its effect, is drawn at random. A group with explicit
-    # runs sets each value individually.
+    # Returns whether a value of a fault, or its effect, is drawn at random, or set for each run.
     if group.get("run"):
         return False
-    samples_lists = group.get("design") in SAMPLED
-    return any(
-        _is_random(fault.get("effect", ""))
-        or any(_is_drawn(value, samples_lists) for value in fault.values())
-        for fault in group.get("fault", ())
-    )
+    samples_lists, faults = group.get("design") in SAMPLED, group.get("fault", ())
+    if any(_is_random(fault.get("effect", "")) for fault in faults):
+        return True
+    return any(_is_drawn(value, samples_lists) for fault in faults for value in fault.values())
 
 
 def _is_random(effect: Any) -> bool:

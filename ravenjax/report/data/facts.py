@@ -26,9 +26,7 @@ from ravenjax.vocabulary.robot import OTHER_LAYER, Robot
 OUTCOME_WORDS = resources.read_tables(__file__, "outcomes.toml")
 _COLUMNS = resources.read_tables(__file__, "facts.toml")
 OUTCOMES = {name: words["meaning"] for name, words in OUTCOME_WORDS.items()}
-"""Outcomes of a run. Each run has exactly one; the outcomes "felt" and "unseen" mean that it evaded
-the checks.
-"""
+"""Outcomes of a run. Each run has exactly one; "felt" and "unseen": it evaded the checks."""
 VALID_OUTCOMES = [name for name in OUTCOMES if name != "failed"]
 
 ACTION = "param:reaction.action"
@@ -99,9 +97,7 @@ def needed_columns(names: Sequence[str], chosen: Choices) -> list[str]:
     return [name for name in names if name in needed or name.startswith(("fault", "param:"))]
 
 
-def define_facts(
-    table: ResultTable, chosen: Choices, more: Mapping[str, str] | None = None
-) -> bool:
+def define_facts(table: ResultTable, chosen: Choices, more: Mapping[str, str] = {}) -> bool:
     """Create the table `facts` on a connection whose table `results` has a unique column `row`.
 
     Words and truth values: group, faulty, activated, failed; response and hazard, "" for failed
@@ -119,8 +115,7 @@ def define_facts(
     in ms, -1 if the event never came: active_ms, response_ms, told_ms, cue_ms, warned_ms (-1 if the
     golden run had the cue too), unintended_ms, loss_ms and misreport_ms.
 
-    `more`: further columns, as expressions over columns of `results`. Return True if all inputs are
-    distinct; `distinct` then equals `row`.
+    `more`: further columns, as expressions over `results`. Return True if all inputs are distinct.
     """
     rules = chosen.rules
     types = table.types()
@@ -132,17 +127,15 @@ def define_facts(
         plain = f"{action} = 0" if idle else "true"
     valid, cue = events.VALID_SQL, f"cue{rules.cue}_first_ms"
     terms = {"valid": valid, "cue": cue, "warned": events.beyond_golden_sql(cue)}
+    happened = {name: events.event_sql(event, rules) for name, event in _COLUMNS["events"].items()}
     base = {
         "faulty": faulty_sql(names),
-        **{
-            name: f"{valid} AND {events.event_sql(event, rules)}"
-            for name, event in _COLUMNS["events"].items()
-        },
+        **{name: f"{valid} AND {sql}" for name, sql in happened.items()},
         **{name: sql.format(**terms) for name, sql in _COLUMNS["columns"].items()},
         "action": f"({action})::TINYINT",
         "plain": plain,
         **_first_fault_sql(names, chosen.robot),
-        **(more or {}),
+        **more,
     }
     derived = dict(_COLUMNS["derived"])
     for name, words in _list_words(table, names, chosen.robot).items():
@@ -191,28 +184,22 @@ def first_sql(*times_ms: str) -> str:
 
 def beyond_sql(name: str, limit: float, types: Mapping[str, str]) -> str:
     """Return SQL for whether a column is above a limit, in the column's precision; NaN is not."""
-    return (
-        f"({quote_name(name)} > {limit!r}::{types[name]} AND NOT isnan({quote_name(name)}::DOUBLE))"
-    )
+    column = quote_name(name)
+    return f"({column} > {limit!r}::{types[name]} AND NOT isnan({column}::DOUBLE))"
 
 
 def _number_faults(table: ResultTable, types: Mapping[str, str], end_ms: int) -> bool:
-    # Creates the table `numbers`, in which equal faults have the same number, and returns whether
-    # all faults differ.
-    inputs = {
-        name: kind
-        for name, kind in types.items()
-        if name == "operator" or name.startswith(("param:", "fault"))
-    }
+    # Creates the table `numbers`, a number for equal faults. Returns whether all faults differ.
+    names = ["operator"] + [name for name in types if name.startswith(("param:", "fault"))]
+    inputs = {name: kind for name, kind in types.items() if name in names}
     draws, key, key_of_copies = wording.fill_template(
         "inputs.sql.j2", types=inputs, columns=types, end_ms=end_ms, random=RANDOM, quote=quote_name
     )
     (drawn,) = table.row(f"SELECT coalesce(bool_or({draws}), false) FROM {RESULTS}")
     # An effect that draws random numbers differs in every run, so each run is distinct.
     keyed = f"(SELECT row, pair, {key_of_copies if drawn else key} AS input FROM {RESULTS})"
-    (unique,) = table.row(
-        f"SELECT count(*) = count(DISTINCT input) AND bool_and(pair = row) FROM {keyed}"
-    )
+    is_unique = "count(*) = count(DISTINCT input) AND bool_and(pair = row)"
+    (unique,) = table.row(f"SELECT {is_unique} FROM {keyed}")
     if not unique:
         table.run(
             f"CREATE TABLE numbers AS WITH keyed AS {keyed},"
@@ -225,12 +212,8 @@ def _number_faults(table: ResultTable, types: Mapping[str, str], end_ms: int) ->
 
 def _list_words(table: ResultTable, names: Sequence[str], robot: Robot) -> dict[str, list[str]]:
     # Returns the different words in columns of text, which become enumerated types.
-    first = {
-        name: sql
-        for name, sql in _first_fault_sql(names, robot).items()
-        if name in ("site", "block")
-    }
-    columns = {"group": '"group"', **first}
+    columns = {"group": '"group"'} | _first_fault_sql(names, robot)
+    columns = {name: columns[name] for name in columns if name in ("group", "site", "block")}
     rows = table.rows(f"SELECT DISTINCT {', '.join(columns.values())} FROM {RESULTS}")
     vocabulary = {name: sorted({row[place] for row in rows}) for place, name in enumerate(columns)}
     return vocabulary | {"layer": [*robot.layers.values(), OTHER_LAYER]}
@@ -241,9 +224,8 @@ def _first_fault_sql(names: Sequence[str], robot: Robot) -> dict[str, str]:
     if "fault0_site" not in names:
         # The campaign has no faults.
         return {"site": "''", "layer": quote_text(OTHER_LAYER)}
-    cases = " ".join(
-        f"WHEN {quote_text(site)} THEN {quote_text(robot.layer(site))}" for site in robot.sites
-    )
+    layers = ((quote_text(site), quote_text(robot.layer(site))) for site in robot.sites)
+    cases = " ".join(f"WHEN {site} THEN {layer}" for site, layer in layers)
     layer = f"CASE fault0_site {cases} ELSE {quote_text(OTHER_LAYER)} END"
     return _COLUMNS["first_fault"] | {"layer": layer}
 

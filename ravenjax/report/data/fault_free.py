@@ -47,8 +47,7 @@ class Motions(NamedTuple):
         return self.count_motions(f"{quote_name(column)} >= 0")
 
     def first_rate(self, event: str, first_ms: str) -> AlarmRate | None:
-        """Return the rate of first alarms per hour in pedal-down until the alarm; None if there is
-        no time.
+        """Return the rate of first alarms per hour in pedal-down until the alarm; None: no time.
 
         `event`: a condition over columns of the motions. `first_ms`: an expression for the time of
         the event; NULL where the time is unknown, and then all of the motion's time counts.
@@ -89,21 +88,16 @@ def make_fault_free_table(
     source: table of the golden runs, with the columns `names`. end: time at which its runs end in
     ms, a number or a column. beside: the additional motion.
     """
-    golden = [
-        name
-        for name in names
-        if name == "operator" or (name.startswith("golden_") and _CHECKS.match(name) is None)
-    ]
+    golden = [name for name in names if name == "operator" or name.startswith("golden_")]
+    golden = [name for name in golden if not _CHECKS.match(name)]
     alarms = [name for name in names if _ALARM.fullmatch(name)]
     columns = [*map(quote_name, golden), f"{end} AS length_ms"]
     columns += [f"NULL::INTEGER AS {quote_name(name)}" for name in alarms]
     # If runs ended a shared golden run early, keep its longest part.
     if end in names:
-        keys = ", ".join(
-            quote_name(name)
-            for name in names
-            if name in ("operator", "seed") or name.startswith("param:")
-        )
+        shared = [name for name in names if name.startswith("param:")]
+        shared += {"operator", "seed"}.intersection(names)
+        keys = ", ".join(map(quote_name, shared))
         source = f"(SELECT * FROM {source} QUALIFY {end} = max({end}) OVER (PARTITION BY {keys}))"
     table.run(f"CREATE TABLE {TABLE} AS SELECT DISTINCT {', '.join(columns)} FROM {source}")
     for path, manifest in beside.motions:
@@ -111,14 +105,11 @@ def make_fault_free_table(
         columns = [_beside(name, available) for name in golden]
         columns += [str(manifest.duration_ms), *map(quote_name, alarms)]
         rows = query.of_files(query.whole_parts(path))
-        table.run(
-            f"INSERT INTO {TABLE} SELECT DISTINCT {', '.join(columns)} FROM {rows} WHERE failed"
-            " = ''"
-        )
+        valid = f"SELECT DISTINCT {', '.join(columns)} FROM {rows} WHERE failed = ''"
+        table.run(f"INSERT INTO {TABLE} {valid}")
     count, pedal_ms = table.row(f"SELECT count(*), sum(golden_pedal_down_ms) FROM {TABLE}")
-    return Motions(
-        table, count, float(pedal_ms or 0) / MS_PER_HOUR, 1 + len(beside.motions), beside
-    )
+    hours = float(pedal_ms or 0) / MS_PER_HOUR
+    return Motions(table, count, hours, 1 + len(beside.motions), beside)
 
 
 def _beside(name: str, available: set[str]) -> str:

@@ -27,13 +27,9 @@ from ravenjax.store.access.query import RESULTS, ResultTable, quote_name
 from ravenjax.store.manifest import Manifest
 
 UNINTENDED = "sample AND faulty AND unintended"
-"""SQL condition of the runs whose times are reported: one run of each fault that caused an
-unintended motion.
-"""
+"""SQL condition of the runs whose times are reported: unintended motions, one run of each fault."""
 TIP_ERROR = "tip_error"
-"""Kind of the detector that measures the distance of the reported tip from the nominal model, in
-mm.
-"""
+"""Kind of the detector of the distance between reported tip and nominal model, in mm."""
 
 _Answer = TypeVar("_Answer")
 
@@ -50,8 +46,7 @@ class Runs:
         """
         self.table, self.types, self.manifest = table, table.types(), manifest
         self.robot = manifest.robot
-        # When a run ended, in ms: one number for all runs, or the column of facts that has it for
-        # each run.
+        # When a run ended, in ms: one number for all runs, or a column of facts.
         self.end = schema.OBSERVED if manifest.shape.observes else str(manifest.duration_ms)
         self.beside = beside
         self._drawn_groups = draws.drawn_groups(manifest.config)
@@ -100,9 +95,7 @@ class Runs:
         return list(self.table.row(f"SELECT {columns} FROM {table} WHERE {where}"))
 
     def sampled(self, groups: Collection[str] | None = None) -> bool:
-        """Return whether the faults of these groups, or of all groups with faults, were drawn.
-        Enumerated faults are no sample, so their rates have no interval.
-        """
+        """Return whether the faults of these groups (None: of all) were drawn, not enumerated."""
         if self._drawn_groups is None:
             return True
         if groups is None:
@@ -178,8 +171,7 @@ class Runs:
     def drawn(self, columns: str, where: str, most: int, by: str = "row") -> pd.DataFrame:
         """Return joined rows of `results` and `facts`, in order, that fulfil the condition `where`.
 
-        Of more than `most` rows, about `most` are drawn. by: column; rows with the same value are
-        drawn together.
+        Of more than `most` rows, about `most` are drawn; rows with equal `by`, a column, together.
         """
         share = min(1.0, most / max(1, self.count(where)))
         return self.table.frame(

@@ -64,8 +64,7 @@ class ChainLink(NamedTuple):
     differs_in: str
     leaves_ms: int
     leaves_in: str
-    # Time from leaving the normal range to harm; None if the signal never left its range, or
-    # without harm.
+    # Time from leaving the normal range to harm; None if either is missing.
     left_ms: int | None
 
 
@@ -120,10 +119,10 @@ def list_signals(ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str]) ->
         by_signal.setdefault(crossing.signal, []).append(crossing)
     signals = []
     for name, crossings in by_signal.items():
-        differs = _stack_columns(
-            ticks, [f"{DIFFERS}{crossing.name}" for crossing in crossings], runs
+        differs, leaves = (
+            _stack_columns(ticks, [f"{prefix}{crossing.name}" for crossing in crossings], runs)
+            for prefix in (DIFFERS, LEAVES)
         )
-        leaves = _stack_columns(ticks, [f"{LEAVES}{crossing.name}" for crossing in crossings], runs)
         seam = crossings[0].seam
         signals.append(
             SignalTicks(
@@ -144,11 +143,10 @@ def list_signals(ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str]) ->
 def trace_chain(
     row: Mapping[str, Any], ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str], cue: int
 ) -> Chain:
-    """Return the chain of one run, from its row of the result table and of the explained runs.
-    `cue`: number of the haptic set of the verdict.
-    """
+    """Return one run's chain, from its rows of results and explained runs. cue: number of a set."""
     hazard, cue_column = str(row["hazard"]), f"cue{cue}_first_ms"
     harm = int(row[HARMS[hazard]]) if hazard in HARMS else -1
+    signals = list_signals(ticks, robot, arms)
     return Chain(
         run_id=str(row["run_id"]),
         index=int(row["index"]),
@@ -160,11 +158,7 @@ def trace_chain(
         cue_ms=int(verdict.beyond_golden(row[cue_column], row[f"golden_{cue_column}"])),
         told_ms=int(row["told_ms"]),
         harm_ms=harm,
-        links=[
-            _make_link(signal, harm)
-            for signal in list_signals(ticks, robot, arms)
-            if signal.differs[0] >= 0
-        ],
+        links=[_make_link(signal, harm) for signal in signals if signal.differs[0] >= 0],
         checks=_list_near_checks(row, ticks, robot),
     )
 
@@ -203,10 +197,9 @@ def chain_table(
         }
         rows = pd.DataFrame(signal_columns | {"run": run_order, "signal_order": order})
         tables.append(rows.loc[signal.differs >= 0])
-    table = pd.concat(tables, ignore_index=True).sort_values(
-        ["run", "signal_order"], kind="stable", ignore_index=True
-    )
-    return table.drop(columns=["run", "signal_order"])
+    order = ["run", "signal_order"]
+    table = pd.concat(tables).sort_values(order, kind="stable", ignore_index=True)
+    return table.drop(columns=order)
 
 
 def _make_link(signal: SignalTicks, harm: int) -> ChainLink:

@@ -27,8 +27,7 @@ def chain_sentences(chain: Chain) -> list[str]:
 def chain_timeline(chain: Chain) -> Chart | None:
     """Return a chart with a row for each signal in the robot's order; None if no signal differs.
 
-    Marks show when a signal differs and when it leaves its range. Events of the run are vertical
-    lines.
+    Marks show when a signal differs and when it leaves its range; vertical lines are events.
     """
     if not chain.links:
         return None

@@ -38,8 +38,7 @@ def motion_plot(courses: Sequence[TipCourse], out: Path, name: str, title: str) 
 
 def _draw_course(course: TipCourse) -> list[Chart]:
     # Returns a chart of each row of ROWS over the whole recording and, if a part is replayed, a
-    # second chart over this part. After its end, a replay may return backwards. Only the way
-    # forward is drawn.
+    # second chart over this part. A replay may return backwards; only the way forward is drawn.
     count = int(np.argmax(course.replayed_s)) + 1 if len(course.replayed_s) else 0
     replayed_s = course.replayed_s[:count]
     time_spans = [course.recorded_s]
@@ -52,10 +51,9 @@ def _draw_course(course: TipCourse) -> list[Chart]:
     for row, title in enumerate(ROWS):
         for times in time_spans:
             begin, end = float(times[0]), float(times[-1])
-            is_near = (course.recorded_s >= begin - MARGIN_S) & (
-                course.recorded_s <= end + MARGIN_S
-            )
-            recorded_s, recorded = course.recorded_s[is_near], recording[is_near, row]
+            recorded_s = course.recorded_s
+            is_near = (recorded_s >= begin - MARGIN_S) & (recorded_s <= end + MARGIN_S)
+            recorded_s, recorded = recorded_s[is_near], recording[is_near, row]
             all_values = np.concatenate([recorded, replay[:, row]])
             low, high = float(np.nanmin(all_values)), float(np.nanmax(all_values))
             margin = 0.05 * (high - low) or 1.0
@@ -67,18 +65,13 @@ def _draw_course(course: TipCourse) -> list[Chart]:
                 marks.append(Dots("", SAME, recorded_s, recorded, in_legend=False))
             if count:
                 marks.append(Curve(f"replayed, {course.arm}", colour, replayed_s, replay[:, row]))
-            marks += [
-                Curve(label, tint, np.array(span), floor, floor, top)
-                for label, tint, spans in (
-                    ("outside the joint limits", "cue", course.outside),
-                    ("gap", "series7", course.gaps),
-                )
-                for span in spans
-            ]
-            marks += [
-                Curve("jump", "series3", np.full(2, spike), np.array([low, high]), dashed=True)
-                for spike in course.spikes
-            ]
+            for label, tint, spans in (
+                ("outside the joint limits", "cue", course.outside),
+                ("gap", "series7", course.gaps),
+            ):
+                marks += [Curve(label, tint, np.array(span), floor, floor, top) for span in spans]
+            height, times = np.array([low, high]), (np.full(2, spike) for spike in course.spikes)
+            marks += [Curve("jump", "series3", time, height, dashed=True) for time in times]
             x_axis = ChartAxis("time in the recording, s", begin, end)
             y_axis = ChartAxis("", low, high)
             charts.append(Chart(f"{course.arm} {title}", x_axis, y_axis, tuple(marks), height=100))

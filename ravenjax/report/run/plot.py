@@ -52,12 +52,10 @@ def trace_plot(
         if f"{arm}/boards_cnt" in series:
             counts = series[f"{arm}/boards_cnt"].astype(float)
             largest = np.argsort(-np.abs(counts).max(axis=0), kind="stable")[:SHOWN_JOINTS]
-            commands[f"DAC of the {arm} arm, counts"] = [
-                Curve(
-                    robot.joints[joint], series_colour(joint), seconds, counts[:, joint], step=True
-                )
-                for joint in sorted(largest)
-            ]
+            curves = commands[f"DAC of the {arm} arm, counts"] = []
+            for joint in sorted(largest):
+                name, colour = robot.joints[joint], series_colour(joint)
+                curves.append(Curve(name, colour, seconds, counts[:, joint], step=True))
     states = [
         Curve(word, series_colour(number), seconds, series[name].astype(float), step=True)
         for number, (name, word) in enumerate(STATES.items())
@@ -74,22 +72,18 @@ def trace_plot(
         for number, (label, ms) in enumerate((events or {}).items())
         if ms >= 0
     ]
-    flags = [
-        values for name, values in series.items() if name.startswith("fault") and "_active" in name
-    ]
-    fault_spans = np.array(active_spans(np.any(flags, axis=0) if flags else ())) / 1e3
+    names = [name for name in series if name.startswith("fault") and "_active" in name]
+    is_active = np.any([series[name] for name in names], axis=0) if names else ()
+    fault_spans = np.array(active_spans(is_active)) / 1e3
     charts = []
     for panel, curves in panels.items():
         values = [curve.y for curve in curves if np.isfinite(curve.y).any()]
         low = min(0.0, *(float(np.nanmin(part)) for part in values), 0.0)
         high = 1.15 * max((float(np.nanmax(part)) for part in values), default=0.0) or 1.0
-        height, floor = np.array([low, high]), np.full(2, low)
-        curves += [
-            Curve(name, colour, np.full(2, s), height, dashed=True) for name, colour, s in marks
-        ]
-        curves += [
-            Curve("fault", "cue", span, floor, floor, floor - low + high) for span in fault_spans
-        ]
+        height, floor, top = np.array([low, high]), np.full(2, low), np.full(2, high)
+        for name, colour, s in marks:
+            curves.append(Curve(name, colour, np.full(2, s), height, dashed=True))
+        curves += [Curve("fault", "cue", span, floor, floor, top) for span in fault_spans]
         x_axis, y_axis = ChartAxis("time, s", 0.0, float(ends[1]) + 1e-3), ChartAxis("", low, high)
         charts.append(Chart(panel, x_axis, y_axis, tuple(curves), height=100))
     save_panels(path, charts, columns=1, title=title)

@@ -24,10 +24,8 @@ class Ranking(NamedTuple):
     meaning: str
 
 
-RANKINGS = {
-    name: Ranking(name, **measure)
-    for name, measure in resources.read_tables(__file__, "rankings.toml").items()
-}
+_FILE = resources.read_tables(__file__, "rankings.toml")
+RANKINGS = {name: Ranking(name, **measure) for name, measure in _FILE.items()}
 
 
 class WorstRun(NamedTuple):
@@ -39,16 +37,13 @@ class WorstRun(NamedTuple):
 
 
 def worst_runs(folder: Path, count: int, by: str = "unintended") -> list[WorstRun]:
-    """Return the `count` worst valid runs with a fault, worst first; fewer if fewer runs have a
-    value.
+    """Return the `count` worst valid runs with a fault, worst first, or fewer.
 
-    Raises UserError for an unknown ranking or a number below 1, and StoreError as
-    `query.open_folder` does.
+    Raises UserError for an unknown ranking or a number below 1; errors of `query.open_folder`.
     """
     if by not in RANKINGS:
-        raise UserError(
-            f"--by {by}: unknown, expected {', '.join(RANKINGS)}{suggest_name(by, RANKINGS)}"
-        )
+        expected = f"{', '.join(RANKINGS)}{suggest_name(by, RANKINGS)}"
+        raise UserError(f"--by {by}: unknown, expected {expected}")
     if count < 1:
         raise UserError(f"--worst {count}: expected a number of runs, 1 or more")
     rules: Rules = manifest.read_manifest(folder).rules
@@ -71,14 +66,8 @@ def rank_runs(table: ResultTable, cases: str, value: str, count: int) -> list[Wo
 
 
 TEXT_COLUMNS = ("response", "hazard")
-COMPARED_COLUMNS = (
-    *TEXT_COLUMNS,
-    "first_active_ms",
-    "unintended_mm",
-    "loss_mm",
-    "tip_path_mm",
-    "told_ms",
-)
+_NUMBERS = ("first_active_ms", "unintended_mm", "loss_mm", "tip_path_mm", "told_ms")
+COMPARED_COLUMNS = TEXT_COLUMNS + _NUMBERS
 """Columns that are compared to decide whether two runs have the same outcome."""
 
 
@@ -87,17 +76,14 @@ def faulty_rows(folder: Path, group: str | None) -> list[int]:
 
     group: name of one group, or None for all groups.
 
-    Raises UserError for an unknown group or if there are no such runs, and StoreError as
-    `query.open_folder` does.
+    Raises UserError for an unknown group or without such runs; errors of `query.open_folder`.
     """
     with query.open_folder(folder) as table:
         rows = table.rows(f'SELECT DISTINCT "group"::VARCHAR FROM {RESULTS} ORDER BY 1')
         groups = [name for (name,) in rows]
         if group is not None and group not in groups:
-            raise UserError(
-                f"--group {group!r}: unknown, expected"
-                f" {', '.join(groups)}{suggest_name(group, groups)}"
-            )
+            expected = f"{', '.join(groups)}{suggest_name(group, groups)}"
+            raise UserError(f"--group {group!r}: unknown, expected {expected}")
         where = "true" if group is None else f'"group" = {quote_text(group)}'
         condition = f"failed = '' AND {faulty_sql(list(table.types()))} AND {where}"
         evades_sql = events.event_sql("evades", Rules())
@@ -114,9 +100,8 @@ def count_changed(folder: Path, results: pd.DataFrame) -> int:
     rows = ", ".join(map(str, results["index"].tolist()))
     with query.open_folder(folder) as table:
         columns = ", ".join(["row", *map(quote_name, names)])
-        stored = table.frame(f"SELECT {columns} FROM {RESULTS} WHERE row IN ({rows})").set_index(
-            "row"
-        )
+        stored = table.frame(f"SELECT {columns} FROM {RESULTS} WHERE row IN ({rows})")
+    stored = stored.set_index("row")
     words = {name: str for name in TEXT_COLUMNS if name in names}
     computed = results.set_index("index").loc[stored.index, names].astype(words)
     stored = stored.astype(words)

@@ -1,8 +1,4 @@
-"""Describes one run in words: its fault, its verdict, its events in order, and its largest
-distances and forces.
-"""
-
-from __future__ import annotations
+"""Describes one run in words: fault, verdict, events in order, largest distances and forces."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -58,10 +54,8 @@ def summarize_run(
     robot: Robot = robots.USUAL,
 ) -> RunSummary:
     """Return one row of the result table in words. For `series` and `golden` see `list_events`."""
-    defined = {
-        (definition.kind, definition.word): definition
-        for definition in definitions.definition_rows(rules, robot)
-    }
+    rows = definitions.definition_rows(rules, robot)
+    defined = {(definition.kind, definition.word): definition for definition in rows}
     verdict, *largest = wording.fill_template(
         "run_summary.txt.j2",
         row=row,
@@ -84,11 +78,10 @@ def _largest_distances(robot: Robot, series: Series) -> Iterator[tuple[str, str,
     # mm, and its tick: (arm, name of the reference, distance, tick).
     for arm in robot.arms:
         for reference, name in (("model_position", "nominal model"), ("golden_tip", "golden run")):
-            if f"{arm}/tip" not in series or f"{arm}/{reference}" not in series:
+            tip, expected = series.get(f"{arm}/tip"), series.get(f"{arm}/{reference}")
+            if tip is None or expected is None:
                 continue
-            distance = 1e3 * np.linalg.norm(
-                series[f"{arm}/tip"] - series[f"{arm}/{reference}"], axis=1
-            )
+            distance = 1e3 * np.linalg.norm(tip - expected, axis=1)
             if np.isfinite(distance).any():
                 ms = int(np.nanargmax(distance))
                 yield arm, name, float(distance[ms]), ms
@@ -108,6 +101,7 @@ def list_events(
     with check_<name>_count. Checks that trip equally often in the golden run have level "debug".
     """
     series = series or {}
+    states = ("runlevel", "soft_estopped", "brakes")
     lines = wording.fill_template(
         "run_events.txt.j2",
         row=row,
@@ -119,9 +113,7 @@ def list_events(
         checks=checks.check_names(row),
         spans=active_spans,
         pulses=list(_list_pulses(series, rules.cue)) or None,
-        changes={
-            name: _list_changes(series, name) for name in ("runlevel", "soft_estopped", "brakes")
-        },
+        changes={name: _list_changes(series, name) for name in states},
         most_windows=MAX_WINDOWS,
         most_changes=MAX_CHANGES,
     )
@@ -131,8 +123,7 @@ def list_events(
 
 
 def _list_pulses(series: Series, cue: int) -> Iterator[list[tuple[int, int, str, float, float]]]:
-    # Yields for each arm the pulses of its cue: (start, end, arm, distance from the nominal model
-    # at the start in mm, largest force).
+    # Yields each arm's pulses: (start, end, arm, mm off the nominal model at start, most force).
     for name in series:
         arm, _, signal = name.partition("/")
         if signal != "cue_force":
@@ -155,7 +146,5 @@ def _list_changes(series: Series, name: str) -> list[tuple[int, int, int]]:
 def active_spans(active: ArrayLike) -> list[tuple[int, int]]:
     """Return [begin, end) of each stretch of true values in `active`, bool [ticks]."""
     edges = np.diff(np.concatenate([[0], np.asarray(active, bool), [0]]).astype(np.int8))
-    return [
-        (int(start), int(end))
-        for start, end in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0), strict=True)
-    ]
+    begins, ends = (np.flatnonzero(edges == step).tolist() for step in (1, -1))
+    return list(zip(begins, ends, strict=True))

@@ -15,9 +15,7 @@ from ravenjax.bundled import resources
 from ravenjax.report.data.runs import Runs
 
 Content = Callable[[Runs, Path], dict[str, Any] | None]
-"""Returns the variables of a section's template, from the runs and the result folder; None: the
-page leaves the section out.
-"""
+"""Returns the variables of a section's template from runs and folder; None: no such section."""
 
 
 class Section(NamedTuple):

@@ -1,6 +1,4 @@
-"""Section "Chains": which signals the faults that evade pass through, in which signals they are
-visible, and an explanation of the worst runs.
-"""
+"""Section "Chains": how the faults that evade propagate through the signals, with worst runs."""
 
 from __future__ import annotations
 
@@ -30,8 +28,7 @@ from ravenjax.store.manifest import Manifest
 SHOWN_CHAINS = 3
 """Number of chains that are shown."""
 MAX_NAMES = 3
-"""Number of groups that are named if only some are explained, and of first places that are named.
-"""
+"""Number of groups that are named if only some are explained, and of first places."""
 ROW_PX = 16  # px per seam
 
 
@@ -59,9 +56,7 @@ def seam_graph(summary: Propagation) -> Chart | None:
 
 
 def lead_chart(summary: Propagation) -> Chart | None:
-    """Return a chart of the median time from visible to harm of each signal; None if no fault is
-    visible before harm.
-    """
+    """Return a chart of each signal's median time from visible to harm; None if never visible."""
     rows = [row for row in summary.carriers if row.shows.k]
     if not rows:
         return None
@@ -90,8 +85,7 @@ def _signal_chart(
 ) -> Chart:
     """Return a chart with a row for each seam.
 
-    marks: name, colour and one value per row of each series; the marks of the last series are
-    diamonds.
+    marks: name, colour and one value per row of each series. Marks of the last one are diamonds.
     """
     dots = []
     for name, colour, values in marks:
@@ -223,47 +217,33 @@ def summarize_chains(runs: Runs, ticks: pd.DataFrame) -> Propagation:
     leads = np.where((leaves >= 0) & (leaves < harm), harm - leaves, 0)
     best = leads.max(axis=0, initial=-1)  # the earliest seam to show a run has the longest lead
     firsts = leads.argmax(axis=0) if len(seams) else np.zeros(len(faults), int)
-    carriers = [
-        Carrier(
-            seam=seam.name,
-            layer=seam.layer,
-            meaning=seam.meaning,
-            has_range=seam.has_range,
-            carries=rate((seam.differs >= 0) & (seam.differs <= harm)),
-            shows=rate(leads[index] > 0),
-            lead_ms=median(leads[index]),
-            first=rate((firsts == index) & (best > 0)),
-        )
-        for index, seam in enumerate(seams)
-    ]
-    return Propagation(
-        runs=len(faults),
-        evading=len(facts),
-        groups=complete,
-        partial=sorted(lacking),
-        counted=noun,
-        carriers=[row for row in carriers if row.carries.k],
-        hidden=rate(best <= 0),
-        lead_ms=median(best),
-    )
+    carriers = []
+    for index, (seam, lead) in enumerate(zip(seams, leads, strict=True)):
+        carries, shows = rate((seam.differs >= 0) & (seam.differs <= harm)), rate(lead > 0)
+        first = rate((firsts == index) & (best > 0))
+        names = seam.name, seam.layer, seam.meaning, seam.has_range
+        if carries.k:
+            carriers.append(Carrier(*names, carries, shows, median(lead), first))
+    counts = len(faults), len(facts)
+    groups = complete, sorted(lacking)
+    return Propagation(*counts, *groups, noun, carriers, rate(best <= 0), median(best))
 
 
 def _join_arms(rows: pd.DataFrame, manifest: Manifest) -> list[chain.SignalTicks]:
     """Return the signals with both arms joined, at the earlier time, in the robot's order."""
     columns = {str(name): rows[name].to_numpy() for name in rows}
     by_seam: dict[str, list[chain.SignalTicks]] = {}
-    for seam in (
-        chain.list_signals(columns, manifest.robot, manifest.shape.arms) if len(rows) else ()
-    ):
-        by_seam.setdefault(seam.name.rpartition("/")[2], []).append(seam)
-    return [
-        arms[0]._replace(
-            name=name,
-            differs=chain.earliest_time(np.stack([seam.differs for seam in arms])),
-            leaves=chain.earliest_time(np.stack([seam.leaves for seam in arms])),
+    if len(rows):
+        for seam in chain.list_signals(columns, manifest.robot, manifest.shape.arms):
+            by_seam.setdefault(seam.name.rpartition("/")[2], []).append(seam)
+    joined = []
+    for name, arms in by_seam.items():
+        differs, leaves = (
+            chain.earliest_time(np.stack([getattr(seam, key) for seam in arms]))
+            for key in ("differs", "leaves")
         )
-        for name, arms in by_seam.items()
-    ]
+        joined.append(arms[0]._replace(name=name, differs=differs, leaves=leaves))
+    return joined
 
 
 SECTIONS = {"chains": _content}

@@ -39,8 +39,7 @@ def contact_rows(runs: Runs) -> list[ContactRow]:
 
 
 def _rows_by(runs: Runs, by: str) -> list[ContactRow]:
-    # Returns a row for each value of `by` (SQL): contact forces, and the number of faults with a
-    # larger force than in the golden run.
+    # Returns a row for each value of `by` (SQL); faults count if golden runs have a smaller force.
     parts = ("peak_n", "vessel_peak_n", "instruments_peak_n")
     names = [f"contact_{part}" for part in parts[: 1 + len(runs.manifest.shape.arms)]]
     columns = (
@@ -53,15 +52,12 @@ def _rows_by(runs: Runs, by: str) -> list[ContactRow]:
         # For each force: the number of faults with a larger force, and the largest force in N.
         counts, forces_n = numbers[::2], numbers[1::2]
         harder, vessel, *instruments = (tables.fault_share(runs, k, n, groups) for k in counts)
-        row = ContactRow(
-            name, n, Quantiles(*peak), Quantiles(*impulse), harder, vessel, forces_n[1]
-        )
+        sizes = Quantiles(*peak), Quantiles(*impulse)
+        row = ContactRow(name, n, *sizes, harder, vessel, forces_n[1])
         if instruments:
             row = row._replace(instruments=instruments[0], instruments_n=forces_n[2])
         rows.append(row)
     return rows
 
 
-SECTIONS = {
-    "contact": lambda runs, _: {"contacts": found} if (found := contact_rows(runs)) else None
-}
+SECTIONS = {"contact": lambda runs, _: {"contacts": row} if (row := contact_rows(runs)) else None}

@@ -1,9 +1,7 @@
-"""Section "Haptic sweep": missed hazards and false cues of every haptic set, and the best threshold
-according to the data.
+"""Section "Haptic sweep": missed hazards and false cues of haptic sets, and the best threshold.
 
 A hazard is an unintended motion here. The cue missed the hazard if the run had no cue, or if the
-golden run had a cue by the same time. A false cue is the first cue of a fault-free motion. Each
-fault counts once.
+golden run had one by then. A false cue is the first of a fault-free motion. Faults count once.
 
 If the confidence intervals of missed hazards and false cues leave only one best threshold
 (`stats.alarms.choice`), the report names this threshold. Otherwise the report names all thresholds
@@ -12,6 +10,7 @@ that may be best, and the hours of fault-free motion that would decide between m
 
 import math
 from collections.abc import Sequence
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -66,9 +65,8 @@ class CueRow(NamedTuple):
     @property
     def told(self) -> str:
         """The threshold and gains of the haptic set, in words."""
-        return (
-            f"{self.cue.threshold_mm:g} mm, Kp {self.cue.kp_per_mm:g}, Kd {self.cue.kd_s_per_mm:g}"
-        )
+        cue = self.cue
+        return f"{cue.threshold_mm:g} mm, Kp {cue.kp_per_mm:g}, Kd {cue.kd_s_per_mm:g}"
 
     @property
     def hourly(self) -> float:
@@ -98,29 +96,20 @@ def cue_rows(runs: Runs) -> list[CueRow]:
     result = []
     for k, cue in enumerate(cues):
         times = tables.event_times(runs, after_onset(f"warned{k}_ms"))
-        hazards = times.before.n
+        hazards, false = times.before.n, free.count_with_event(f"golden_cue{k}_first_ms")
         medians = ", ".join(f"coalesce(median(cue{k}_{what}::DOUBLE), 'nan')" for what in FELT)
         came = f"{UNINTENDED} AND ({after_onset(f'warned{k}_ms')}) >= 0"
-        result.append(
-            CueRow(
-                k,
-                cue,
-                tables.fault_share(runs, hazards - times.alarmed, hazards),
-                tables.wilson_share(free.count_with_event(f"golden_cue{k}_first_ms"), free.count),
-                free.cue_rate(k),
-                tables.fault_share(runs, felt[k], harmless),
-                False,
-                times.half_ms,
-                times.before,
-                times.lead_ms,
-                *runs.table.row(f"SELECT {medians} FROM {runs.matching(came)}"),
-            )
+        row = CueRow(
+            *(k, cue, tables.fault_share(runs, hazards - times.alarmed, hazards)),
+            *(tables.wilson_share(false, free.count), free.cue_rate(k)),
+            *(tables.fault_share(runs, felt[k], harmless), False),
+            *(times.half_ms, times.before, times.lead_ms),
+            *runs.table.row(f"SELECT {medians} FROM {runs.matching(came)}"),
         )
+        result.append(row)
     best = unbeaten_choices([row.missed.value for row in result], [row.hourly for row in result])
     result = [row._replace(best=bool(is_best)) for row, is_best in zip(result, best, strict=True)]
-    return sorted(
-        result, key=lambda row: (row.cue.threshold_mm, row.cue.kp_per_mm, row.cue.kd_s_per_mm)
-    )
+    return sorted(result, key=attrgetter("cue.threshold_mm", "cue.kp_per_mm", "cue.kd_s_per_mm"))
 
 
 def choose_cues(runs: Runs, rows: Sequence[CueRow]) -> list[Choice]:
@@ -151,8 +140,7 @@ def hours_to_offer(choices: Sequence[Choice]) -> float:
 def _alarm_counts(runs: Runs, rows: Sequence[CueRow]) -> AlarmCounts:
     # Counts missed hazards and false cues of the haptic sets, for the choice of a threshold.
     came = [f"({after_onset(f'warned{row.number}_ms')} >= 0)::INTEGER" for row in rows]
-    # Count joint patterns: each set's own misses do not show which hazards one set misses and
-    # another catches.
+    # Count joint patterns: a set's own misses do not show which hazards only another set catches.
     patterns = runs.table.rows(
         f"SELECT concat({', '.join(came)}), count(*) FROM {FACTS} WHERE {UNINTENDED} GROUP BY ALL"
     )
@@ -203,8 +191,7 @@ def _choice(
     """Return the choice under one rule, with bool [sets] for each question.
 
     possible: sets that may be best. certain: sets that certainly keep the rule. in_the_end: sets
-    that may be best even after unlimited fault-free motion. hours: fault-free motion that would
-    rule out more sets.
+    that may be best even after endless fault-free motion. hours: motion that rules out more sets.
     """
     certain_best = np.flatnonzero(possible & certain).tolist()
     thresholds, remainder = (
@@ -231,8 +218,7 @@ def _words(thresholds: Sequence[float]) -> str:
 
 
 def cue_tradeoff(rows: Sequence[CueRow]) -> Chart | None:
-    """Return a chart of missed hazards over false cues per hour, with one mark per set; None
-    without either.
+    """Return a chart of missed hazards over false cues per hour, a mark per set; None without both.
 
     A line joins the sets for which no other set has both fewer misses and fewer false cues.
     """
@@ -241,9 +227,8 @@ def cue_tradeoff(rows: Sequence[CueRow]) -> Chart | None:
         return None
     best = sorted((hourly.per_hour, row.missed.value) for row, hourly in shown if row.best)
     front_x, front_y = np.array(best).reshape(-1, 2).T
-    marks: list[Mark] = [
-        Curve("front", CUE, front_x, front_y, step=True, dashed=True, in_legend=False)
-    ]
+    front = Curve("front", CUE, front_x, front_y, step=True, dashed=True, in_legend=False)
+    marks: list[Mark] = [front]
     for is_best, name, colour in (
         (False, "another set is better in both", SAME),
         (True, "no set is better in both", CUE),
@@ -265,18 +250,10 @@ def _marks(pairs: Sequence[tuple[CueRow, AlarmRate]], name: str, colour: str) ->
     hourly = np.array([one[-3:] for _, one in pairs]).T
     # Sets that differ only in gains have the same mark, which gets only one label.
     thresholds = [row.cue.threshold_mm for row, _ in pairs]
-    return Dots(
-        name,
-        colour,
-        hourly[0],
-        missed[0],
-        *hourly[1:],
-        *missed[1:],
-        texts=tuple(
-            "" if mm in thresholds[:place] else f"{mm:g} mm" for place, mm in enumerate(thresholds)
-        ),
-        tips=tuple(wording.fill_template("cue_tip.txt.j2", row=row)[0] for row, _ in pairs),
-    )
+    texts = tuple(f"{mm:g} mm" * (mm not in thresholds[:k]) for k, mm in enumerate(thresholds))
+    tips = tuple(wording.fill_template("cue_tip.txt.j2", row=row)[0] for row, _ in pairs)
+    bounds = *hourly[1:], *missed[1:]
+    return Dots(name, colour, hourly[0], missed[0], *bounds, texts=texts, tips=tips)
 
 
 def _content(runs: Runs, folder: Path) -> dict[str, Any]:

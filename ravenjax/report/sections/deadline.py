@@ -1,6 +1,4 @@
-"""Section "Deadlines": the last moment at which an action prevents the harm of a fault, and whether
-the fault is visible by then.
-"""
+"""Section "Deadlines": until when an action prevents harm, and if the fault is visible by then."""
 
 from collections.abc import Iterator
 from pathlib import Path

@@ -2,8 +2,7 @@
 
 The robot's checks and the haptic cue that the verdicts use appear as two more detectors, with one
 threshold each. Rates and times use one run of each fault. Curves use every run, or a random subset.
-If faults were drawn, a bootstrap over faults gives bands. Enumerated faults have no bands or
-intervals.
+If faults were drawn, a bootstrap over faults gives bands. Enumerated faults have none.
 """
 
 import dataclasses
@@ -28,17 +27,12 @@ CHECKS, ALL_CHECKS, CUE = "built-in checks", "all checks, your own too", "haptic
 GRID = np.unique(np.concatenate([np.linspace(0, 0.1, 41), np.linspace(0.1, 1, 91)]))
 """Abscissas of the curves, denser at low rates of alarms, because detectors are used there."""
 DRAWS = 1_000_000
-"""Runs drawn for the bands of one curve, over all resamples. There are between 100 and 400
-resamples.
-"""
+"""Runs drawn for the bands of one curve, over all its resamples, of which there are 100 to 400."""
 MOST_DRAWN = 20_000
-"""Largest number of runs for a curve. Of more runs, about this number is drawn, so bands are wider.
-"""
+"""Largest number of runs for a curve. Of more runs, some are drawn, so the bands are wider."""
 SCORED = "plain AND faulty AND activated AND NOT failed"
 MOST_THRESHOLDS = 12
-"""Largest number of a detector's thresholds in the table. Of more thresholds, this number is listed
-at even spacing, and the lowest threshold without a false alarm.
-"""
+"""Thresholds in the table. Of more, this number at even spacing, and the lowest that is quiet."""
 HEIGHT = 340  # px, of a chart
 DRAWN = 6
 """Number of curves that are visible at first, those with the largest areas."""
@@ -91,12 +85,10 @@ def list_alarms(runs: Runs) -> list[ThresholdAlarms]:
     """Return all sources of alarms: each threshold of each detector, the checks, and the cue."""
     manifest, motions, result = runs.manifest, runs.motions, []
     for d, detector in enumerate(manifest.detectors):
-        score = f"golden_detector{d}_score"
-        events = [
-            run_facts.beyond_sql(score, threshold, runs.types) for threshold in detector.thresholds
-        ]
+        score, levels = f"golden_detector{d}_score", detector.thresholds
+        events = [run_facts.beyond_sql(score, level, runs.types) for level in levels]
         counts = [motions.count_motions(event) for event in events]
-        thresholds = list(zip(detector.thresholds, counts, strict=True))
+        thresholds = list(zip(levels, counts, strict=True))
         quiet = min((threshold for threshold, count in thresholds if not count), default=None)
         for k, (threshold, count) in enumerate(thresholds):
             rate = motions.first_rate(events[k], f"detector{d}_threshold{k}_first_ms")
@@ -115,8 +107,7 @@ def list_alarms(runs: Runs) -> list[ThresholdAlarms]:
 def knowledge_sql(runs: Runs) -> str:
     """Return SQL for the time in ms at which a run's fault was first reported, -1 if never.
 
-    Reports come from the cue, from checks, and from detectors at their lowest threshold without a
-    false alarm.
+    Reports come from the cue, checks, and detectors at the lowest threshold without false alarms.
     """
     trusted = [
         f"({after_onset(alarms.column)})"
@@ -151,14 +142,10 @@ def threshold_rows(runs: Runs, found: Sequence[ThresholdAlarms]) -> list[Detecto
         times = tables.event_times(runs, after_onset(alarms.column))
         counted = (caught, unintended), (harmless, others), (caught, caught + harmless)
         recall, fallout, precision = (tables.fault_share(runs, k, n) for k, n in counted)
-        result.append(
-            DetectorThreshold(
-                *(alarms.name, alarms.threshold),
-                *(recall, fallout, precision, alarms.false),
-                *(times.half_ms, times.before, times.lead_ms),
-                alarms.quiet,
-            )
-        )
+        delays = times.half_ms, times.before, times.lead_ms
+        rates = recall, fallout, precision, alarms.false
+        row = DetectorThreshold(alarms.name, alarms.threshold, *rates, *delays, alarms.quiet)
+        result.append(row)
     return result
 
 
@@ -209,11 +196,8 @@ def precision_recall_chart(rows: Sequence[DetectorRow]) -> Chart | None:
 def _chart(
     title: str, rows: Sequence[DetectorRow], kind: str, x_title: str, y_title: str
 ) -> Chart | None:
-    areas = {
-        number: getattr(row, kind).area.value
-        for number, row in enumerate(rows)
-        if getattr(row, kind) is not None
-    }
+    bands = [getattr(row, kind) for row in rows]
+    areas = {number: band.area.value for number, band in enumerate(bands) if band is not None}
     if not areas:
         return None
     largest = sorted(areas, key=lambda number: -areas[number])[:DRAWN]
@@ -222,27 +206,21 @@ def _chart(
         ends = np.array([0.0, 1.0])
         marks.append(Curve("chance", palette.SAME, ends, ends, dashed=True, in_legend=False))
     for number, row in enumerate(rows):
-        colour, name, band = palette.series_colour(number), row.name, getattr(row, kind)
+        colour, name, band = palette.series_colour(number), row.name, bands[number]
         visible = number in largest or band is None
         if band is not None:
             name = f"{row.name} ({band.area.value:.3f})"
             curve, low, high = (np.asarray(part, float) for part in band.curve)
             low, high = ((), ()) if np.isnan(band.area.low) else (low, high)
             marks.append(Curve(name, colour, band.grid, curve, low, high, visible=visible))
-        points = [
-            (level, level.harmless.value, level.caught.value)
-            if kind == "roc"
-            else (level, level.caught.value, level.precision.value)
-            for level in row.thresholds
-        ]
+        rates = ("harmless", "caught") if kind == "roc" else ("caught", "precision")
+        points = [(one, *(getattr(one, rate).value for rate in rates)) for one in row.thresholds]
         points = [place for place in points if np.isfinite(place[1:]).all()]
         if points:
             thresholds, x, y = zip(*points, strict=True)
             size = tuple(11.0 if level.quiet or band is None else 7.0 for level in thresholds)
-            tips = tuple(
-                row.name if np.isnan(level.threshold) else f"{row.name} at {level.threshold:g}"
-                for level in thresholds
-            )
+            numbers = [level.threshold for level in thresholds]
+            tips = tuple(row.name + ("" if np.isnan(x) else f" at {x:g}") for x in numbers)
             dots = Dots(name, colour, np.array(x), np.array(y), size=size, tips=tips)
             marks.append(dataclasses.replace(dots, diamond=band is None, visible=visible))
     x_axis, y_axis = (ChartAxis(words, 0.0, 1.0, share=True) for words in (x_title, y_title))

@@ -1,5 +1,4 @@
-"""Section "Maps": shares of unintended motions, alarms, cues and evading faults over the two inputs
-that matter most.
+"""Section "Maps": shares of some events over the two inputs that matter most.
 
 The axes of a map are the two inputs that explain most of the variance of the outcomes. Faults of
 one site and effect have their own map if there are enough of them.
@@ -56,9 +55,7 @@ class MapMeasure(NamedTuple):
 
 
 MEASURES = tuple(MapMeasure(**measure) for measure in _FILE["measures"])
-FREE_MEASURES = tuple(
-    measure._replace(sql=measure.free_sql) for measure in MEASURES if measure.free_sql
-)
+FREE_MEASURES = tuple(one._replace(sql=one.free_sql) for one in MEASURES if one.free_sql)
 
 
 class MapAxis(NamedTuple):
@@ -103,17 +100,15 @@ def summarize_sweep(runs: Runs) -> Sweep:
     else:
         measures, condition, unit = FREE_MEASURES, "sample", "runs"
     # Names of the fault slots, such as "fault0".
-    slots = [
-        name.removesuffix("_site") for name in runs.names if re.fullmatch(r"fault\d+_site", name)
-    ]
+    sites = [name for name in runs.names if re.fullmatch(r"fault\d+_site", name)]
+    slots = [name.removesuffix("_site") for name in sites]
     titles = {
         f"{slot}_{key}": f"fault {number}: {title}" if len(slots) > 1 else title
         for key, title in SLOT_INPUTS.items()
         for number, slot in enumerate(slots, start=1)
     }
-    titles |= {
-        name: name.removeprefix("param:") for name in runs.names if name.startswith("param:")
-    }
+    varied = [name for name in runs.names if name.startswith("param:")]
+    titles |= {name: name.removeprefix("param:") for name in varied}
     kinds = [f"{slot}_{key}" for slot in slots for key in ("site", "effect")]
     columns = [f"{RESULTS}.{quote_name(name)}" for name in (*kinds, *titles)]
     columns += [f"({measure.sql})::BOOLEAN AS {quote_name(measure.name)}" for measure in measures]
@@ -125,8 +120,8 @@ def summarize_sweep(runs: Runs) -> Sweep:
         is_used, name = site != "", site + " · " + effect
         block = np.where(is_used, np.where(block == "", name, block + " + " + name), block)
     faults["block"] = np.where(block == "", NO_FAULT, block)
-    varied = {name: title for name, title in titles.items() if len(faults[name].unique()) > 1}
-    return Sweep(measures, unit, faults, varied)
+    titles = {name: title for name, title in titles.items() if len(faults[name].unique()) > 1}
+    return Sweep(measures, unit, faults, titles)
 
 
 def all_maps(runs: Runs) -> list[dict[str, Any]]:
@@ -135,8 +130,7 @@ def all_maps(runs: Runs) -> list[dict[str, Any]]:
     If there are several sites and effects, a map of all faults comes first. A map has name, n,
     unit, rates, panels and axes. A panel shows one measure over two inputs. Its cells are rates, or
     None without a run. A measure that is the same in all runs has no panel. `axes` has the names of
-    the best pair of inputs and of the second best, and the share of the variance that each
-    explains.
+    the two best pairs of inputs, and the share of the variance that each explains.
     """
     sweep = summarize_sweep(runs)
     groups = runs.groups_by("block") if "block" in runs.facts else {}
@@ -148,14 +142,12 @@ def all_maps(runs: Runs) -> list[dict[str, Any]]:
         axes = _make_axes(block_sweep, runs.robot.joints)
         pairs = list(itertools.combinations(axes, 2)) or [(axis, None) for axis in axes]
         if ranked := _rank_pairs([_count_pairs(block_sweep, *pair) for pair in pairs]):
-            items.append(
-                _make_map(block_sweep, str(name), ranked, runs.sampled(groups.get(str(name))))
-            )
+            sampled = runs.sampled(groups.get(str(name)))
+            items.append(_make_map(block_sweep, str(name), ranked, sampled))
     items.sort(key=lambda item: [-measure["rate"].value for measure in item["rates"]])
-    whole = (
-        [_make_map(sweep, WHOLE, _count_blocks(sweep), runs.sampled())] if len(blocks) > 1 else []
-    )
-    return [*whole, *items]
+    if len(blocks) > 1:
+        items.insert(0, _make_map(sweep, WHOLE, _count_blocks(sweep), runs.sampled()))
+    return items
 
 
 def _make_axes(sweep: Sweep, order: Sequence[str] = ()) -> list[MapAxis]:
@@ -179,8 +171,7 @@ def _make_axes(sweep: Sweep, order: Sequence[str] = ()) -> list[MapAxis]:
 def number_axis(title: str, values: np.ndarray, max_bins: int, endless: bool = False) -> MapAxis:
     """Return an axis with one bin per value, or one bin per range of more than `max_bins` values.
 
-    Wide ranges are spaced by powers of two. endless: the value UNTIL_END means that the fault lasts
-    until the run ends.
+    Wide ranges are spaced by powers of two. endless: UNTIL_END means until the run ends.
     """
     labels = np.full(len(values), UNSET, object)
     until_end = endless & (values == UNTIL_END)
@@ -191,10 +182,9 @@ def number_axis(title: str, values: np.ndarray, max_bins: int, endless: bool = F
         names = [compact_number(value) for value in distinct_values]
         bins = np.searchsorted(distinct_values, values[is_number])
     else:
-        wanted = round(math.sqrt(len(values) / RUNS_PER_BIN))
-        edges = _bin_edges(
-            distinct_values[0], distinct_values[-1], min(MAX_BINS, max_bins, max(MIN_BINS, wanted))
-        )
+        wanted = max(MIN_BINS, round(math.sqrt(len(values) / RUNS_PER_BIN)))
+        bins = min(MAX_BINS, max_bins, wanted)
+        edges = _bin_edges(distinct_values[0], distinct_values[-1], bins)
         names = [f"{compact_number(a)} to {compact_number(b)}" for a, b in pairwise(edges)]
         # The last bin includes its upper edge.
         bins = np.searchsorted(edges[1:-1], values[is_number], side="right")
@@ -217,9 +207,7 @@ def word_axis(title: str, values: np.ndarray, order: Sequence[str] = ()) -> MapA
     return _make_axis(title, np.where(values == "", "none", values), [*labels, OTHERS], words=True)
 
 
-def _make_axis(
-    title: str, labels: np.ndarray, order: Sequence[str], words: bool = False
-) -> MapAxis:
+def _make_axis(title: str, labels: np.ndarray, order: list[str], words: bool = False) -> MapAxis:
     # Returns an axis whose bins are the labels that occur, in the given order.
     present = set(labels.tolist())
     names = [name for name in dict.fromkeys(order) if name in present]
@@ -230,9 +218,8 @@ def _bin_edges(lowest: float, highest: float, bins: int) -> np.ndarray:
     # Returns round edges of bins; powers of two if the range is wide.
     if lowest > 0 and highest / lowest > 30:
         step = math.ceil(math.log2(highest / lowest) / (bins + 2))
-        return 2.0 ** np.arange(
-            math.floor(math.log2(lowest)), math.log2(highest) + step + 1e-9, step
-        )
+        end = math.log2(highest) + step + 1e-9
+        return 2.0 ** np.arange(math.floor(math.log2(lowest)), end, step)
     return np.array(round_values(lowest, highest, bins))
 
 
@@ -252,15 +239,10 @@ def _count_blocks(sweep: Sweep) -> list[PairCounts]:
     if len(names) > MAX_ROWS + 1:
         block = np.where(np.isin(block, names[:MAX_ROWS]), block, OTHERS)
     up = _make_axis(PLACE, block, [*names, OTHERS], words=True)
-    common = {
-        name: title
-        for name, title in sweep.titles.items()
-        if name in COMMON or name.startswith("param:")
-    }
-    axes = _make_axes(sweep._replace(titles=common))
-    return _rank_pairs(
-        [_count_pairs(sweep, across, up) for across in axes] or [_count_pairs(sweep, up, None)]
-    )
+    names = [name for name in sweep.titles if name in COMMON or name.startswith("param:")]
+    axes = _make_axes(sweep._replace(titles={name: sweep.titles[name] for name in names}))
+    pairs = [_count_pairs(sweep, across, up) for across in axes]
+    return _rank_pairs(pairs or [_count_pairs(sweep, up, None)])
 
 
 def _rank_pairs(pairs: Sequence[PairCounts]) -> list[PairCounts]:
@@ -300,19 +282,13 @@ def explained_share(counts: PairCounts) -> float:
     return float(1 - within / freedom / (overall / (total - 1)))
 
 
-def _make_map(
-    sweep: Sweep, name: str, ranked: Sequence[PairCounts], sampled: bool
-) -> dict[str, Any]:
+def _make_map(sweep: Sweep, name: str, ranked: list[PairCounts], sampled: bool) -> dict[str, Any]:
     # Returns the map of the two inputs that explain the outcome best.
-    counts = ranked[0]
-    pairs = [
-        {
-            "inputs": [axis.title for axis in (pair.up, pair.across) if axis.title],
-            "share": max(0.0, share),
-        }
-        for pair in ranked[:2]
-        if math.isfinite(share := explained_share(pair))
-    ]
+    counts, pairs = ranked[0], []
+    for pair in ranked[:2]:
+        if math.isfinite(share := explained_share(pair)):
+            inputs = [axis.title for axis in (pair.up, pair.across) if axis.title]
+            pairs.append({"inputs": inputs, "share": max(0.0, share)})
     rate_in: Callable[[int, int], Rate] = tables.wilson_share if sampled else share_of_cells
     n, rates, panels = len(sweep.faults), [], []
     across, up = counts.across, counts.up
@@ -331,6 +307,5 @@ def _make_map(
     return content | {"panels": panels, "axes": pairs}
 
 
-SECTIONS = {
-    "maps": lambda runs, _: {"maps": all_maps(runs), "map_least": MIN_RUNS, "map_most": MAX_FAULTS}
-}
+LIMITS = {"map_least": MIN_RUNS, "map_most": MAX_FAULTS}
+SECTIONS = {"maps": lambda runs, _: {"maps": all_maps(runs), **LIMITS}}

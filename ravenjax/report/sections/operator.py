@@ -1,6 +1,4 @@
-"""Section "Operator": the contents of a recorded operator's file, and the part of the recording
-that the campaign replays.
-"""
+"""Section "Operator": the contents of a recorded operator's file, and the part that is replayed."""
 
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,7 @@
 """Section "Your checks": what each user-defined check detected, how early, and its false alarms.
 
-A check detected a fault if it tripped more often than in the golden run, or sooner. Its trips in
-fault-free motion are its false alarms.
+A check detected a fault if it tripped more often than in the golden run, or sooner. In fault-free
+motion, its trips are false alarms.
 """
 
 import math
@@ -43,23 +43,17 @@ def own_check_rows(runs: Runs) -> list[OwnCheckRow]:
     total, *counts = runs.counts(["true", *trips, *alone], where="sample AND faulty")
     sections = {f"{OWN}{check['name']}": check for check in runs.manifest.config.get("check", ())}
     result = []
-    measured = detectors.threshold_rows(runs, per_check)
-    trip_counts, alone_counts = counts[: len(checks)], counts[len(checks) :]
-    for check, alarms, tripped, only_it in zip(
-        checks, measured, trip_counts, alone_counts, strict=True
-    ):
-        section = sections.get(check.name, {})
-        result.append(
-            OwnCheckRow(
-                name=alarms.detector,
-                at=str(section.get("at", "")),
-                does=check.does,
-                threshold=_describe_threshold(runs, section, alarms.detector),
-                tripped=tables.fault_share(runs, tripped, total),
-                alone=tables.fault_share(runs, only_it, tripped),
-                alarms=alarms,
-            )
+    for number, alarms in enumerate(detectors.threshold_rows(runs, per_check)):
+        section = sections.get(checks[number].name, {})
+        tripped, only_it = counts[number :: len(checks)]
+        row = OwnCheckRow(
+            *(alarms.detector, str(section.get("at", "")), checks[number].does),
+            threshold=_describe_threshold(runs, section, alarms.detector),
+            tripped=tables.fault_share(runs, tripped, total),
+            alone=tables.fault_share(runs, only_it, tripped),
+            alarms=alarms,
         )
+        result.append(row)
     return result
 
 
@@ -90,15 +84,8 @@ def _false_alarms(runs: Runs) -> Iterator[ThresholdAlarms]:
             first_ms = f'"golden_check_{check.name}_first_ms"'
             event = f"{first_ms} >= 0"
             rate, count = motions.first_rate(event, first_ms), motions.count_motions(event)
-        name = check.name.removeprefix(OWN)
-        yield ThresholdAlarms(
-            name=name,
-            threshold=math.nan,
-            column=f"own{number}_ms",
-            free=count,
-            false=rate,
-            quiet=count == 0,
-        )
+        name, column = check.name.removeprefix(OWN), f"own{number}_ms"
+        yield ThresholdAlarms(name, math.nan, column, count, rate, quiet=count == 0)
 
 
 def _content(runs: Runs, _: Path) -> dict[str, Any] | None:

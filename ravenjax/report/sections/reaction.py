@@ -2,8 +2,7 @@
 the operator's reaction, and with each value of a crossed parameter.
 
 A pair is two runs that differ only in crossed parameters. In one of them the operator does not
-react, or the parameter has its first value. A fault has one pair for each value of other crossed
-parameters.
+react, or the parameter has its first value. A fault has a pair for each value of the others.
 """
 
 from __future__ import annotations
@@ -178,9 +177,7 @@ def compare_pairs(runs: pd.DataFrame, sampled: Sampled) -> list[Difference]:
 
 
 def crossed_rows(runs: pd.DataFrame, sampled: Sampled) -> list[CrossedRow]:
-    """Return rates by the values of each crossed parameter that is no reaction, the first value
-    first, of runs in which nobody reacts.
-    """
+    """Return rates of runs without a reaction by the value of each crossed parameter, in order."""
     counted = runs.loc[runs["plain"] & runs["faulty"] & ~runs["failed"]]
     crossed = [name for name in _crossed_names(runs) if not name.startswith("param:reaction.")]
     comparisons = []
@@ -188,29 +185,22 @@ def crossed_rows(runs: pd.DataFrame, sampled: Sampled) -> list[CrossedRow]:
         shared = ["pair", *(other for other in crossed if other != name)]
         first = runs.groupby("pair")[name].transform("first")[counted.index]
         values = counted.assign(first=first)[["first", name]].drop_duplicates().dropna()
-        crossed_values = values.loc[
-            values["first"].isin(values.loc[values["first"] != values[name], "first"])
-        ]
-        for start, value in sorted(
-            crossed_values.itertuples(index=False),
-            key=lambda row: (row[0], row[0] != row[1], row[1]),
-        ):
+        crossed_firsts = values.loc[values["first"] != values[name], "first"]
+        rows = values.loc[values["first"].isin(crossed_firsts)].itertuples(index=False)
+        # The first value comes first, then the others in ascending order.
+        for start, value in sorted(rows, key=lambda row: (row[0], row[0] != row[1], row[1])):
             with_first = counted.loc[first == start]
             after, before = (with_first.loc[with_first[name] == one] for one in (value, start))
             pairs = _matched(after, before, shared, crossed)
             acting = pairs.acting
             pairs = pairs.where(acting)
             faults = pairs.faults(sampled)
-            events = {
-                words: intervals.compare_rates(
-                    pairs.with_[event].to_numpy(), pairs.without[event].to_numpy(), faults
-                )
-                for event, words in EVENTS.items()
-            }
-            path = name.removeprefix("param:")
-            comparisons.append(
-                CrossedRow(path, start, value, int(acting.sum()), int((~acting).sum()), events)
-            )
+            events = {}
+            for event, words in EVENTS.items():
+                after, before = (side[event].to_numpy() for side in pairs)
+                events[words] = intervals.compare_rates(after, before, faults)
+            path, counts = name.removeprefix("param:"), (int(acting.sum()), int((~acting).sum()))
+            comparisons.append(CrossedRow(path, start, value, *counts, events))
     return comparisons
 
 
@@ -226,14 +216,9 @@ def count_interruptions(runs: pd.DataFrame) -> list[Idle]:
         pairs = paired_runs(runs, number, faulty=False)
         lost = pairs.without["pedal_down_ms"].to_numpy() - pairs.with_["pedal_down_ms"].to_numpy()
         lost = lost[pairs.with_["reaction_ms"].to_numpy() >= 0]
-        result.append(
-            Idle(
-                MEANINGS[action],
-                tables.wilson_share(acted, len(motions)),
-                alarm_rate(acted, hours) if hours else None,
-                float(lost.mean()) if len(lost) else math.nan,
-            )
-        )
+        share, rate = tables.wilson_share(acted, len(motions)), alarm_rate(acted, hours)
+        lost_ms = float(lost.mean()) if len(lost) else math.nan
+        result.append(Idle(MEANINGS[action], share, rate if hours else None, lost_ms))
     return result
 
 
@@ -245,12 +230,8 @@ def _actions(runs: pd.DataFrame) -> list[tuple[int, str]]:
 def _crossed_names(frame: pd.DataFrame) -> list[str]:
     # Returns the columns of parameters that differ between the runs of a pair.
     names = [name for name in frame if name.startswith("param:") and name != ACTION]
-    pair = frame["pair"]
-    return [
-        name
-        for name in names
-        if (frame[name].groupby(pair).nunique(dropna=False) > 1).to_numpy().any()
-    ]
+    counts = frame[names].groupby(frame["pair"]).nunique(dropna=False)
+    return [str(name) for name, count in counts.max().items() if count > 1]
 
 
 def _parts(pairs: Pairs) -> Iterator[tuple[str, Pairs]]:
@@ -313,10 +294,8 @@ def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
 
 def _crossed(runs: Runs, _: Path) -> dict[str, Any] | None:
     config = runs.manifest.config
-    paths = {
-        path for table in (config, *config.get("group", ())) for path in table.get("cross", ())
-    }
-    if all(path.startswith("reaction.") for path in paths):
+    crossed = [table.get("cross", ()) for table in (config, *config.get("group", ()))]
+    if all(path.startswith("reaction.") for paths in crossed for path in paths):
         return None
     sample = runs.once(sample_runs)
     return {"crossed": crossed_rows(sample, runs.sampled), "crossed_runs": (len(sample), runs.rows)}

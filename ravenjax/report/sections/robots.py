@@ -1,8 +1,7 @@
-"""Section "Robots": rates for one robot, in campaigns that draw whole robots from a file of
-`ravenjax calibrate`.
+"""Section "Robots": rates for one robot, in campaigns that draw whole robots from a file.
 
-The sampled units are robots. The interval is for the rate of one further robot, so more faults per
-robot do not make the interval narrower.
+The sampled units are robots. The interval is for one further robot, so more faults per robot do not
+make the interval narrower.
 """
 
 from collections.abc import Mapping
@@ -76,9 +75,7 @@ def faults_with_units(runs: Runs, columns: str, where: str) -> pd.DataFrame:
 
 
 def drawn_units(runs: Runs, faults: pd.DataFrame) -> tuple[Units | None, str]:
-    """Return the units of some rows of `faults_with_units` and what they are, "faults" or "robots";
-    None and "" if the faults were not drawn.
-    """
+    """Return the units of rows of `faults_with_units`, and "faults" or "robots"; or None and ""."""
     unit, group = faults["unit"].to_numpy(), faults["group"].to_numpy()
     if drawn_robot_columns(runs):
         # Robots were drawn as a whole, and each group has the same robots.
@@ -90,14 +87,12 @@ def drawn_units(runs: Runs, faults: pd.DataFrame) -> tuple[Units | None, str]:
 
 def robot_columns(config: Mapping[str, Any]) -> list[str]:
     """Return the columns of the parameters of a robot that a stored campaign draws whole."""
-    return list(
-        dict.fromkeys(
-            f"param:{path}"
-            for table in (config, *config.get("group", ()))
-            for path, value in table.get("parameters", {}).items()
-            if isinstance(value, Mapping) and _WHOLE in value
-        )
-    )
+    columns = []
+    for table in (config, *config.get("group", ())):
+        for path, value in table.get("parameters", {}).items():
+            if isinstance(value, Mapping) and _WHOLE in value:
+                columns.append(f"param:{path}")
+    return list(dict.fromkeys(columns))
 
 
 SECTIONS = {

@@ -1,6 +1,4 @@
-"""Section "Worst runs": the runs with the worst outcome of each kind, and the commands that replay
-these runs.
-"""
+"""Section "Worst runs": the worst runs by kind of outcome, and the commands that replay them."""
 
 from pathlib import Path
 from typing import Any
@@ -26,26 +24,18 @@ def worst_rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
     """
     kinds, manifest = [], runs.manifest
     for name, kind in KINDS.items():
-        if ("{cue}" in kind["distance_sql"] and not manifest.cues) or (
-            name == "depth" and not manifest.robot.tissue
-        ):
+        lacks_cue = "{cue}" in kind["distance_sql"] and not manifest.cues
+        if lacks_cue or (name == "depth" and not manifest.robot.tissue):
             continue
         distance_sql = kind["distance_sql"].format(cue=manifest.verdict_cue)
         # SQL for the table and the condition of a query.
-        cases = (
-            runs.matching(f"sample AND faulty AND ({kind['where']})")
-            + f" WHERE NOT isnan(({distance_sql})::DOUBLE)"
-        )
+        matching = runs.matching(f"sample AND faulty AND ({kind['where']})")
+        cases = f"{matching} WHERE NOT isnan(({distance_sql})::DOUBLE)"
         (n,) = runs.table.row(f"SELECT count(*) FROM {cases}")
         worst = rank_runs(runs.table, cases, distance_sql, SHOWN_RUNS)
-        rows = runs.whole_rows([ranked.row for ranked in worst])
-        table_rows = [
-            _row(manifest.robot, row, ranked.value, folder)
-            for row, ranked in zip(rows, worst, strict=True)
-        ]
-        kinds.append(
-            {"name": name, "unit": "mm", "decimals": 1, **kind, "n": n, "rows": table_rows}
-        )
+        pairs = zip(runs.whole_rows([ranked.row for ranked in worst]), worst, strict=True)
+        rows = [_row(manifest.robot, row, ranked.value, folder) for row, ranked in pairs]
+        kinds.append({"name": name, "unit": "mm", "decimals": 1, **kind, "n": n, "rows": rows})
     return kinds
 
 
@@ -69,11 +59,10 @@ def _row(robot: Robot, row: dict[str, Any], distance: float, folder: Path) -> di
 
 def _content(runs: Runs, folder: Path) -> dict[str, Any]:
     worst = worst_rows(runs, folder)
-    every_row = [
-        {"kind": kind["title"], "measured": kind["measured"], **row}
-        for kind in worst
-        for row in kind["rows"]
-    ]
+    every_row = []
+    for kind in worst:
+        head = {"kind": kind["title"], "measured": kind["measured"]}
+        every_row += [head | row for row in kind["rows"]]
     return {"worst": worst, "worst_csv": every_row}
 
 

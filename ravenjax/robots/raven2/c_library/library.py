@@ -8,9 +8,9 @@ The structs have the memory layout that the compiled code expects.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
-import jinja2
 import numpy as np
 
 from ravenjax.bundled import resources
@@ -71,22 +71,12 @@ def make_library(software: ControlSoftware, robot: VirtualRobot) -> CLibrary:
             "console is 'absolute', expected 'increments', because the datagrams of the C library"
             " contain increments"
         )
-    templates = jinja2.Environment(
-        loader=jinja2.PackageLoader("ravenjax.robots.raven2.c_library"),
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        keep_trailing_newline=True,
-    )
-    header, example = (
-        templates.get_template(f"{name}.j2").render(
-            arms=arms,
-            first=ARMS.index(arms[0]),
-            structs=_structs(software, robot),
-            inputs=row_type(software.setup),
-        )
-        for name in ("ravenjax_raven2.h", "example.c")
-    )
-    return CLibrary(header, _code(software, robot), example)
+    structs, inputs = _structs(software, robot), row_type(software.setup)
+    content = {"arms": arms, "first": ARMS.index(arms[0]), "structs": structs, "inputs": inputs}
+    folder = Path(__file__).with_name("templates")
+    header = resources.render_text(folder / "ravenjax_raven2.h.j2", **content)
+    example = resources.render_text(folder / "example.c.j2", **content)
+    return CLibrary(f"{header}\n", _code(software, robot), f"{example}\n")
 
 
 def _code(software: ControlSoftware, robot: VirtualRobot) -> str:
@@ -133,8 +123,7 @@ def members_of(
     """Return the members of the C struct for a record, in order.
 
     A nested record becomes one member per field, named by the path to the field. The numbers of a
-    Vec become an array, and so do adjacent numbers of several arms. units: path without arms ->
-    units.
+    Vec become an array, and so do adjacent numbers of several arms. units: by path without arms.
     """
 
     def members(place: Any, path: tuple[str, ...]) -> Iterator[Member]:

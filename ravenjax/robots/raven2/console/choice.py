@@ -54,13 +54,11 @@ class ProfileChoice:
         if len(self.readers) == 1:
             return self.readers[0].read(fields, joined)
         self._results = results = [reader.read(fields, joined) for reader in self.readers]
-        if all(result == results[0] for result in results) or all(
-            isinstance(result, Misfit) for result in results
-        ):
+        all_refuse = all(isinstance(result, Misfit) for result in results)
+        if all_refuse or all(result == results[0] for result in results):
             return results[0]
-        return Misfit(
-            UNDECIDED, "", "packets that profiles read differently", "further packets to decide"
-        )
+        got = "packets that profiles read differently"
+        return Misfit(UNDECIDED, "", got, "further packets to decide")
 
     def follow(self) -> None:
         """Accept the packet that was read last as part of the stream and as evidence."""
@@ -87,9 +85,7 @@ class ProfileChoice:
             self._restart()
         elif ruled_out:
             self.readers = remaining
-            self.reason = "; ".join(
-                f"Not profile {name}: {reason}" for name, reason in ruled_out.items()
-            )
+            self.reason = "; ".join(f"Not profile {name}: {why}" for name, why in ruled_out.items())
 
     def _complaint(self, name: str) -> str:
         """Return why a profile is ruled out; "" if the packets so far do not rule it out."""
@@ -123,9 +119,8 @@ def matching_profile(
     """
     for profile in profiles:
         reader = PacketReader(profile, arms)
-        fits = sum(
-            isinstance(reader.read(fields, joined=False), PacketReading) for fields in packets
-        )
+        results = (reader.read(fields, joined=False) for fields in packets)
+        fits = sum(isinstance(result, PacketReading) for result in results)
         if packets and fits >= 0.9 * len(packets):
             return profile.name
     return ""

@@ -74,9 +74,7 @@ class _Path:
 
     def _to(self, pose: np.ndarray, ticks: int, pedal: float = 1.0) -> Segment:
         begin, self.pose = self.pose, pose
-        return Segment(
-            ticks, lambda fraction: begin + minimum_jerk(fraction)[:, None] * (pose - begin), pedal
-        )
+        return Segment(ticks, lambda s: begin + minimum_jerk(s)[:, None] * (pose - begin), pedal)
 
     def move(
         self,
@@ -93,9 +91,8 @@ class _Path:
         for place, value in ((_TIP, tip), (_TURN, turn), (_GRASP, grasp)):
             if value is not None:
                 end[place] = value
-        distance, angle = (
-            float(np.linalg.norm((end - self.pose)[part], axis=0)) for part in (_TIP, _TURN)
-        )
+        way = end - self.pose
+        distance, angle = (float(np.linalg.norm(way[part], axis=0)) for part in (_TIP, _TURN))
         return self._to(end, self._ticks(distance, angle, pace))
 
     def arc(self, radius: float, angle: float, roll: float) -> Segment:
@@ -167,14 +164,10 @@ class _Path:
             return out
 
         # The speed of the run-up follows `minimum_jerk`, so its mean is half the final speed.
-        yield Segment(
-            round(run_up_s / TICK_S),
-            lambda s: at(speed * run_up_s * s**2 * s**2 * (2.5 - 3.0 * s + s**2)),
-        )
+        ticks, way = round(run_up_s / TICK_S), speed * run_up_s
+        yield Segment(ticks, lambda s: at(way * s**2 * s**2 * (2.5 - 3.0 * s + s**2)))
         while True:
-            yield Segment(
-                round(round_s / TICK_S), lambda s: at(speed * run_up_s / 2.0 + 2.0 * math.pi * s)
-            )
+            yield Segment(round(round_s / TICK_S), lambda s: at(way / 2.0 + 2.0 * math.pi * s))
 
     def palpate(self) -> Iterator[Segment]:
         # Presses the tissue at one place after the other, from side to side.
@@ -224,9 +217,8 @@ class _Path:
             yield self.move(above)
             yield self.move((self.pose[0] + 0.003, row, 0.001), (0.0, 0.0, 0.0))
             yield self.move(grasp=closed_mrad)
-            yield self.move(
-                (self.pose[0] - 0.006, row + 0.006, -0.012), (math.radians(10.0), 0.0, roll / 3.0)
-            )
+            beside = (self.pose[0] - 0.006, row + 0.006, -0.012)
+            yield self.move(beside, (math.radians(10.0), 0.0, roll / 3.0))
             row = -0.009 if row > 0.006 else row + self.rng.uniform(0.003, 0.005)
 
 
@@ -239,8 +231,7 @@ def generate_motion(
 ) -> Motion:
     """Return the named motion for `duration_s` seconds.
 
-    Each arm has its own random numbers, and the green arm's motion is mirrored. Raises KeyError for
-    an unknown name.
+    Arms have different random numbers; the green arm's motion is mirrored. Raises KeyError.
     """
     if name not in MOTIONS:
         raise KeyError(name)
@@ -266,11 +257,9 @@ def _sample_chain(chain: Iterator[Segment], rows: int) -> tuple[np.ndarray, np.n
     The motion begins after a rest of MOTION_S, with the pedal down from PEDAL_DOWN_S on.
     """
     up_ticks, down_ticks = round(PEDAL_DOWN_S / TICK_S), round((MOTION_S - PEDAL_DOWN_S) / TICK_S)
-    poses, pedals = (
-        [np.repeat(_REST[None], up_ticks + down_ticks, axis=0)],
-        [np.zeros(up_ticks), np.ones(down_ticks)],
-    )
     ticks = up_ticks + down_ticks
+    poses = [np.repeat(_REST[None], ticks, axis=0)]
+    pedals = [np.zeros(up_ticks), np.ones(down_ticks)]
     while ticks < rows:
         segment = next(chain)
         poses.append(segment.pose(np.arange(1, segment.ticks + 1) / segment.ticks))

@@ -18,13 +18,7 @@ from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, to_int32,
 from ravenjax.parts import part
 from ravenjax.robots.raven2.console.motion import ARM_COLUMNS, NOMINAL_SCALE
 from ravenjax.robots.raven2.console.packet import SIZE_BYTES, Packet
-from ravenjax.robots.raven2.geometry import kinematics
-from ravenjax.robots.raven2.geometry.mapping import (
-    position_from_itp,
-    position_to_itp,
-    quat_from_matrix,
-    quat_mul,
-)
+from ravenjax.robots.raven2.geometry import kinematics, mapping
 from ravenjax.robots.raven2.setup import PerArm, RavenSetup
 
 
@@ -46,15 +40,14 @@ def params(setup: RavenSetup, start_jpos: tuple[tuple[float, ...], ...]) -> Oper
     start_jpos: `Motion.start_jpos`, per arm 7 joints in rad and m.
     """
     with run_eagerly():
-        poses = per_arm(
-            setup, lambda i, arm: kinematics.forward_pose(arm, Vec(map(np.float64, start_jpos[i])))
-        )
-        quats = [quat_from_matrix(pose.rotation) for pose in poses]
+        jpos = [Vec(map(np.float64, joints)) for joints in start_jpos]
+        poses = per_arm(setup, lambda i, arm: kinematics.forward_pose(arm, jpos[i]))
+        quats = [mapping.quat_from_matrix(pose.rotation) for pose in poses]
     return OperatorParams(
         scale=NOMINAL_SCALE,
         start_position=tuple(Vec(float(x) * 1e6 for x in pose.position) for pose in poses),
         start_quat=tuple(quat.map(float) for quat in quats),
-        start_grasp=tuple(float(int((jpos[5] + jpos[6]) * 1000.0)) for jpos in start_jpos),
+        start_grasp=tuple(float(int((joints[5] + joints[6]) * 1000.0)) for joints in start_jpos),
         own=None if setup.hands is None else part.part_parameters((setup.hands,)),
     )
 
@@ -132,15 +125,15 @@ def with_tip_motion(
 ) -> HandOffsets:
     """Return the hands after a motion that moves each tip by `tips`, m in frame 0."""
     per_m = 1e6 / params.scale
-    return with_stray_motion(
-        hands, per_arm(setup, lambda i, arm: position_to_itp(arm, tips[i]) * per_m)
-    )
+    motion = per_arm(setup, lambda i, arm: mapping.position_to_itp(arm, tips[i]) * per_m)
+    return with_stray_motion(hands, motion)
 
 
 def tip_offset(setup: RavenSetup, params: OperatorParams, hands: HandOffsets) -> PerArm[Vec]:
     """Return the tip offsets that the hands' offsets cause, m in frame 0."""
     m_per_um = params.scale * 1e-6
-    return per_arm(setup, lambda i, arm: position_from_itp(arm, hands.offset[i]) * m_per_um)
+    offsets = hands.offset
+    return per_arm(setup, lambda i, arm: mapping.position_from_itp(arm, offsets[i]) * m_per_um)
 
 
 def mark_sent(hands: HandOffsets, fresh: Scalar) -> HandOffsets:
@@ -192,11 +185,10 @@ def make_packet(
 
     def increment(i: int, _: str) -> tuple[Vec, Vec, Scalar]:
         """Return the increments since the row before, in the ITP frame (raven2 `local_io.cpp`)."""
-        delta = (row.position[i] * params.scale).map(to_int32) - (
-            row_before.position[i] * params.scale
-        ).map(to_int32)
+        position = (row.position[i] * params.scale).map(to_int32)
+        delta = position - (row_before.position[i] * params.scale).map(to_int32)
         x, y, z, w = row_before.quat[i]
-        turn = quat_mul(row.quat[i], Vec((-x, -y, -z, w)))
+        turn = mapping.quat_mul(row.quat[i], Vec((-x, -y, -z, w)))
         length = jnp.sqrt(sum(c * c for c in turn))
         still = (0.0, 0.0, 0.0, 1.0)
         return (
@@ -207,14 +199,13 @@ def make_packet(
 
     def absolute(i: int, arm: str) -> tuple[Vec, Vec, Scalar]:
         """Return pose and jaw opening in frame 0 (raven2_sim `Real_Packet_Generator.py`)."""
-        position = params.start_position[i] + position_from_itp(arm, row.position[i] * params.scale)
+        motion = mapping.position_from_itp(arm, row.position[i] * params.scale)
+        position = params.start_position[i] + motion
         x, y, z, w = row.quat[i]
-        turn = Vec((*position_from_itp(arm, Vec((x, y, z))), w))
-        return (
-            position.map(to_int32),
-            quat_mul(turn, params.start_quat[i]),
-            to_int32(params.start_grasp[i] - row.grasp[i]),
-        )
+        turn = Vec((*mapping.position_from_itp(arm, Vec((x, y, z))), w))
+        position = position.map(to_int32)
+        quat = mapping.quat_mul(turn, params.start_quat[i])
+        return position, quat, to_int32(params.start_grasp[i] - row.grasp[i])
 
     commands = per_arm(setup, absolute if setup.console == "absolute" else increment)
     delta, quat, grasp = zip(*commands, strict=True)

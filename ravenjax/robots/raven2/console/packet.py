@@ -41,8 +41,7 @@ two quaternions (raven2_sim `include/itp_teleoperation.h`, `Real_Packet_Generato
 
 @record
 class Packet:
-    """The packet that the robot receives in a control cycle. Tuples have one entry per arm, gold
-    before green.
+    """A packet that the robot receives. Tuples have one entry per arm, gold before green.
 
     `delta` and `quat` are increments in the ITP frame. With `RavenSetup.console == "absolute"` they
     are the desired position and orientation in the arm's frame 0, and `grasp` is absolute.

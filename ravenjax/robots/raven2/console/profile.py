@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -12,6 +12,7 @@ ANGLES_RAD = {"mrad": 1e-3, "rad": 1.0, "deg": math.pi / 180.0}
 
 Length = Literal["um", "mm", "m"]
 Angle = Literal["mrad", "rad", "deg"]
+Scale = Annotated[float, Field(gt=0.0, le=1000.0)]
 
 
 class ProfileTable(BaseModel):
@@ -24,7 +25,7 @@ class SentPosition(ProfileTable):
     """[position]: delx, dely, delz, the increment of the tip along the ITP axes."""
 
     unit: Length = "um"  # Unit of one step
-    scale: float = Field(default=1.0, gt=0.0, le=1000.0)  # Factor for increments
+    scale: Scale = 1.0  # Factor for increments
 
     @property
     def um(self) -> float:
@@ -39,14 +40,13 @@ class SentOrientation(ProfileTable):
     # a rotation vector in Qx, Qy, Qz, with Qw = 1; quaternion: the hand's orientation
     form: Literal["increments", "vector", "quaternion"] = "increments"
     unit: Angle = "rad"  # Unit of a vector's length; quaternions have none
-    scale: float = Field(default=1.0, gt=0.0, le=1000.0)  # Factor for a vector
+    scale: Scale = 1.0  # Factor for a vector
 
     @model_validator(mode="after")
     def _quaternions_have_no_unit(self) -> SentOrientation:
         if self.form != "vector" and (self.unit != "rad" or self.scale != 1.0):
-            raise ValueError(
-                f"unit and scale are for form = 'vector' only, not for {self.form!r}: remove them"
-            )
+            others = f"form = 'vector' only, not for {self.form!r}"
+            raise ValueError(f"unit and scale are for {others}: remove them")
         return self
 
     @property
@@ -61,7 +61,7 @@ class SentJaw(ProfileTable):
     # increments: change since the last packet; positions: position of the console's jaw
     form: Literal["increments", "positions"] = "increments"
     unit: Angle = "mrad"  # Unit of one step
-    scale: float = Field(default=1.0, gt=0.0, le=1000.0)  # Factor for values
+    scale: Scale = 1.0  # Factor for values
     closes: Literal["rising", "falling"] = "rising"  # Direction of values while the jaw closes
     lowest_mrad: float = -math.inf  # Lower bound of positions, scaled; smaller values are refused
     highest_mrad: float = math.inf  # Upper bound of positions, scaled; larger values are refused

@@ -79,9 +79,8 @@ def react_to_cue(
 
     packet: row of the motion in this tick's packet, int32.
     """
-    delay_over = (
-        lax.convert_element_type(tick - state.felt, setup.precision.real) >= params.delay_ms
-    )
+    since_felt = lax.convert_element_type(tick - state.felt, setup.precision.real)
+    delay_over = since_felt >= params.delay_ms
     begins = (params.action != NONE) & (state.felt >= 0) & delay_over & (state.acted < 0)
     return replace(
         state,

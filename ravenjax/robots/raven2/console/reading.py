@@ -90,13 +90,11 @@ class PacketReader:
         if fields[MODE] not in (0, 1):
             return Misfit("mode", "", fields[MODE], "surgeon_mode 0 or 1")
         if profile.stream.checksum:
-            total = (
-                fields[0] + sum(fields[3:9]) + fields[BUTTONS] + fields[BUTTONS + 1] + fields[MODE]
-            )
+            buttons = fields[BUTTONS] + fields[BUTTONS + 1]
+            total = fields[0] + sum(fields[3:9]) + buttons + fields[MODE]
             if (total - fields[CHECKSUM]) & 0xFFFFFFFF:
-                return Misfit(
-                    "checksum", "", fields[CHECKSUM], str((total + 2**31) % 2**32 - 2**31)
-                )
+                expected = str((total + 2**31) % 2**32 - 2**31)
+                return Misfit("checksum", "", fields[CHECKSUM], expected)
         arms = []
         for slot, hand in zip(self._slots, self._hands, strict=True):
             hand_reading = self._hand(fields, slot, hand if joined else _FIRST)
@@ -120,17 +118,15 @@ class PacketReader:
             steps = (_whole(n * um + rest) for n, rest in zip((x, y, z), left, strict=True))
             (x, y, z), left = zip(*steps, strict=True)
         if x * x + y * y + z * z > self._step_square:
-            return Misfit(
-                "step", arm, f"{math.hypot(x, y, z):g} um", f"at most {largest.step_um:g} um"
-            )
+            expected = f"at most {largest.step_um:g} um"
+            return Misfit("step", arm, f"{math.hypot(x, y, z):g} um", expected)
         sent = fields[QUAT + slot : QUAT + slot + 7 : 2]
         turn, orientation = self._turn(sent, hand.quat)
         if turn is None:
             return Misfit("quaternion", arm, list(sent), self._form())
         if not turn[3] * turn[3] >= self._cos_square * sum(c * c for c in turn):
-            return Misfit(
-                "turn", arm, list(sent), f"at most {largest.turn_rad:g} rad ({self._form()})"
-            )
+            expected = f"at most {largest.turn_rad:g} rad ({self._form()})"
+            return Misfit("turn", arm, list(sent), expected)
         mrad = profile.jaw.mrad
         step: float = jaw
         if profile.jaw.form == "positions":
@@ -143,9 +139,8 @@ class PacketReader:
         if mrad != 1.0:
             grasp, left_jaw = _whole(step * mrad + left_jaw)
         if abs(grasp) > largest.jaw_mrad:
-            return Misfit(
-                "grasp", arm, f"{grasp} mrad", f"an increment of at most {largest.jaw_mrad:g} mrad"
-            )
+            expected = f"an increment of at most {largest.jaw_mrad:g} mrad"
+            return Misfit("grasp", arm, f"{grasp} mrad", expected)
         return (x, y, z), turn, grasp, _Hand(jaw, orientation, (*left, left_jaw))
 
     def _turn(self, sent: Sequence[float], before: Quat | None) -> tuple[Quat | None, Quat | None]:
@@ -183,9 +178,8 @@ class PacketReader:
         form = self.profile.orientation.form
         if form == "vector":
             return f"a rotation vector in {self.profile.orientation.unit}, with Qw = 1"
-        return "a unit quaternion" + (
-            ", the rotation since the last packet" if form == "increments" else ""
-        )
+        of = ", the rotation since the last packet" if form == "increments" else ""
+        return f"a unit quaternion{of}"
 
 
 def _whole(value: float) -> tuple[int, float]:

@@ -75,25 +75,19 @@ def inverse_kinematics(
 
 
 def motor_from_joint(jpos: ArrayLike, arm: str, tool: str = "r_grasper") -> Array:
-    """Return motor angles [..., 7] (rad) for joint positions `jpos` [..., 7] (rad; insertion m),
-    with cable coupling.
-    """
+    """Return motor angles [..., 7] (rad), with cable coupling, for `jpos` [..., 7] (rad, m)."""
     (joints,) = _check_arguments(arm, jpos=(jpos, (7,)))
     return _stacked(transmission.motor_from_joint(arm, tool, _to_vec(joints)))
 
 
 def joint_from_motor(mpos: ArrayLike, arm: str, tool: str = "r_grasper") -> Array:
-    """Return joint positions [..., 7] (rad; insertion m) for motor angles `mpos` [..., 7] (rad),
-    with cable coupling.
-    """
+    """Return joints [..., 7] (rad, m), with cable coupling, for motors `mpos` [..., 7] (rad)."""
     (motors,) = _check_arguments(arm, mpos=(mpos, (7,)))
     return _stacked(transmission.joint_from_motor(arm, tool, _to_vec(motors)))
 
 
 def gravity_torque(jpos: ArrayLike, arm: str) -> Array:
-    """Return the torques [..., 3] (Nm) at the capstans of shoulder, elbow and insertion with which
-    the software compensates gravity at `jpos` [..., 7].
-    """
+    """Return the capstan torques [..., 3] (Nm) that compensate gravity at `jpos` [..., 7]."""
     (joints,) = _check_arguments(arm, jpos=(jpos, (7,)))
     with _whole_arrays():
         return _stacked(gravity.gravity_torque(arm, _to_vec(joints)))

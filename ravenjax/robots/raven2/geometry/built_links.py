@@ -1,8 +1,7 @@
 """Tip of an arm whose links differ from the drawings: its Denavit-Hartenberg table with errors.
 
 `kinematics.forward_pose` uses the software's table, in which shoulder, elbow and insertion axes
-meet in one point. Here every link may have its own twist and length, in the
-convention of `joints`.
+meet in one point. Here every link may have its own twist and length (convention: `joints`).
 """
 
 from ravenjax.numbers import Scalar, Vec, describe_fields, jnp, record, trigonometry

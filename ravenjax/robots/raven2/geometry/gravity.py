@@ -47,6 +47,5 @@ def joint_gravity_torque(arm: str, jpos: Vec, gravity: Scalar = GRAVITY) -> Vec:
 
 def gravity_torque(arm: str, jpos: Vec, gravity: Scalar = GRAVITY) -> Vec:
     """Return tau_g: capstan torques (3, Nm) that balance gravity, without cable coupling."""
-    return joint_gravity_torque(arm, jpos, gravity) * Vec(
-        1.0 / ratio for ratio in JOINT_PER_CAPSTAN_TORQUE[:3]
-    )
+    per_capstan = Vec(1.0 / ratio for ratio in JOINT_PER_CAPSTAN_TORQUE[:3])
+    return joint_gravity_torque(arm, jpos, gravity) * per_capstan

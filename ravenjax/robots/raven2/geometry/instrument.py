@@ -71,9 +71,8 @@ def point_on(arm: str, line: InstrumentLine, at: Vec, share: Scalar) -> Instrume
     chain = line.chain
     from_wrist = (line.end - line.wrist) * share
     jaw_motion = line.turn * (share * 0.5)
-    return InstrumentPoint(
-        at, (*_positioning_columns(arm, chain, at, from_wrist), -jaw_motion, jaw_motion)
-    )
+    columns = _positioning_columns(arm, chain, at, from_wrist)
+    return InstrumentPoint(at, (*columns, -jaw_motion, jaw_motion))
 
 
 def _jaw_tip(
@@ -84,9 +83,8 @@ def _jaw_tip(
     at = chain.tip + to_tip
     jaw_motion = scale(sign, turn)
     jaws = (jaw_motion, _STILL) if joint == 5 else (_STILL, jaw_motion)
-    return InstrumentPoint(
-        at, (*_positioning_columns(arm, chain, at, chain.x5 * LW + to_tip), *jaws)
-    )
+    columns = _positioning_columns(arm, chain, at, chain.x5 * LW + to_tip)
+    return InstrumentPoint(at, (*columns, *jaws))
 
 
 def _jaw(chain: kinematics.ChainAxes, angle: Scalar) -> tuple[Vec, Vec]:

@@ -31,8 +31,7 @@ class Geometry(NamedTuple):
 
 
 GEOMETRY = {
-    # The source has 205 deg for the shoulder. A full turn less keeps float32 angles small in the
-    # working range.
+    # The source has 205 deg for the shoulder. A full turn less keeps angles in float32 small.
     "gold": Geometry(math.radians(-155.0), PI, 1.0, -GM4, 1.0),
     "green": Geometry(math.radians(25.0), 0.0, -1.0, GM4, -1.0),
 }

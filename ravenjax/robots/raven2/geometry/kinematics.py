@@ -18,25 +18,13 @@ bend.
   atan2(F beta +- E alpha, E beta -+ F alpha); common factors cancel.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 from ravenjax.numbers import Scalar, Vec, as_int, if_rarely, jnp, record, replace, where
 from ravenjax.numbers.algebra import cross, dot, transpose
-from ravenjax.robots.raven2.geometry.joints import (
-    D4,
-    GEOMETRY,
-    GM1,
-    GM2,
-    GM3,
-    LW,
-    PI,
-    Geometry,
-    Pose,
-    Theta,
-    jaw_yaw,
-    joint_from_theta,
-    theta_from_joint,
-)
+from ravenjax.robots.raven2.geometry import joints
+from ravenjax.robots.raven2.geometry.joints import D4, GEOMETRY, GM1, GM2, GM3, LW, PI, Pose, Theta
 
 # rad^2 (insertion counted 100 rad/m): a nearest solution that is farther away is rejected
 COST_LIMIT = PI
@@ -86,9 +74,8 @@ def chain_of(arm: str, jpos: Vec) -> ChainAxes:
 
     z2 = Vec((GM1 * s1, -GM1 * c1, GM2)) if flip > 0 else Vec((GM1 * s1, GM1 * c1, -GM2))
     z3 = from_frame1(GM3 * s2, -GM2 * GM3 * c2 - GM1 * cos23, -GM1 * GM3 * c2 + GM2 * cos23)
-    x3 = from_frame1(
-        *map(signed, (-cos23 * s2, GM2 * cos23 * c2 - GM1 * GM3, GM1 * cos23 * c2 + GM2 * GM3))
-    )
+    x3_in_1 = (-cos23 * s2, GM2 * cos23 * c2 - GM1 * GM3, GM1 * cos23 * c2 + GM2 * GM3)
+    x3 = from_frame1(*map(signed, x3_in_1))
     y3 = from_frame1(*map(signed, (-c2, -GM2 * s2, -GM1 * s2)))
     x4, y4 = x3 * c4 + y3 * s4, y3 * c4 - x3 * s4
     x5, y5 = x4 * c5 + z3 * s5, z3 * c5 - x4 * s5
@@ -102,7 +89,7 @@ def forward_pose(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
     if it is rounded, as in the original.
     """
     chain = chain_of(arm, jpos)
-    theta6 = jaw_yaw(jpos) if yaw_rad is None else yaw_rad
+    theta6 = joints.jaw_yaw(jpos) if yaw_rad is None else yaw_rad
     c6, s6 = jnp.cos(theta6), jnp.sin(theta6)
     x6 = chain.x5 * c6 - chain.y4 * s6
     y6 = -(chain.x5 * s6 + chain.y4 * c6)
@@ -177,7 +164,11 @@ class _Reach:
     valid: Scalar  # truth value
 
 
-def _wrists(arm: str, pose: Pose) -> tuple[tuple[_Wrist, _Wrist], tuple[Vec, Vec, Vec]]:
+_Wrists = tuple[_Wrist, _Wrist]
+_Axes = tuple[Vec, Vec, Vec]
+
+
+def _wrists(arm: str, pose: Pose) -> tuple[_Wrists, _Axes]:
     # Returns both wrist positions from which the instrument reaches the pose, and the pose's axes.
     columns = pose.position, *zip(*pose.rotation, strict=True)
     if GEOMETRY[arm].flip > 0:
@@ -200,24 +191,22 @@ def _wrists(arm: str, pose: Pose) -> tuple[tuple[_Wrist, _Wrist], tuple[Vec, Vec
     return (wrist(0), wrist(1)), (x6, y6, z6)
 
 
-def _reach(geometry: Geometry, wrist: _Wrist, axes: tuple[Vec, Vec, Vec], depth: Scalar) -> _Reach:
+def _reach(arm: str, wrist: _Wrist, axes: _Axes, depth: Scalar) -> _Reach:
     """Return both solutions of a side and a depth.
 
     axes: x, y and z axis of the pose. depth: False if the insertion axis points from the wrist.
     """
-    x6, y6, z6 = axes
-    toward, distance = where(
-        depth, (wrist.direction, wrist.insertion), (-wrist.direction, -wrist.insertion)
-    )
-    cosine = toward[2] * (-1.0 / (GM1 * GM3)) + GM2 * geometry.cos23 / (GM1 * GM3)
+    (x6, y6, z6), cos23 = axes, GEOMETRY[arm].cos23
+    ahead, behind = (wrist.direction, wrist.insertion), (-wrist.direction, -wrist.insertion)
+    toward, distance = where(depth, ahead, behind)
+    cosine = toward[2] * (-1.0 / (GM1 * GM3)) + GM2 * cos23 / (GM1 * GM3)
     c2 = jnp.minimum(jnp.maximum(cosine, -1.0), 1.0)
     s2 = jnp.sqrt((1.0 - c2) * (1.0 + c2))
 
-    # If the cosine was clamped, the insertion axis of theta1 and theta2 misses the wrist by some
-    # micrometres.
+    # With a clamped cosine, the insertion axis of theta1 and theta2 misses the wrist by some um.
     clamped = c2 != cosine
     x, y, _ = toward
-    height = GM2 * geometry.cos23 - c2 * (GM1 * GM3)
+    height = GM2 * cos23 - c2 * (GM1 * GM3)
     shrink = jnp.sqrt((1.0 - height * height) / (x * x + y * y))
     z3 = where(clamped, Vec((x * shrink, y * shrink, height)), toward)
     # from the origin of frame 4, in units of Lw
@@ -242,14 +231,12 @@ def _reach(geometry: Geometry, wrist: _Wrist, axes: tuple[Vec, Vec, Vec], depth:
     )
 
 
-def _both_bends(geometry: Geometry, reach: _Reach) -> tuple[Theta, Theta]:
+def _both_bends(arm: str, reach: _Reach) -> tuple[Theta, Theta]:
     """Return the DH variables of both bends of the elbow."""
+    side, cos23 = GEOMETRY[arm].side, GEOMETRY[arm].cos23
     (x, y), (c2, s2), (part_e, part_m) = reach.axis, reach.bend, reach.roll
-    b1, b2 = s2 * GM3, c2 * (GM2 * GM3) + GM1 * geometry.cos23
-    alpha, beta = (
-        s2 * (geometry.side * GM1),
-        c2 * (-geometry.side * GM1 * geometry.cos23) - geometry.side * GM2 * GM3,
-    )
+    b1, b2 = s2 * GM3, c2 * (GM2 * GM3) + GM1 * cos23
+    alpha, beta = s2 * (side * GM1), c2 * (-side * GM1 * cos23) - side * GM2 * GM3
     fa, ea, fb, eb = part_m * alpha, part_e * alpha, part_m * beta, part_e * beta
     theta2 = jnp.atan2(s2, c2)
     bends = (
@@ -265,15 +252,9 @@ def _both_bends(geometry: Geometry, reach: _Reach) -> tuple[Theta, Theta]:
 
 def inverse_candidates(arm: str, pose: Pose) -> tuple[tuple[Theta, Scalar], ...]:
     """Return the eight solutions, and whether each is valid if no wrist is at the remote centre."""
-    geometry = GEOMETRY[arm]
     wrists, axes = _wrists(arm, pose)
-    return tuple(
-        (theta, reach.valid)
-        for wrist in wrists
-        for depth in (False, True)
-        for reach in [_reach(geometry, wrist, axes, depth)]
-        for theta in _both_bends(geometry, reach)
-    )
+    reaches = (_reach(arm, wrist, axes, depth) for wrist in wrists for depth in (False, True))
+    return tuple((theta, reach.valid) for reach in reaches for theta in _both_bends(arm, reach))
 
 
 @record
@@ -299,7 +280,7 @@ def _common_cost(measured: Theta, reach: _Reach) -> Scalar:
     )
 
 
-def _nearer_bend(geometry: Geometry, measured: Theta, reach: _Reach) -> _Choice:
+def _nearer_bend(arm: str, measured: Theta, reach: _Reach) -> _Choice:
     # Returns the bend of the elbow that is nearer to the measured joints.
     def nearest_turn(theta4: Scalar) -> Scalar:
         gap = measured.theta4 - theta4
@@ -315,9 +296,8 @@ def _nearer_bend(geometry: Geometry, measured: Theta, reach: _Reach) -> _Choice:
             + _square(measured.theta4 - theta.theta4)
         )
 
-    bends = tuple(
-        replace(theta, theta4=nearest_turn(theta.theta4)) for theta in _both_bends(geometry, reach)
-    )
+    both = _both_bends(arm, reach)
+    bends = tuple(replace(theta, theta4=nearest_turn(theta.theta4)) for theta in both)
     first, second = map(bend_cost, bends)
     theta = where(second < first, bends[1], bends[0])
     cost = jnp.minimum(first, second) + _common_cost(measured, reach)
@@ -329,23 +309,21 @@ def _nearest(first: _Choice, second: _Choice) -> _Choice:
     return where(second.cost < first.cost, second, first)
 
 
-def _nearest_of_all(
-    geometry: Geometry, measured: Theta, wrists: tuple[_Wrist, _Wrist], axes: tuple[Vec, Vec, Vec]
-) -> _Choice:
+def _nearest_of_all(arm: str, measured: Theta, wrists: _Wrists, axes: _Axes) -> _Choice:
     # Returns the nearest of all eight solutions.
     def of_side(wrist: _Wrist) -> _Choice:
-        reaches = (_reach(geometry, wrist, axes, depth) for depth in (False, True))
-        return _nearest(*(_nearer_bend(geometry, measured, reach) for reach in reaches))
+        reaches = (_reach(arm, wrist, axes, depth) for depth in (False, True))
+        return _nearest(*(_nearer_bend(arm, measured, reach) for reach in reaches))
 
     return _nearest(*map(of_side, wrists))
 
 
 def _likely_choice(
-    geometry: Geometry, measured: Theta, wrists: tuple[_Wrist, _Wrist], axes: tuple[Vec, Vec, Vec]
+    arm: str, measured: Theta, wrists: _Wrists, axes: _Axes
 ) -> tuple[_Choice, Scalar]:
     """Return the solution that is probably nearest, and a lower bound of the cost of all others.
 
-    For each side, it is the depth nearer to the measured d3, and then the side with nearer angles.
+    Of each side, take the depth nearer to the measured d3, and then the side with nearer angles.
     The bound may be NaN.
     """
 
@@ -353,14 +331,14 @@ def _likely_choice(
         shallow, deep = (
             _depth_cost(measured, distance - D4) for distance in (-wrist.insertion, wrist.insertion)
         )
-        return _reach(geometry, wrist, axes, deep < shallow), jnp.maximum(shallow, deep)
+        return _reach(arm, wrist, axes, deep < shallow), jnp.maximum(shallow, deep)
 
     reaches, farther = zip(*map(nearer_depth, wrists), strict=True)
     cost0, cost1 = (
         jnp.where(reach.valid, _common_cost(measured, reach), NO_SOLUTION_COST) for reach in reaches
     )
     other = jnp.maximum(cost0, cost1)
-    likely = _nearer_bend(geometry, measured, where(cost1 < cost0, reaches[1], reaches[0]))
+    likely = _nearer_bend(arm, measured, where(cost1 < cost0, reaches[1], reaches[0]))
     return likely, jnp.minimum(other, jnp.minimum(*farther))
 
 
@@ -387,23 +365,16 @@ def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK
     grasp_rad: opening of the jaws, rad. As in the original, a roll is shifted by a turn only if it
     differs by more than 300 deg from the measured roll. A pose with NaN is rejected (`IK.status`).
     """
-    measured = theta_from_joint(arm, jpos_ref)
-    geometry = GEOMETRY[arm]
+    measured = joints.theta_from_joint(arm, jpos_ref)
     wrists, axes = _wrists(arm, pose)
 
-    # All solutions are computed only if the likely one costs more than the lower bound of the
-    # others, which is rare.
-    likely, bound = _likely_choice(geometry, measured, wrists, axes)
-    nearest = if_rarely(
-        ~(likely.cost < bound), lambda: _nearest_of_all(geometry, measured, wrists, axes), likely
-    )
+    # All solutions are computed only if the likely one costs more than the others may, rarely.
+    likely, bound = _likely_choice(arm, measured, wrists, axes)
+    all_eight = partial(_nearest_of_all, arm, measured, wrists, axes)
+    nearest = if_rarely(~(likely.cost < bound), all_eight, likely)
     singular = (wrists[0].insertion <= LW) | (wrists[1].insertion <= LW)
     choice = where(singular, _centre_choice(measured, wrists[0].insertion), nearest)
     reachable = choice.cost <= COST_LIMIT
     status = jnp.where(reachable, jnp.where(singular, AT_REMOTE_CENTRE, OK), REJECTED)
-    return IK(
-        joint_from_theta(arm, choice.theta, grasp_rad),
-        choice.theta.theta6,
-        choice.cost,
-        as_int(status),
-    )
+    jpos = joints.joint_from_theta(arm, choice.theta, grasp_rad)
+    return IK(jpos, choice.theta.theta6, choice.cost, as_int(status))

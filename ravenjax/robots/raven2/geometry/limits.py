@@ -21,8 +21,7 @@ FORK_ROLL_LIMIT = 150 * _DEG
 class SoftLimits(NamedTuple):
     """Limits to which joint targets are clamped: `lower` and `upper`; None for no limit.
 
-    Order: shoulder, elbow (rad), insertion (m), tool_roll, wrist, jaw yaw (rad). The joints of the
-    jaws have no limits.
+    Order: shoulder, elbow (rad), insertion (m), tool_roll, wrist, jaw yaw (rad). Jaws have none.
     """
 
     lower: tuple[float, float, float, float, float, float | None]
@@ -44,6 +43,5 @@ def soft_limits(tool: str, software: str = "raven2") -> SoftLimits:
     roll = FORK_ROLL_LIMIT if fork else instrument.limit_deg[0] * _DEG
     wrist = instrument.limit_deg[1] * _DEG
     yaw_lower = None if fork else -instrument.limit_deg[2] * _DEG
-    return SoftLimits(
-        (*POSITIONING_LOWER, -roll, -wrist, yaw_lower), (*POSITIONING_UPPER, roll, wrist, None)
-    )
+    lower = (*POSITIONING_LOWER, -roll, -wrist, yaw_lower)
+    return SoftLimits(lower, (*POSITIONING_UPPER, roll, wrist, None))

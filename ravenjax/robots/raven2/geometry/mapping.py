@@ -8,9 +8,8 @@ from ravenjax.bundled import resources
 from ravenjax.numbers import Scalar, Vec, jnp
 from ravenjax.numbers.algebra import matmul, matrix, matvec, norm, transpose
 
-ITP_AXES = {
-    arm: matrix(*rows) for arm, rows in resources.read_tables(__file__, "mapping.toml").items()
-}
+_AXES = resources.read_tables(__file__, "mapping.toml")
+ITP_AXES = {arm: matrix(*rows) for arm, rows in _AXES.items()}
 """Rotation from the axes of an ITP packet to frame 0 of the arm."""
 
 
@@ -33,8 +32,7 @@ def rotation_from_itp(arm: str, rotation: Vec) -> Vec:
 def quat_from_itp(arm: str, quat: Vec) -> Vec:
     """Return the increment quaternion of an ITP packet in frame 0, normalised; NaN if it is zero.
 
-    The original computes it from matrices. The result is the same rotation, possibly with the
-    opposite sign of all four numbers.
+    The original computes it from matrices. Its quaternion may have the opposite sign.
     """
     inverse_norm = 1.0 / norm(quat)
     return Vec((*matvec(ITP_AXES[arm], Vec(quat[:3])), quat[3])) * inverse_norm

@@ -68,8 +68,7 @@ def tissue_surface(arm: ArmName, point: Vec) -> Surface:
     """Return the tissue's surface at a point (3, m, frame 0): the dome with the vessel's ridge.
 
     Beside the tissue the depth is -1 m. At the distance d from the vessel's axis, the ridge has the
-    height VESSEL_HEIGHT (1 - (d/r)^2)^2. It is as wide and high as the drawn vessel, and its sides
-    are not vertical.
+    height VESSEL_HEIGHT (1 - (d/r)^2)^2. It is as wide and high as the drawn vessel.
     """
     x, y, z = to_world(arm, point)
     course, slope = _course(x)
@@ -77,13 +76,11 @@ def tissue_surface(arm: ArmName, point: Vec) -> Surface:
     profile = jnp.maximum(1.0 - scale * (offset * offset), 0.0)
     ridge_slope = (4.0 * VESSEL_HEIGHT * scale) * (profile * offset)  # -dh/dy of the ridge
     depth = _dome(x, y) + VESSEL_HEIGHT * (profile * profile) - z
-    rise = Vec(
-        (2.0 * TISSUE_SAG[0] * x - ridge_slope * slope, 2.0 * TISSUE_SAG[1] * y + ridge_slope, 1.0)
-    )
+    along_x = 2.0 * TISSUE_SAG[0] * x - ridge_slope * slope
+    rise = Vec((along_x, 2.0 * TISSUE_SAG[1] * y + ridge_slope, 1.0))
     _, rotation = frame0_in_world(arm)
-    return Surface(
-        jnp.where(_inside(x, y), depth, -1.0), matvec(transpose(rotation), rise), profile > 0.0
-    )
+    depth = jnp.where(_inside(x, y), depth, -1.0)
+    return Surface(depth, matvec(transpose(rotation), rise), profile > 0.0)
 
 
 def _inside(x: Scalar, y: Scalar) -> Scalar:
@@ -96,9 +93,8 @@ def _dome(x: Scalar, y: Scalar) -> Scalar:
 
 def _course(x: Scalar) -> tuple[Scalar, Scalar]:
     # Returns y of the vessel's axis at x, and its slope, from straight pieces.
-    pieces = [
-        (x0, y0, (y1 - y0) / (x1 - x0)) for (x0, y0), (x1, y1) in itertools.pairwise(VESSEL_COURSE)
-    ]
+    ends = itertools.pairwise(VESSEL_COURSE)
+    pieces = [(x0, y0, (y1 - y0) / (x1 - x0)) for (x0, y0), (x1, y1) in ends]
     x0, y0, slope_before = pieces[0]
     value, slope = y0 + slope_before * (x - x0), slope_before
     for x0, _, slope_after in pieces[1:]:
@@ -112,9 +108,5 @@ def tip_distance(arms: tuple[ArmName, ...], tips: tuple[Vec, ...]) -> Scalar:
     """Return the distance of the two tips, m; infinite with one arm."""
     if len(arms) < 2:
         return jnp.asarray(jnp.inf, tips[0][0].dtype)
-    difference = minus(to_world(arms[0], tips[0]), to_world(arms[1], tips[1]))
-    return jnp.sqrt(
-        difference[0] * difference[0]
-        + difference[1] * difference[1]
-        + difference[2] * difference[2]
-    )
+    dx, dy, dz = minus(to_world(arms[0], tips[0]), to_world(arms[1], tips[1]))
+    return jnp.sqrt(dx * dx + dy * dy + dz * dz)

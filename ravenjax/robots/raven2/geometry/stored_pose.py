@@ -1,7 +1,6 @@
 """A pose as the control software stores it: whole micrometres, float32, whole milliradians.
 
-raven2 `include/DS0.h`: struct position has three int; struct orientation has a float R[3][3] and an
-int grasp.
+raven2 `include/DS0.h`: struct position has three int; orientation, a float R[3][3] and int grasp.
 """
 
 from ravenjax.numbers import Scalar, Vec, narrow_numbers, record, to_int32, widen_numbers
@@ -28,6 +27,5 @@ def store_pose(setup: RavenSetup, pose: Pose, grasp_mrad: Scalar) -> StoredPose:
 
 def load_pose(setup: RavenSetup, stored: StoredPose) -> Pose:
     """Return the pose in metres, in the wide type in which kinematics is evaluated."""
-    return Pose(
-        widen_numbers(setup, stored.position_um) / UM_PER_M, widen_numbers(setup, stored.rotation)
-    )
+    position = widen_numbers(setup, stored.position_um) / UM_PER_M
+    return Pose(position, widen_numbers(setup, stored.rotation))

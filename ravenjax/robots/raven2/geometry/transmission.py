@@ -114,9 +114,7 @@ def motor_from_joint(
     wrist_part = mul(kappa, wrist)
     tool_joints = (roll, wrist, add(grasp1, wrist_part), sub(grasp2, wrist_part))
     signs = coupling_signs(arm, tool, software)
-    tools = Vec(TR[3:]).map(
-        lambda tr, joint, s: tr * joint + mul(s, insertion_part), tool_joints, signs
-    )
+    tools = Vec(TR[3:]).map(lambda tr, q, s: tr * q + mul(s, insertion_part), tool_joints, signs)
     return Vec((*mpos, *tools))
 
 
@@ -131,9 +129,8 @@ def joint_from_motor(arm: str, tool: str, mpos: Vec, software: str = "raven2") -
         lambda motor, s, tr: (motor - mul(s, insertion_part)) * (1.0 / tr), signs, TR[3:]
     )
     wrist_part = mul(find_tool(tool).wrist_coupling, wrist)
-    return Vec(
-        (shoulder, elbow, insertion, roll, wrist, sub(grasp1, wrist_part), add(grasp2, wrist_part))
-    )
+    jaws = sub(grasp1, wrist_part), add(grasp2, wrist_part)
+    return Vec((shoulder, elbow, insertion, roll, wrist, *jaws))
 
 
 def motor_matrix(arm: str, tool: str, software: str = "raven2") -> tuple[tuple[float, ...], ...]:

@@ -1,3 +1,1 @@
-"""Computes geometry with the operations of the original software, in their order and in double
-precision.
-"""
+"""Computes geometry in double precision, with the original's operations in their order."""

@@ -6,6 +6,7 @@ type of the other operand.
 """
 
 import math
+from operator import mul
 
 import numpy as np
 
@@ -50,10 +51,8 @@ def wrist_coupling(tool: str) -> float:
 
 def amps_per_torque(arm: str, tool: str, software: str) -> Vec:
     """Return A per N m at the capstan (7), signed: a float32 reciprocal."""
-    signs = transmission.tau_signs(arm, tool, software)
-    return TAU_PER_AMP.map(
-        lambda torque, sign: float(np.float32(1.0) / np.float32(torque * sign)), signs
-    )
+    torques = TAU_PER_AMP.map(mul, transmission.tau_signs(arm, tool, software))
+    return torques.map(lambda torque: float(np.float32(1.0) / np.float32(torque)))
 
 
 def joint_limits(setup: RavenSetup) -> tuple[list[tuple[float, float]], float | None]:
@@ -64,9 +63,7 @@ def joint_limits(setup: RavenSetup) -> tuple[list[tuple[float, float]], float | 
     Only the fork's roll limit is a double, a literal in its r2_kinematics.cpp.
     """
     (*lower, lowest_yaw), upper = limits.soft_limits(setup.tools[0], setup.software)
-    ranges = [
-        (as_float32(low), as_float32(high)) for low, high in zip(lower, upper[:5], strict=True)
-    ]
+    ranges = list(zip(map(as_float32, lower), map(as_float32, upper[:5]), strict=True))
     if setup.software == "fork2015":
         ranges[3] = (lower[3], upper[3])
     return ranges, None if lowest_yaw is None else as_float32(lowest_yaw)

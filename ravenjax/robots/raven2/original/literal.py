@@ -1,5 +1,4 @@
-"""Computes kinematics, gravity and quaternions with the operations of the original control
-software.
+"""Computes kinematics, gravity and quaternions with the original software's operations.
 
 If the wrist is straight, the original's roll is a quotient of two numbers that are mostly rounding
 error. Code that is to give the original's DAC counts must therefore round where the original
@@ -19,36 +18,10 @@ from collections.abc import Callable
 from functools import partial, reduce
 from typing import NamedTuple
 
-from ravenjax.numbers import Scalar, Vec, as_int, jnp, where
-from ravenjax.numbers.algebra import (
-    add,
-    dot,
-    matmul,
-    matrix,
-    matvec,
-    mul,
-    norm,
-    plus,
-    scale,
-    sub,
-    transpose,
-)
-from ravenjax.robots.raven2.geometry import gravity, kinematics, mapping
-from ravenjax.robots.raven2.geometry.joints import (
-    D4,
-    GEOMETRY,
-    GM1,
-    GM2,
-    GM3,
-    GM4,
-    LINK12,
-    LINK23,
-    LW,
-    PI,
-    Pose,
-    jaw_angles,
-    jaw_yaw,
-)
+from ravenjax.numbers import Scalar, Vec, algebra, as_int, jnp, where
+from ravenjax.numbers.algebra import add, dot, matrix, matvec, mul, norm, scale, sub, transpose
+from ravenjax.robots.raven2.geometry import gravity, joints, kinematics, mapping
+from ravenjax.robots.raven2.geometry.joints import D4, GEOMETRY, GM1, GM2, GM3, GM4, LW, PI, Pose
 from ravenjax.robots.raven2.geometry.transmission import GP42
 from ravenjax.robots.raven2.original import constants as stored
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -65,12 +38,12 @@ class Transform(NamedTuple):
 
 def multiply_literally(a: Transform, b: Transform) -> Transform:
     """Return the product a b, with products and sums in the order of the original."""
-    return Transform(matmul(a.rotation, b.rotation), transform_point(a, b.origin))
+    return Transform(algebra.matmul(a.rotation, b.rotation), transform_point(a, b.origin))
 
 
 def transform_point(transform: Transform, point: Vec) -> Vec:
     """Return the point (3, m) in the other frame."""
-    return plus(matvec(transform.rotation, point), transform.origin)
+    return algebra.plus(matvec(transform.rotation, point), transform.origin)
 
 
 def inverse_transform(transform: Transform) -> Transform:
@@ -143,9 +116,11 @@ class _Arm(NamedTuple):
     alpha2: float  # rad
 
 
+_GOLD_ZEROS = Vec((205.0 * _DEG, 180.0 * _DEG, 0.0, 0.0, -90.0 * _DEG, 0.0))
+_GREEN_ZEROS = Vec((25.0 * _DEG, 0.0, 0.0, 0.0, -90.0 * _DEG, 0.0))
 _ARMS = {
-    "gold": _Arm(Vec((205.0 * _DEG, 180.0 * _DEG, 0.0, 0.0, -90.0 * _DEG, 0.0)), 0.0, PI - LINK23),
-    "green": _Arm(Vec((25.0 * _DEG, 0.0, 0.0, 0.0, -90.0 * _DEG, 0.0)), PI, LINK23),
+    "gold": _Arm(_GOLD_ZEROS, 0.0, PI - joints.LINK23),
+    "green": _Arm(_GREEN_ZEROS, PI, joints.LINK23),
 }
 
 _TURNS = 3
@@ -161,29 +136,21 @@ def _wrapped(value: Scalar, turns: int) -> Scalar:
     return value
 
 
-def _dh_variables(arm: str, joints: Vec) -> Vec:
+def _dh_variables(arm: str, jpos: Vec) -> Vec:
     """Return the DH variables (6) of joints and yaw; as in the original, d3 is wrapped, too."""
 
-    def wrapped(value: Scalar) -> Scalar:
-        far = jnp.abs(value) > (2 * _TURNS + 1) * PI
-        return _wrapped(
-            jnp.where(far, value - 2 * PI * jnp.round(value * (0.5 / PI)), value), _TURNS
-        )
+    def wrapped(x: Scalar) -> Scalar:
+        far = jnp.abs(x) > (2 * _TURNS + 1) * PI
+        return _wrapped(jnp.where(far, x - 2 * PI * jnp.round(x * (0.5 / PI)), x), _TURNS)
 
-    return joints.map(add, _ARMS[arm].zeros).map(wrapped)
+    return jpos.map(add, _ARMS[arm].zeros).map(wrapped)
 
 
-def _dh_row_of(
-    alpha: float, cosine: Scalar, sine: Scalar, d: Scalar = 0.0, a: float = 0.0
-) -> Transform:
+def _dh_row_of(alpha: float, ct: Scalar, st: Scalar, d: Scalar = 0.0, a: float = 0.0) -> Transform:
     """Return one row of the modified DH table, from cosine and sine of theta."""
     ca, sa = math.cos(alpha), math.sin(alpha)
-    rotation = matrix(
-        (cosine, -sine, 0.0),
-        (mul(sine, ca), mul(cosine, ca), -sa),
-        (mul(sine, sa), mul(cosine, sa), ca),
-    )
-    return Transform(rotation, Vec((a, mul(-sa, d), mul(ca, d))))
+    rows = (ct, -st, 0.0), (mul(st, ca), mul(ct, ca), -sa), (mul(st, sa), mul(ct, sa), ca)
+    return Transform(matrix(*rows), Vec((a, mul(-sa, d), mul(ca, d))))
 
 
 def _dh_row(alpha: float, theta: Scalar, d: Scalar = 0.0, a: float = 0.0) -> Transform:
@@ -195,7 +162,7 @@ def _links123(arm: str, theta1: Scalar, theta2: Scalar, d3: Scalar) -> tuple[Tra
     theta3 = GEOMETRY[arm].side * PI / 2
     return (
         _dh_row(_ARMS[arm].alpha0, theta1),
-        _dh_row(LINK12, theta2),
+        _dh_row(joints.LINK12, theta2),
         _dh_row_of(_ARMS[arm].alpha2, math.cos(theta3), math.sin(theta3), d3),
     )
 
@@ -211,7 +178,7 @@ def _chain(*links: Transform) -> Transform:
 
 def forward_pose(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
     """Return the pose of `kinematics.forward_pose`, with the original's operations."""
-    theta6 = jaw_yaw(jpos) if yaw_rad is None else yaw_rad
+    theta6 = joints.jaw_yaw(jpos) if yaw_rad is None else yaw_rad
     th = _dh_variables(arm, Vec((*jpos[:5], theta6)))
     tip = _chain(*_links123(arm, *th[:3]), *_links45(*th[3:5]), _dh_row(PI / 2, th[5], a=LW))
     return Pose(tip.origin, tip.rotation)
@@ -219,7 +186,7 @@ def forward_pose(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
 
 def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> kinematics.IK:
     """Return the joints of `kinematics.inverse_joints`, with the original's operations."""
-    measured = _dh_variables(arm, Vec((*jpos_ref[:5], jaw_yaw(jpos_ref))))
+    measured = _dh_variables(arm, Vec((*jpos_ref[:5], joints.jaw_yaw(jpos_ref))))
     solutions, at_remote_centre = _solutions(arm, Transform(pose.rotation, pose.position))
     least = kinematics.NO_SOLUTION_COST
     best = Vec.full(6, 0.0)
@@ -232,16 +199,13 @@ def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> ki
         cost = dot(differences, differences)
         is_nearer = valid & (cost < least)  # never true for NaN
         least, best = jnp.where(is_nearer, cost, least), where(is_nearer, theta, best)
-    joints = best - _ARMS[arm].zeros
-    joints = joints.map(lambda joint: _wrapped(joint, 1)).replace(3, joints[3])
-    status = jnp.where(
-        least > kinematics.COST_LIMIT,
-        kinematics.REJECTED,
-        jnp.where(at_remote_centre, kinematics.AT_REMOTE_CENTRE, kinematics.OK),
-    )
-    return kinematics.IK(
-        Vec((*joints[:5], *jaw_angles(joints[5], grasp_rad))), joints[5], least, as_int(status)
-    )
+    angles = best - _ARMS[arm].zeros
+    angles = angles.map(lambda angle: _wrapped(angle, 1)).replace(3, angles[3])
+    is_rejected = least > kinematics.COST_LIMIT
+    status = jnp.where(at_remote_centre, kinematics.AT_REMOTE_CENTRE, kinematics.OK)
+    status = jnp.where(is_rejected, kinematics.REJECTED, status)
+    jpos = Vec((*angles[:5], *joints.jaw_angles(angles[5], grasp_rad)))
+    return kinematics.IK(jpos, angles[5], least, as_int(status))
 
 
 def _solutions(arm: str, tip: Transform) -> tuple[list[tuple[Vec, Scalar]], Scalar]:
@@ -284,14 +248,12 @@ def _cosine2(arm: str, height: Scalar, d: Scalar) -> Scalar:
 
 
 def _angles(arm: str, tip: Transform, wrist: Vec, d3: Scalar, theta2: Scalar) -> Vec:
-    # Computes the DH variables of one wrist position. Near a singularity, other matrix entries are
-    # used.
+    # Computes the DH variables of a wrist position; near a singularity, from other matrix entries.
     cos2, sin2 = jnp.cos(theta2), jnp.sin(theta2)
     theta1 = _theta1(arm, wrist, d3 + D4, cos2, sin2)
     t03 = _chain(*_links123(arm, theta1, theta2, d3))
-    (_, _, r02), (_, _, r12), (r20, r21, r22) = (
-        t36 := multiply_literally(inverse_transform(t03), tip)
-    ).rotation
+    t36 = multiply_literally(inverse_transform(t03), tip)
+    (_, _, r02), (_, _, r12), (r20, r21, r22) = t36.rotation
 
     c5, s5 = -r22, (t36.origin[2] - D4) / LW
     use_tip = jnp.abs(c5) > kinematics.SINGULAR
@@ -325,7 +287,7 @@ def gravity_torque(arm: str, jpos: Vec) -> Vec:
     operations are those of raven2 `src/raven/grav_comp.cpp`, in their order. Rotations are inverted
     by cofactors. Transmission ratios are float32 numbers, as in `defines.h`.
     """
-    theta1, theta2, d3, *_ = _dh_variables(arm, Vec((*jpos[:5], jaw_yaw(jpos))))
+    theta1, theta2, d3, *_ = _dh_variables(arm, Vec((*jpos[:5], joints.jaw_yaw(jpos))))
     t01, t12, t23 = _links123(arm, theta1, theta2, d3)
 
     (com1, com2), (_, m2, m3) = gravity.CENTRES[arm], gravity.MASSES
@@ -336,9 +298,8 @@ def gravity_torque(arm: str, jpos: Vec) -> Vec:
     g2 = matvec(inverse_matrix(t12.rotation), g1)
     g3 = matvec(inverse_matrix(t23.rotation), g2)
 
-    shoulder = reduce(
-        add, (_about_z(com, scale(m, g1)) for com, m in zip(in_frame1, gravity.MASSES, strict=True))
-    )
+    loads = zip(in_frame1, gravity.MASSES, strict=True)
+    shoulder = reduce(add, (_about_z(com, scale(m, g1)) for com, m in loads))
     elbow = add(_about_z(com2, scale(m2, g2)), _about_z(com3, scale(m3, g2)))
     efforts = Vec((shoulder, elbow, m3 * g3[2]))
     return efforts.map(lambda effort, ratio: -effort / ratio * GP42, stored.TR[:3])

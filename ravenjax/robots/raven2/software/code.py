@@ -1,6 +1,4 @@
-"""Compiles one cycle of the control software, once for each set of options, and defines its
-results.
-"""
+"""Compiles a cycle of the control software for each set of options, and defines its results."""
 
 import dataclasses
 import functools
@@ -9,13 +7,8 @@ from typing import Any
 import numpy as np
 
 from ravenjax.engines import traced
-from ravenjax.engines.cpu.transition import (
-    Compiled,
-    Interpreted,
-    RecordKind,
-    StateTransition,
-    print_module,
-)
+from ravenjax.engines.cpu import transition
+from ravenjax.engines.cpu.transition import Compiled, Interpreted, RecordKind, StateTransition
 from ravenjax.robots.raven2.loop import control
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.software.rows import row_kind
@@ -63,7 +56,7 @@ class TransitionCode:
 
         if self.arithmetic == "interpreted":
             return Interpreted(self.transitions)
-        text = print_module(self.transitions)
+        text = transition.print_module(self.transitions)
         return Compiled(text, self.transitions, compile_cache.object_cache())
 
 
@@ -73,8 +66,7 @@ def software_code(
 ) -> TransitionCode:
     """Return the programs of a setup. params, state: types of the parameters and of the state.
 
-    Transition "cycle" computes one millisecond. "receive" reads one packet that arrives before the
-    last packet of a cycle.
+    Transition "cycle" computes one millisecond; "receive" reads a packet before a cycle's last one.
     """
     entering = row_kind(setup)
     shapes = params.shapes(), state.shapes(), entering.shapes()

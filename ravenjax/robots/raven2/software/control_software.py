@@ -99,9 +99,8 @@ class ControlSoftware:
         if runlevel is not None:
             runlevel = checked.parse_whole_number("runlevel", runlevel, 0, 3)
         if not isinstance(precision, Precision):
-            raise UserError(
-                f"precision is {format_value(precision)}, expected a ravenjax.Precision"
-            )
+            got = format_value(precision)
+            raise UserError(f"precision is {got}, expected a ravenjax.Precision")
         starts = {"jpos": jpos, "encoders": encoders, "state": state}
         given = [name for name, value in starts.items() if value is not None]
         if len(given) > 1:
@@ -144,9 +143,8 @@ class ControlSoftware:
             encoders = checked.parse_counts(given[0], encoders, (len(names), 7))
         if state is not None:
             initial = checked.record_like("state", state, initial)
-        self.code = software_code(
-            setup, RecordKind.of(self.params), RecordKind.of(initial), arithmetic
-        )
+        kinds = RecordKind.of(self.params), RecordKind.of(initial)
+        self.code = software_code(setup, *kinds, arithmetic)
         """The programs of the software and their records, for the C library."""
         if encoders is not None:
             machine = replace(initial.state_machine, runlevel=np.int32(run_levels.E_STOP))
@@ -163,9 +161,8 @@ class ControlSoftware:
         self._written: control.ControlSignals = kinds["signals"].views(self._out[0])
         self._fixed = kinds["params"].row(self.params)
         memory = Memory(self._fixed, self._state, self._row.bytes, self._out)
-        self._cycle, self._receive = (
-            self.code.machine.bind(name, memory) for name in ("cycle", "receive")
-        )
+        bind = self.code.machine.bind
+        self._cycle, self._receive = bind("cycle", memory), bind("receive", memory)
 
     def step(
         self,
@@ -200,8 +197,7 @@ class ControlSoftware:
     def run(
         self, encoders: Any, packets: Any = None, pins: Any = 0, read_ok: Any = True
     ) -> Outputs:
-        """Run many 1 ms cycles in one call, which is faster than a `step` for each and gives the
-        same results.
+        """Run many 1 ms cycles in one call, with the results of `step` but faster.
 
         `encoders`: [cycles, arms, 7] counts. `packets`: a list with one entry per cycle, each as
         for `step`; None: no packets. `pins` and `read_ok`: one value for all cycles, or an array

@@ -20,9 +20,7 @@ from ravenjax.robots.raven2.setup import RavenSetup
 INT32 = (-(2**31), 2**31 - 1)
 Shape = tuple[int | None, ...]
 _POSITIONS = (-6.3, 6.3, "rad", "degrees"), (0.0, 1.0, "m", "millimetres")
-"""Range of positions of a rotating and of a sliding joint, as in quantities.toml: lowest, highest,
-unit, and the unit that is probably meant beyond them.
-"""
+"""Positions of a rotating and a sliding joint (quantities.toml): range, unit, unit meant beyond."""
 
 
 def parse_word(what: str, word: Any, words: Iterable[str]) -> Any:
@@ -40,9 +38,8 @@ def arm_names(given: Any) -> tuple[Any, ...]:
     """Return the arms, each once, in mechanism order."""
     expected = f"expected a list of {' and '.join(ARMS)}, each at most once, {ARMS[0]} first"
     if isinstance(given, str | bytes) or not isinstance(given, Iterable):
-        raise UserError(
-            f"arms is {format_value(given)}, {expected}. For one arm write arms=['{ARMS[0]}']"
-        )
+        remedy = f"For one arm write arms=['{ARMS[0]}']"
+        raise UserError(f"arms is {format_value(given)}, {expected}. {remedy}")
     arms = tuple(parse_word("arm", arm, ARMS) for arm in given)
     if not arms or list(arms) != [arm for arm in ARMS if arm in arms]:
         raise UserError(f"arms is {format_value(list(arms))}, {expected}")

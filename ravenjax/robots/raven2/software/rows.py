@@ -1,5 +1,4 @@
-"""Stores the inputs of one cycle of the control software as a row of bytes that compiled code
-reads.
+"""Stores the inputs of a control cycle as a row of bytes that compiled code reads.
 
 The bytes of a datagram are copied from the network into the row without a conversion.
 """
@@ -12,15 +11,8 @@ from ravenjax.engines.cpu.memory import BufferLayout
 from ravenjax.engines.cpu.transition import RecordKind
 from ravenjax.numbers import Vec, tree
 from ravenjax.robots.raven2.arms import ARMS
-from ravenjax.robots.raven2.console.packet import (
-    MOVES,
-    SIZE_BYTES,
-    TURNS,
-    U_STRUCT,
-    Packet,
-    empty_packet,
-    fill_fields,
-)
+from ravenjax.robots.raven2.console import packet as packets
+from ravenjax.robots.raven2.console.packet import MOVES, SIZE_BYTES, TURNS, U_STRUCT, Packet
 from ravenjax.robots.raven2.loop.control import Inputs
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import usb
@@ -67,7 +59,7 @@ def row_kind(setup: RavenSetup) -> RecordKind:
         tuple(offset_of["read_ok"]),
     )
     read = usb.init(setup)
-    record = RecordKind.of(Inputs(empty_packet(setup), read, read.pins)).record
+    record = RecordKind.of(Inputs(packets.empty_packet(setup), read, read.pins)).record
     types = tuple(map(str, tree.tree_leaves(record)))
     offsets_in_row = tuple(map(int, tree.tree_leaves(offsets)))
     return RecordKind(record, BufferLayout(types, offsets_in_row, row.itemsize))
@@ -77,9 +69,8 @@ def _places(dtype: np.dtype, start: int = 0) -> Any:
     # Returns the byte offset of each number of a NumPy type, as nested dicts of arrays.
     if dtype.fields:
         return {name: _places(field[0], start + field[1]) for name, field in dtype.fields.items()}
-    return start + dtype.base.itemsize * np.arange(np.prod(dtype.shape, dtype=int)).reshape(
-        dtype.shape
-    )
+    index = np.arange(np.prod(dtype.shape, dtype=int)).reshape(dtype.shape)
+    return start + dtype.base.itemsize * index
 
 
 class InputRows:
@@ -92,9 +83,7 @@ class InputRows:
         self.enc_val: np.ndarray = rows["enc_val"]  # [cycles, arms, 7]
         self.pins: np.ndarray = rows["pins"]  # [cycles, arms]
         self.read_ok: np.ndarray = rows["read_ok"]  # [cycles, arms]
-        self._packets, self._received, self._sizes = (
-            rows[name] for name in ("packet", "received", "size")
-        )
+        self._packets, self._received, self._sizes = rows["packet"], rows["received"], rows["size"]
         self._still = np.zeros((), self._packets.dtype)
         self._still["Qw"] = 1.0
 
@@ -108,7 +97,7 @@ class InputRows:
             self._received[cycle], self._sizes[cycle] = 0, SIZE_BYTES[self.setup.console]
         elif isinstance(packet, Packet):
             self._packets[cycle] = self._still
-            fill_fields(self._packets[cycle], packet, self.setup.arms)
+            packets.fill_fields(self._packets[cycle], packet, self.setup.arms)
             self._received[cycle], self._sizes[cycle] = packet.received, packet.size
         else:
             data = bytes(packet[: U_STRUCT.itemsize]).ljust(U_STRUCT.itemsize, b"\0")
