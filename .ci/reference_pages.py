@@ -494,8 +494,8 @@ def _columns() -> Iterator[str]:
         f"The result table has one row per run. Its schema version is {schema.VERSION}. `<k>`"
         " counts fault slots, haptic sets (in the order of `cues` in manifest.json) or thresholds"
         " of a detector, from 0. `<d>` counts detectors in the order of `detectors`. Times count"
-        " from the start of the run; -1 means never. The prefix `golden_` marks columns of the run's"
-        " [golden run](../glossary.md). `results/README.md` describes the result folder."
+        " from the start of the run; -1 means never. The prefix `golden_` marks columns of the"
+        " run's [golden run](../glossary.md). `results/README.md` describes the result folder."
     )
     numbered = (
         (_numbered(c.name), c.dtype, c.unit, c.meaning) for c in schema.table_columns(shape)
