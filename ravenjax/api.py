@@ -61,13 +61,12 @@ def open_results(folder: str | Path) -> CampaignResults:
 
 
 def simulate(campaign: AnyCampaign, run: str | int = 0, engine: str = "auto") -> xarray.Dataset:
-    """Return the time series of one run of a campaign, one tick per millisecond, as an
-    xarray.Dataset.
+    """Return the time series of one run of a campaign as an xarray.Dataset, one tick per ms.
 
     The dataset has one variable per quantity, with attrs units and long_name. Coordinates are time
     (s), arm, joint, axis, fault and cue: `simulate(c, 42)["tip"].sel(arm="gold", axis="z")`. Its
-    attrs contain the run's index, id and outcomes. run: index, run id, or the first letters of a
-    run id. Raise UserError.
+    attrs contain the run's index, id and outcomes. run: index, run id, or its first letters. Raise
+    UserError.
     """
     config = _config(campaign)
     again = Replayer(config, engine).replay(run)
@@ -103,9 +102,8 @@ def explain(
     (-1: no hazard); left_ms, harm_ms minus leaves_ms (NaN if either is missing). attrs name the
     engine.
 
-    campaign: see `run`, or a result folder. runs: index, run id, or first letters of a run id, or
-    a list of these; None: every run with a fault. Raise UserError, and StoreError for a folder that
-    cannot be read.
+    campaign: see `run`, or a result folder. runs: index, run id, or first letters of a run id, or a
+    list of these; None: every run with a fault. Raise UserError, and StoreError.
     """
     from ravenjax.notebook import explaining
 
@@ -125,8 +123,7 @@ def counterfactual(
     seed: int = 0,
     engine: str = "auto",
 ) -> pd.DataFrame:
-    """Select a small set of additional checks that would have detected the faults that evade the
-    robot's checks.
+    """Select a few additional checks that detect the faults which evade the robot's checks.
 
     Return the table `counterfactual.csv`, with a row per candidate check. The column `chosen` marks
     the selected checks. attrs: "sentences" (the findings) and "files" (the written files).

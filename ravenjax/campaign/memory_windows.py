@@ -1,5 +1,4 @@
-"""Divides the runs of a campaign into windows that fit in memory, and windows into blocks for an
-engine.
+"""Divides a campaign into windows that fit in memory, and windows into blocks for an engine.
 
 The module also joins the results of blocks to the files of the result folder.
 """

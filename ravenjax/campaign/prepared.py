@@ -27,7 +27,7 @@ A robot is a package or a module that declares `ROBOT` (`ravenjax.vocabulary.rob
 golden: series of the golden run, [ticks, numbers]. The tick is a `ravenjax.engines.interface.Loop`.
 It is written with `ravenjax.numbers`, `ravenjax.faults` and any useful part of `ravenjax.stages`.
 Its outcomes become columns of `ravenjax.store.schema`. Monitor, checks and faults compute most of
-these outcomes.
+them.
 """
 
 from collections.abc import Mapping

@@ -1,5 +1,4 @@
-"""Commands that list campaigns, faults and parameters: `ravenjax campaigns`, `faults`,
-`parameters`."""
+"""The commands `ravenjax campaigns`, `faults` and `parameters`, which list them."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""The command `ravenjax deadline`: the last moment in which an action prevents the harm of a
-fault."""
+"""The command `ravenjax deadline`: the last time at which an action prevents harm."""
 
 from __future__ import annotations
 

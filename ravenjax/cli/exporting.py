@@ -1,7 +1,6 @@
 """The commands `ravenjax explore`, `ravenjax export` and `ravenjax schema`.
 
-They write a page that simulates faults in a browser, a robot as a C library, and the JSON Schema of
-campaign files.
+They write a page that simulates faults, a robot as a C library, and the schema of campaigns.
 """
 
 import json

@@ -1,8 +1,7 @@
 """The commands `ravenjax monitor` and `ravenjax counterfactual`.
 
 `monitor` calibrates checks on fault-free motion to a stated false-alarm rate, and tests whether the
-calibration is still valid. `counterfactual` finds additional checks that detect faults which evade
-the robot's checks.
+calibration is still valid. `counterfactual` finds checks for faults that evade the robot's checks.
 """
 
 from __future__ import annotations

@@ -1,5 +1,4 @@
-"""The commands `ravenjax motion`, on recordings of operators, and `ravenjax calibrate`, on logs of
-a robot.
+"""Commands on recordings of operators, `ravenjax motion`, and logs of robots, `calibrate`.
 
 The module also prints the lines of `ravenjax run` about recorded operators.
 """
@@ -63,14 +62,12 @@ def motion(
     except UserError:
         # If the file cannot even be read, this raises that error.
         raw = recording.load_recording(file, config.campaign.arms, options)
-        courses = replay.motion_courses(
-            raw, reach.reach_poses(raw.poses, bounds).inside, np.zeros(0)
-        )
+        courses = replay.tip_courses(raw, reach.reach_poses(raw.poses, bounds).inside, np.zeros(0))
         _draw(file, out, courses, "cannot be replayed as it is")
         raise
     _table(made.summary, console.out)
     begin, end = made.summary.window_s
-    courses = replay.motion_courses(made.recording, made.reach.inside, made.rows)
+    courses = replay.tip_courses(made.recording, made.reach.inside, made.rows)
     _draw(file, out, courses, f"{begin:.3f} to {end:.3f} s are replayed")
 
 
@@ -91,8 +88,7 @@ def show_operator(config: CampaignConfig, to: Console) -> None:
 def _config(
     file: Path, campaign: str | None, arms: list[str] | None, overrides: list[str]
 ) -> tuple[RavenConfig, bool]:
-    # Returns a campaign with the recording as its operator, and whether to replay all of the
-    # recording.
+    # Returns a campaign with the recording as its operator, and whether to replay all of it.
     from ravenjax.campaign import loading
     from ravenjax.robots.raven2.campaign.config import of_raven
     from ravenjax.store.motion import recording

@@ -1,5 +1,4 @@
-"""Commands that check and run campaigns and searches: `ravenjax run`, `check`, `fault-free`,
-`search`."""
+"""Commands that check and run campaigns: `ravenjax run`, `check`, `fault-free`, `search`."""
 
 from __future__ import annotations
 

@@ -3,8 +3,7 @@
 manifest.json states what was computed, by which code and on which device. parts.jsonl has one line
 for each finished Parquet file (*part*) of the result table. Lines are only appended, so that
 recording a part takes the same time however many parts there are. A crash may leave an incomplete
-line. This line and all later lines are ignored; their parts are found on disk, checked and recorded
-again.
+line. This line and all later lines are ignored; their parts are found on disk and recorded again.
 """
 
 from __future__ import annotations

@@ -127,11 +127,9 @@ class Local:
         writers = min(WRITERS, len(os.sched_getaffinity(0)))
         with (
             interruption.held_back(),
-            BackgroundQueue(writers) as queue,
+            BackgroundQueue(writers) as jobs,
             contextlib.closing(computation.blocks(chunks)) as blocks,
         ):
             for part in memory_windows.assemble_parts(chunks, blocks):
-                queue.call(
-                    lambda part: work.deliver(finish_chunk(work.plan, part, work.pack)), part
-                )
-            queue.finish()
+                jobs.call(lambda part: work.deliver(finish_chunk(work.plan, part, work.pack)), part)
+            jobs.finish()

@@ -105,9 +105,8 @@ def tick_ns(work: CostFactors) -> float:
     """Return the core time for one tick of one run, ns."""
     shared = work.golden_runs * SHARED <= max(work.runs, SHARED) and not work.reacts
     ns = _MODEL.ns_arm + _MODEL.ns_further_arm * (work.arms - 1)
-    ns += (
-        _MODEL.ns_site * max(0, work.sites - 1) + _MODEL.ns_substep * (work.substeps - 1)
-    ) * work.arms
+    sites_ns, substeps_ns = _MODEL.ns_site * max(0, work.sites - 1), _MODEL.ns_substep
+    ns += (sites_ns + substeps_ns * (work.substeps - 1)) * work.arms
     ns += _MODEL.ns_cue * max(0, work.cues - 1) + _MODEL.ns_threshold * work.thresholds
     return ns if shared else ns * _MODEL.unshared
 

@@ -89,11 +89,9 @@ class Explainer(PlannedCampaign):
         own, golden = work.tables([range(some.runs)])
         progress.status.done = some.runs
         progress.tell("done")
-        observed = {
-            name: own.pop(name) for name in list(own) if name == HARM or name.startswith(PREFIXES)
-        }
+        added = [name for name in own if name == HARM or name.startswith(PREFIXES)]
+        observed = {name: own.pop(name) for name in added}
         results = pd.DataFrame(outcomes.result_columns(self.config, some.rows, own, golden))
-        ticks = pd.DataFrame(
-            {"run_id": results["run_id"], "index": np.asarray(rows, np.int32), **observed}
-        )
+        index = np.asarray(rows, np.int32)
+        ticks = pd.DataFrame({"run_id": results["run_id"], "index": index, **observed})
         return Explained(results, ticks, self.engine)

@@ -1,8 +1,7 @@
 """Makes the JSON Schema of campaign files, with which an editor completes keys and marks mistakes.
 
 The schema contains keys, types, ranges of single values, and allowed words. It comes from the
-models with which `loading` checks a file. Only `ravenjax check` checks rules for several keys, and
-ranges of parameters.
+models with which `loading` checks a file. Only `ravenjax check` checks the other rules.
 """
 
 import copy
@@ -117,10 +116,8 @@ def _parameters(robot: Robot, any_path: Schema) -> Schema:
             of = f" ({', '.join(row.joints)})" if row.joints else ""
             node.setdefault("", []).append(f"{row.meaning}{of}: {row.range}")
     table = _node(tree, any_path)
-    table["properties"][KEY] = {
-        "description": "in [parameters]: a file with a population, from which robots are drawn",
-        "type": "string",
-    }
+    text = "in [parameters]: a file with a population, from which robots are drawn"
+    table["properties"][KEY] = {"description": text, "type": "string"}
     first, rest = "|".join(map(re.escape, (*tree, KEY))), any_path["pattern"].partition("(\\.")
     return table | {"propertyNames": {"pattern": f"^({first}){rest[1]}{rest[2]}|^{_OWN}$"}}
 
@@ -162,9 +159,8 @@ def _allow_hazards_in_groups(schema_of_file: Schema) -> None:
     definitions = schema_of_file["$defs"]
     group, fault = definitions["Group"], definitions["Fault"]["properties"]
     words = {"type": "string", "enum": expansion.hazard_words()}
-    keys: Schema = {
-        expansion.KEY: {"anyOf": [words, {"type": "array", "items": words, "minItems": 1}]}
-    }
+    names = {"anyOf": [words, {"type": "array", "items": words, "minItems": 1}]}
+    keys: Schema = {expansion.KEY: names}
     keys |= {key: copy.deepcopy(fault[key]) for key in expansion.OVERRIDES}
     for key, schema in keys.items():
         schema["description"] = f"only in a group that names hazards: {expansion.KEYS[key]}"

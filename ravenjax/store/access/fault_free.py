@@ -1,5 +1,4 @@
-"""Finds the fault-free runs in a campaign's result folder, from which rates of false cues are
-computed.
+"""Finds fault-free runs in a campaign's result folder, which give rates of false cues.
 
 The golden runs of a campaign are often a few seconds of one motion. They are too short for a rate
 of false cues per hour. `ravenjax fault-free` therefore computes additional motions, each with its
@@ -79,10 +78,8 @@ def motion_of(manifest: Manifest) -> str:
     """
     operator = _without(manifest.config.get("operator") or {}, (SCALE,))
     campaign = manifest.config.get("campaign") or {}
-    random = (
-        campaign.get("noise")
-        or campaign.get("packets", CHOICES[EVERY_CYCLE]) != CHOICES[EVERY_CYCLE]
-    )
+    usual = CHOICES[EVERY_CYCLE]
+    random = campaign.get("noise") or campaign.get("packets", usual) != usual
     return json.dumps([operator, random and manifest.seed], sort_keys=True)
 
 
@@ -93,10 +90,8 @@ def _difference(campaign: Manifest, other: Manifest) -> str:
     for name in ("cues", "detectors"):
         if getattr(campaign, name) != getattr(other, name):
             return f"has other {name}"
-    differences = manifests.find_differences(
-        robot_tables(other.config), robot_tables(campaign.config)
-    )
-    return "; ".join(differences).replace(" requested", " in the campaign")
+    changes = manifests.find_differences(robot_tables(other.config), robot_tables(campaign.config))
+    return "; ".join(changes).replace(" requested", " in the campaign")
 
 
 def robot_tables(config: dict[str, Any]) -> dict[str, Any]:

@@ -5,8 +5,8 @@ Names are those of CRTK in raven2: gold is arm1, green is arm2. Poses are in fra
 message is a point instead of a pose.
 
 The names in a message and its size are the same in every tick. Therefore rosbags encodes one
-message of each topic, with placeholders for times and numbers. NumPy then replaces the placeholders
-by the values of every tick.
+message of each topic, with placeholders for times and numbers. NumPy then replaces them by the
+values of every tick.
 """
 
 import functools
@@ -212,12 +212,10 @@ class LogWriter:
         for topic in topics:
             self._register(topic)
 
-    def add(
-        self, topic: Topic, stamps_ns: np.ndarray, numbers: np.ndarray, values: np.ndarray
-    ) -> None:
-        """Write one message per row of `values` [n, k], with its time and its number."""
-        for row, data in topic.encode(stamps_ns, values).items():
-            self._add(topic.name, int(stamps_ns[row]), data, int(numbers[row]))
+    def add(self, topic: Topic, time_ns: np.ndarray, numbers: np.ndarray, rows: np.ndarray) -> None:
+        """Write one message per row of `rows` [n, k], with its time and its number."""
+        for row, data in topic.encode(time_ns, rows).items():
+            self._add(topic.name, int(time_ns[row]), data, int(numbers[row]))
 
     def add_event(
         self, event: Mapping[str, Any], text: str, level: str, stamp_ns: int, number: int = 0
@@ -230,9 +228,8 @@ class LogWriter:
         ):
             if topic not in self._channels:
                 self._register(Topic(topic, schema, _definition(schema)))
-            self._add(
-                topic, stamp_ns, ros2_types().encode(ros2_types().message(schema, *fields)), number
-            )
+            message = ros2_types().message(schema, *fields)
+            self._add(topic, stamp_ns, ros2_types().encode(message), number)
 
     def flush(self) -> None:
         """End the chunk and pass it to the operating system."""

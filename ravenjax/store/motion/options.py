@@ -1,5 +1,4 @@
-"""Defines the keys of [operator] in a campaign file that describe a recording of an operator's
-hands."""
+"""Defines the keys of [operator] in a campaign file that describe a recording of hands."""
 
 import dataclasses
 from typing import Any, Literal
@@ -14,9 +13,7 @@ Triple = tuple[float, float, float]
 Turn = tuple[Triple, Triple, Triple] | tuple[float, float, float, float]
 
 MOST_GAP_S = 60.0
-"""Longest gap between two samples that can be bridged, s. A longer gap means that the recorder's
-clock was set.
-"""
+"""Longest gap between two samples, s. In a longer gap the recorder's clock was set."""
 MAX_GAP_S = 0.1
 """Default of the longest gap between two samples, s. Hands move some millimetres in 0.1 s."""
 

@@ -1,6 +1,4 @@
-"""Computes which poses of a recording an arm can reach within its joint limits, and the joints
-there.
-"""
+"""Computes which poses of a recording an arm can reach within its joint limits."""
 
 from __future__ import annotations
 
@@ -88,9 +86,7 @@ def _arm_joints(poses: Poses, i: int, bounds: Bounds) -> tuple[np.ndarray, np.nd
     rows, best, inside = len(poses.position), [], []
     for begin in range(0, rows, BLOCK_ROWS):
         candidates, valid = _candidates(poses, i, np.arange(begin, min(begin + BLOCK_ROWS, rows)))
-        fits = valid & ((candidates[..., :5] >= lower) & (candidates[..., :5] <= upper)).all(
-            axis=-1
-        )
+        fits = valid & ((candidates[..., :5] >= lower) & (candidates[..., :5] <= upper)).all(-1)
         first = np.argmax(fits, axis=1)
         best.append(np.take_along_axis(candidates, first[:, None, None], axis=1)[:, 0])
         inside.append(fits.any(axis=1))
@@ -146,9 +142,7 @@ def _solver(arm: ArmName) -> Callable[..., Any]:
         # Returns all joint positions [8, 7] that reach one pose, and whether each is valid.
         pose = kinematics.Pose(Vec(position), matrix_from_quat(Vec(quat)))
         candidates = kinematics.inverse_candidates(arm, pose)
-        solutions = [
-            jnp.stack(list(joint_from_theta(arm, theta, opening))) for theta, _ in candidates
-        ]
+        solutions = [jnp.stack([*joint_from_theta(arm, theta, opening)]) for theta, _ in candidates]
         return jnp.stack(solutions), jnp.stack([jnp.asarray(valid) for _, valid in candidates])
 
     return jax.jit(jax.vmap(solve))

@@ -1,5 +1,4 @@
-"""Summarises a recording and the motion made from it, for the manifest, the terminal and the
-report.
+"""Summarises a recording and the motion made from it, for manifest, terminal and report.
 
 The texts are in summary.j2.
 """
@@ -30,8 +29,7 @@ class ArmSummary(BaseModel):
     distance_mm: tuple[float, float]  # least and greatest distance from the remote centre
     start_mm: tuple[float, float, float]  # first position in frame 0
     from_home_mm: float  # distance of the first position from that after homing
-    # Removed by the low-pass filter: root mean square (mm), largest value (mm), and its time in the
-    # recording (s).
+    # Removed by the low-pass filter: root mean square (mm), largest value (mm), and its time (s).
     removed: tuple[float, float, float] | None = None
 
 
@@ -62,8 +60,7 @@ class MotionSummary(BaseModel):
     outside_share: float  # share of the recording
     window_s: tuple[float, float]  # the replayed part
     campaign_s: float  # length of the motion
-    # Time in the campaign when the recording ended and the hands stopped or reversed, s; None: it
-    # did not end.
+    # Time in the campaign when the recording ended, so the hands stopped or reversed, s.
     end_s: float | None
     turns: int  # number of reversals of the replay direction after the recording's end
     pedal: str  # "recorded", or "down": constantly down

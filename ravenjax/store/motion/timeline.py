@@ -1,5 +1,4 @@
-"""Computes which row of a recording applies in each millisecond of a run, and when the pedal is
-down."""
+"""Computes which row of a recording applies in each tick of a run, and the pedal."""
 
 import math
 from pathlib import Path

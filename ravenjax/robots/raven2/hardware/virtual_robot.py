@@ -210,8 +210,7 @@ class VirtualRobot:
         """Run one millisecond.
 
         `dac`: whole counts [arms, 7], as `Output.dac`. `output_pins`: the byte that the control
-        software wrote. Raises UserError, which names the wrong argument; the state is then
-        unchanged.
+        software wrote. Raises UserError for a wrong argument; the state is then unchanged.
         """
         counts = checked.parse_counts("dac", dac, (len(self.setup.arms), 7))
         pins = checked.parse_whole_number("output_pins", output_pins, 0, 255)

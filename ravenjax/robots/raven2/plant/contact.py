@@ -17,8 +17,7 @@ is no friction (*assumed*: wet polished steel). quantities.toml has the sources 
 
 A force F(d, d') is linearised about the depth that the present speed would reach at the end of the
 step. The linear force is solved together with the other implicit forces of the step, which is the
-first Newton step of backward Euler. The method is stable for any stiffness, with an error of second
-order.
+first Newton step of backward Euler. It is stable for any stiffness, with an error of second order.
 """
 
 import functools

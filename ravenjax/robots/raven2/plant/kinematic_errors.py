@@ -1,5 +1,4 @@
-"""Models an arm whose joints, drums and links differ from the drawings, so that its reported tip is
-wrong.
+"""Models an arm that differs from the drawings, so that its reported tip is wrong.
 
 - The **true** arm has links at angles that nobody measures, with the lengths and twists with which
   they were built.

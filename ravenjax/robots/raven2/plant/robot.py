@@ -189,8 +189,7 @@ def step_all(
 ) -> PerArm[tuple[PlantState, PlantOutput]]:
     """Compute `step` for every arm, and the contact between the instruments of two arms.
 
-    The force between the instruments is solved with the equations of both arms, so it is equal on
-    both.
+    The force between the instruments is solved with the equations of both arms.
     """
     arms = setup.arms
     if touched is None or len(arms) < 2:

@@ -99,8 +99,7 @@ class SessionWriter:
     def close(self) -> None:
         """Write the index, which readers of other programs need, and close the file.
 
-        The description of the session is at both ends of the file, because rows cannot be read
-        without it.
+        The description of the session is at both ends of the file, because rows need it.
         """
         self._log.finish(self._metadata)
         self._file.close()
