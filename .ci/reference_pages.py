@@ -535,7 +535,7 @@ def _numbered(column: str) -> str:
 def _hazards() -> Iterator[str]:
     from ravenjax.hazards import listing
 
-    rows = listing.hazard_table()
+    rows = listing.hazard_table(library.all_hazards())
     runs = sum(1 for row in rows if row[-1] == "yes")
     yield "# Hazard library"
     yield _WRITTEN
@@ -563,7 +563,7 @@ def _python() -> Iterator[str]:
     )
     members = vars(ravenjax.functional)
     things = {name: getattr(ravenjax, name) for name in ravenjax.__all__} | {
-        f"functional.{name}": members[name] for name in ("Model", "Rollout", "inject", "load")
+        f"functional.{name}": members[name] for name in ("Model", "Rollout", "load")
     }
     things |= {f"faults.{name}": vars(ravenjax.faults)[name] for name in ravenjax.faults.__all__}
     things["faults.vector_env.FaultyVectorEnv"] = vector_env.FaultyVectorEnv

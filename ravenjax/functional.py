@@ -9,13 +9,13 @@
 
 Parameters are a dict from path to number, and faults are a record of numbers; both are pytrees.
 `Model.params` and `Model.faults` contain the values of all runs of the campaign, with leaves of
-shape [runs], so that `jax.vmap` computes the campaign. You can also call parts of the Raven-II
-alone: `nominal` (`init`, `step`, `track_target`), `control` (`init`, `control_cycle`) and `inject`.
-Their arguments are `Model.setup` and the parts of `Model.record`.
+shape [runs], so that `jax.vmap` computes the campaign. You can also call parts of a robot alone,
+such as the nominal model of the Raven-II (docs/tutorials/jax.md). Their arguments are `Model.setup`
+and the parts of `Model.record`.
 
-Derivatives are exact for the nominal model, and within one tick for everything after the DAC.
-Derivatives through the control software are 0, because encoder counts and DAC commands are
-integers.
+For the Raven-II, derivatives are exact for the nominal model, and within one tick for everything
+after the DAC. Derivatives through its control software are 0, because encoder counts and DAC
+commands are integers.
 """
 
 from __future__ import annotations
@@ -39,15 +39,12 @@ from ravenjax.faults import injection
 from ravenjax.faults.fault import Faults, FaultState, TriggerClocks, open_windows
 from ravenjax.numbers import paths
 from ravenjax.numbers.setup import CAMPAIGN, Precision
-from ravenjax.robots.raven2.loop import control
-from ravenjax.robots.raven2.loop.injector import RavenInjector
-from ravenjax.robots.raven2.plant import nominal
 from ravenjax.threads import map_in_threads
 
 LANES = 1 << 20
 """Number of runs for which `Model.run_compiled` chooses the size of its blocks."""
 
-__all__ = ["Model", "Rollout", "control", "inject", "load", "nominal"]
+__all__ = ["Model", "Rollout", "load"]
 
 
 class Rollout(NamedTuple):
@@ -93,13 +90,28 @@ class Model:
     def step(
         self, params: Mapping[str, Any], faults: Faults, state: Any, tick: Any, golden: Any
     ) -> tuple[Any, tuple[Any, ...], Any]:
-        """Compute one tick of 1 ms. Return the new state, the numbers of `Rollout.series`, and all
+        """Compute one tick. Return the new state, the numbers of `Rollout.series`, and all
         signals.
 
         tick: int32, from 0. golden: `Rollout.series` of the golden run in this tick, [numbers].
         """
         values = list(params.values())
         return self._with(params).step(values, faults, (), state, tick, golden, self.motion)
+
+    def inject(
+        self, faults: Faults, state: FaultState, tick: Any, site: str, signal: Any
+    ) -> tuple[FaultState, Any]:
+        """Apply the faults of one site of the robot in one tick.
+
+        Return the new state of the faults and the changed signal. state: before the first tick, it
+        is `Model.init(params).faults`. All triggers count from tick 0. signal: signal of the tick
+        at the site, for example DAC counts, 7 int32 for each arm of a Raven-II.
+        """
+        clocks = TriggerClocks(tick, tick + 1, tick)
+        opened = open_windows(self.setup, faults, state, clocks)
+        injector = self.program.loop.make_injector(self.setup, faults, opened, clocks)
+        signal = injector(site, signal)
+        return injector.state, signal
 
     def rollout(
         self,
@@ -209,18 +221,3 @@ def load(
         varied = {name: np.full(plan.runs, value) for name, value in found.items()} | varied
     params, faults = jax.tree.map(jnp.asarray, (varied, faults))
     return Model(plan.program, tuple(map(jnp.asarray, plan.columns)), params, faults)
-
-
-def inject(
-    setup: Any, faults: Faults, state: FaultState, tick: Any, site: str, signal: Any
-) -> tuple[FaultState, Any]:
-    """Apply the faults of one site of the Raven-II in one tick.
-
-    Return the new state of the faults and the changed signal. state: `Model.init(params).faults`
-    before the first tick. All triggers count from tick 0. signal: signal of the tick at the site,
-    for example DAC counts, 7 int32 for each arm.
-    """
-    clocks = TriggerClocks(tick, tick + 1, tick)
-    injector = RavenInjector(setup, faults, open_windows(setup, faults, state, clocks), clocks)
-    signal = injector(site, signal)
-    return injector.state, signal

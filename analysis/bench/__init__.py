@@ -1,3 +1,1 @@
-"""Implements `ravenjax bench`, which measures how fast a machine simulates the robot, with each
-engine and compared with MuJoCo.
-"""
+"""Implements `ravenjax bench`: how fast a machine simulates the robot, and MuJoCo beside it."""

@@ -18,8 +18,8 @@ LARGE_RUNS, LARGE_TICKS = 1_000_000, 10_000
 
 
 def list_commands(folder: Path, large: bool = False) -> dict[str, tuple[str, ...]]:
-    """Return a map from the name of a command to the words after `ravenjax`. Results go to
-    `folder`. `large`: run the large campaign instead of `quick`.
+    """Return the words after `ravenjax` by the name of a command. Results go to `folder`. `large`:
+    run the large campaign instead of `quick`.
     """
     campaign, name = "quick", "run quick"
     if large:
@@ -37,10 +37,7 @@ def list_commands(folder: Path, large: bool = False) -> dict[str, tuple[str, ...
 
 
 def run_command(folder: Path, *tokens: str, root: Path = ROOT) -> Finished:
-    """Run `ravenjax` of the package in `root` with these words. Its cache is in `folder`.
-
-    Python keeps its bytecode, as it does for users, also if this process may not write bytecode.
-    """
+    """Run `ravenjax` of the package in `root` with these words. Cache and bytecode are kept."""
     kept = {compile_cache.VARIABLE: str(folder / "cache"), "PYTHONDONTWRITEBYTECODE": ""}
     command = [sys.executable, "-m", "ravenjax.cli", *tokens]
     try:
@@ -50,11 +47,7 @@ def run_command(folder: Path, *tokens: str, root: Path = ROOT) -> Finished:
 
 
 def measure(seconds: float, large: bool = False) -> list[dict[str, Any]]:
-    """Time `ravenjax run` with an empty cache, again, and with other values of the same form; and
-    the commands that list campaigns and print help.
-
-    The commands run in rounds, each with a separate cache, as many as fit into `seconds`.
-    """
+    """Time these commands in rounds, each with a separate cache, as many as fit into `seconds`."""
     runs: dict[str, list[Finished]] = {}
 
     def run_all() -> None:

@@ -29,9 +29,7 @@ TICKS = {"cuda": 3000, "simd": 1000, "xla": 200, "mjx": 100}
 
 
 def measure(seconds: float, name: str) -> list[dict[str, Any]]:
-    """Measure the engine with a name for about `seconds` after its start. Raises UserError if it
-    does not exist.
-    """
+    """Measure an engine for about `seconds` after its start. Raises UserError if it is unknown."""
     engine = selection.select_engine(name, CAMPAIGN)
     sizes = SIZES.get(name) or XLA_SIZES.get(jax.default_backend(), XLA_SIZES["gpu"])
     return measure_batches(engine, Workload(TICKS[name]), sizes, seconds)
@@ -71,10 +69,8 @@ def measure_batches(
 
 
 def count_operations(kernel: Any, work: Workload) -> float:
-    """Return the operations of a tick in each run.
-
-    Of printed code: those that every tick needs, a multiply-add counts as one. Of XLA: its own
-    count, a multiply-add counts as two.
+    """Return the operations of a tick in each run: of printed code those that every tick needs (a
+    multiply-add counts as one), of XLA its own count (it counts as two).
     """
     if isinstance(kernel, ScanKernel):
         lanes, compiled = max(kernel.compiled.items())
@@ -87,9 +83,8 @@ def count_operations(kernel: Any, work: Workload) -> float:
 
 
 def list_operations(parted: Split) -> tuple[list[int], list[int]]:
-    """Return the numbers of the operations of each run, and of those that runs share.
-
-    Operations without cost, and operations that only some ticks need, are left out.
+    """Return the numbers of the operations of each run, and of those that runs share, without those
+    that cost nothing or that only some ticks need.
     """
     step, loop = parted.loop.step, parted.loop
     leaving = [*(step.outputs[k] for k in parted.lane_state), *step.outputs[loop.states :]]
@@ -105,9 +100,7 @@ def list_operations(parted: Split) -> tuple[list[int], list[int]]:
 
 
 def _time_start(engine: Engine, kernel: Kernel, work: Workload, runs: int) -> dict[str, float]:
-    """Return the seconds until the first kernel is ready, and those of a kernel whose tick is
-    already traced.
-    """
+    """Return the seconds until the first kernel is ready, and if its tick is already traced."""
     block = work.golden_runs(kernel.lanes)
     start = {"start_s": workload.measure_once(lambda: kernel.prepare(block, work.plan.columns))}
     if engine.name in PRINTING:

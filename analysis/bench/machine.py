@@ -42,17 +42,12 @@ def describe() -> dict[str, Any]:
         "no_gpu": no_gpu,
         "system": f"{platform.platform()}, Python {platform.python_version()}",
         "versions": {name: importlib.metadata.version(name) for name in PACKAGES},
-        # Equal for two results of the same code.
         "code": manifest.code_hash(ROBOT)[:12],
     }
 
 
 def order_cpus(allowed: Iterable[int], cpus: Path = CPUS) -> list[tuple[int, bool]]:
-    """Return the allowed CPUs in the order of use: first one of each real core, then their
-    hyper-threads.
-
-    Each comes with whether it shares its core with an earlier one.
-    """
+    """Return the allowed CPUs, first one of each real core, and whether each shares its core."""
     first, second, cores = [], [], set[str]()
     for cpu in sorted(allowed):
         core = str(cpu)

@@ -1,8 +1,6 @@
 """Measures the speed of MuJoCo, MJX and MuJoCo Warp on the same arm: rigid bodies only, without
-motors, cables, control software, faults or cue.
-
-Joint limits and contacts are off, so that no constraint solver is needed. The measured times are
-therefore lower limits for these libraries.
+motors, cables, control software, faults or cue. Joint limits and contacts are off, so the times are
+lower limits for these libraries.
 """
 
 # MuJoCo's compiled module carries no types.
@@ -22,8 +20,7 @@ from bench import workload
 from ravenjax.engines.xla.engine import MJX_ON_CPU
 from ravenjax.robots.raven2.dynamics import arm_model
 
-STEP_S = 1e-3
-"""s, step of the simulation: that of the tick."""
+STEP_S = 1e-3  # step of the simulation: that of the tick
 PUBLISHED = "published model, target A2: at most 11 us"
 """The authors' C++ takes 11 us for an Euler step on one core; DSN 2016, Figure 8."""
 
@@ -43,10 +40,8 @@ def measure_rollout(
     control: np.ndarray | None = None,
     steps: int = 100,
 ) -> list[dict[str, Any]]:
-    """Time C MuJoCo's `mujoco.rollout` with one thread per CPU. Return the row of the fastest size
-    of a task for each number of robots.
-
-    model: the gold arm if None. control: of every robot and step, [nu].
+    """Time C MuJoCo's `mujoco.rollout` with one thread per CPU, each number of robots with the
+    fastest size of a task. model: the gold arm if None. control: of every robot and step, [nu].
     """
     from mujoco import rollout
 
@@ -79,9 +74,7 @@ def measure_rollout(
 
 
 def measure_published_model(seconds: float, steps: int = 20_000) -> list[dict[str, Any]]:
-    """Time the published three-joint model of one robot, explicit Euler at 1 ms as published, in
-    float64, on one core.
-    """
+    """Time the published three-joint model (explicit Euler at 1 ms, float64) on one core."""
     import jax
 
     from validation import authors
@@ -94,7 +87,6 @@ def measure_mjx_step(
     seconds: float, implementation: str = "jax", batches: Sequence[int] = (), steps: int = 100
 ) -> list[dict[str, Any]]:
     """Time `jax.vmap(mjx.step)` by number of robots, with the loop over steps inside `jit`.
-
     `implementation`: `jax`, or MuJoCo Warp (`warp`), which needs the package warp-lang.
     """
     import jax

@@ -1,8 +1,4 @@
-"""Runs commands and functions in a separate process, and measures their time and peak memory.
-
-If a measured part crashes, uses much memory or changes the CPU affinity, only its process is
-affected, and the benchmark continues.
-"""
+"""Runs commands and functions in a separate process, and measures their time and peak memory."""
 
 import contextlib
 import json
@@ -51,11 +47,10 @@ def run_command(
     folder: Path | None = None,
     root: Path = ROOT,
 ) -> Finished:
-    """Run a command with the package in `root`. The command and all its child processes end with
-    this call.
+    """Run a command with the package in `root`, and end it with all its child processes.
 
-    `environment`: variables in addition to those of this process. Raises RuntimeError, with a
-    message of one line, for a command that fails or takes longer than `limit_s` seconds.
+    `environment`: further variables. Raises RuntimeError, with a message of one line, for a command
+    that fails or takes longer than `limit_s` seconds.
     """
     path = os.pathsep.join(
         filter(None, [str(root), str(root / "analysis"), os.environ.get("PYTHONPATH")])
@@ -94,10 +89,8 @@ def call(
     environment: Mapping[str, str],
     limit_s: float | None = None,
 ) -> tuple[Any, float]:
-    """Return (result of a module's function, peak memory in MB). Arguments and result are passed as
-    JSON.
-
-    Raises RuntimeError as `run_command` does.
+    """Return (result of a module's function, peak memory in MB); both it and its arguments are
+    passed as JSON. Raises RuntimeError as `run_command` does.
     """
     what = json.dumps([function.__module__, function.__qualname__, arguments])
     done = run_command([sys.executable, "-c", _CALL, what], environment, limit_s)

@@ -1,8 +1,7 @@
 """Measures how the speed of the kernel, and of whole campaigns, grows on 1, 2, 4 .. cores or GPUs.
 
 The work per core or GPU is constant. The blocks of the kernel are prepared before the time is
-measured, so the kernel loses speed only to shared cores, clock rates and memory. Further losses of
-campaigns are due to the code around the kernel.
+measured. Further losses of campaigns are due to the code around the kernel.
 """
 
 import functools
@@ -38,9 +37,7 @@ def count_up(total: int) -> list[int]:
 
 
 def measure_cores(seconds: float, work: Work | None = None) -> list[dict[str, Any]]:
-    """Measure each number of cores, for about `seconds` in total. This process stays on the last
-    one.
-    """
+    """Measure each number of cores, for about `seconds` in total."""
     order = machine.order_cpus(os.sched_getaffinity(0))
     real = sum(not shared for _, shared in order)
     usable = min(joblib.cpu_count(), len(order))

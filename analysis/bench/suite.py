@@ -1,7 +1,5 @@
-"""Runs the whole benchmark, part by part, within a time limit.
-
-Each part runs in a separate process. The most informative parts come first. If time is short, the
-last parts are omitted.
+"""Runs the whole benchmark within a time limit, each part in a separate process. If time is short,
+the last parts are omitted.
 """
 
 import functools
@@ -21,9 +19,8 @@ from ravenjax.errors import UserError
 
 FULL_S, QUICK_S, LEAST_S = 160.0, 35.0, 5.0
 """s: default time of the whole benchmark, of a quick one, and least time."""
-LATE_S = 12.0
-"""s that the last part may exceed its time before it is ended."""
-VISIBLE = "CUDA_VISIBLE_DEVICES"
+LATE_S, VISIBLE = 12.0, "CUDA_VISIBLE_DEVICES"
+"""LATE_S: s that the last part may exceed its time before it is ended."""
 
 
 class Part(NamedTuple):
@@ -37,8 +34,7 @@ class Part(NamedTuple):
     arguments: tuple[Any, ...] = ()
     quick: bool = False  # also part of a quick run
     gpus: int = 0  # number of GPUs that it needs
-    # Uses traces and compiled code of earlier parts, because it times neither.
-    cached: bool = False
+    cached: bool = False  # uses compiled code of earlier parts, because it does not time it
 
 
 def list_parts(gpus: int) -> list[Part]:
@@ -70,11 +66,10 @@ def measure(
     tell: Callable[[str], None] = lambda _: None,
     price: float | None = None,
 ) -> dict[str, list[dict[str, Any]]]:
-    """Return rows by table, measured for about `total_s` seconds. `tell` is called with the next
-    part.
+    """Return rows by table, measured for about `total_s` seconds without the user's cache.
 
-    `only`: limits the run to these tables. `price`: of the machine, dollars an hour. Compiled code
-    is neither taken from the user's cache nor left in it.
+    `only`: limits the run to these tables. `tell` is called with the next part. `price`: of the
+    machine, dollars an hour.
     """
     end, load = time.perf_counter() + total_s, os.getloadavg()[0]
     host, _ = process.call(machine.describe, environment={}, limit_s=total_s + LATE_S)
@@ -102,12 +97,9 @@ def measure(
             if part.table == "devices":
                 environment[VISIBLE] = ",".join(gpus[: part.gpus])
             try:
+                arguments, limit_s = (clock["measuring_s"], *part.arguments), left_s + LATE_S
                 rows, clock["peak_mb"] = process.call(
-                    part.work,
-                    clock["measuring_s"],
-                    *part.arguments,
-                    environment=environment,
-                    limit_s=left_s + LATE_S,
+                    part.work, *arguments, environment=environment, limit_s=limit_s
                 )
                 found.setdefault(part.table, []).extend(rows)
             except RuntimeError as error:
@@ -131,8 +123,8 @@ def share_time(left_s: float, parts: Sequence[Part]) -> float:
 
 
 def compute_ratios(found: dict[str, list[dict[str, Any]]]) -> list[dict[str, Any]]:
-    """Return the ratio of the full ticks per second of each code-generating engine to the ticks or
-    steps per second of all others, each at its best.
+    """Return the ratios of the code-generating engines' ticks per second to all others' ticks or
+    steps, each at its best.
     """
     rates: dict[str, float] = {}
     for row in found.get("peers", []):
@@ -162,9 +154,7 @@ TITLES = {
 
 
 def make_tables(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> dict[str, list[list[str]]]:
-    """Return the lines of each table that has rows, by its title. The first line names the
-    columns.
-    """
+    """Return the lines of each table that has rows, by its title; the first names the columns."""
     tables = {}
     for name, title in TITLES.items():
         if rows := found.get(name):

@@ -1,8 +1,5 @@
 """Defines the work that the benchmark measures: a campaign of one arm with one fault per run, and
-blocks of its runs, all different.
-
-All runs have the same parameters, like the runs of one campaign group. Their common parts (the
-packet without a fault, the nominal model) are computed once for all runs.
+blocks of its runs, all different. Their golden run is computed once for all runs.
 """
 
 import dataclasses
@@ -21,18 +18,16 @@ from ravenjax.engines.interface import Block, Kernel
 from ravenjax.faults.fault import Faults
 from ravenjax.numbers.vec import replace
 
-PATTERN_RUNS = 256
-"""Rows of the fault table. Later runs repeat them with another value."""
-DAC_CNT = 20_000.0
-"""Faults overwrite a DAC command by up to this many counts, in either direction."""
+PATTERN_RUNS, DAC_CNT = 256, 20_000.0
+"""Rows of the fault table, which later runs repeat with another value, and the most counts by which
+a fault overwrites a DAC command.
+"""
 GOLDEN = 0.6180339887498949
 """Multiples of this number, modulo 1, fill an interval evenly without repeating."""
 
 
 def campaign_keys(runs: int, ticks: int) -> dict[str, Any]:
-    """Return the keys of the timed campaign file: suturing with the gold arm, with a DAC command
-    overwritten after every check.
-    """
+    """Return the keys of the timed campaign file."""
     fault = {
         "site": "usb_out",
         "channel": ["shoulder", "elbow", "insertion"],
@@ -99,9 +94,7 @@ def measure_once(work: Callable[[], object]) -> float:
 
 
 def repeat(work: Callable[[], object], seconds: float, most: int = 9) -> list[float]:
-    """Return the seconds of each call of `work`, repeated as often as fits into `seconds`, between
-    once and `most` times.
-    """
+    """Return the seconds of each call of `work`, repeated up to `most` times within `seconds`."""
     times: list[float] = []
     while not times or (len(times) < most and sum(times) + times[-1] <= seconds):
         times.append(measure_once(work))

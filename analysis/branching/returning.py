@@ -18,6 +18,7 @@ from ravenjax.campaign.faults import span
 from ravenjax.campaign.plan import Plan
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Block, Tracer
+from ravenjax.stages.recorded import read_series
 
 
 def series_of(ready: Plan, tracer: Tracer, block: Block) -> tuple[np.ndarray, np.ndarray]:
@@ -25,7 +26,7 @@ def series_of(ready: Plan, tracer: Tracer, block: Block) -> tuple[np.ndarray, np
     run's.
     """
     result, signals = tracer.kernel.run_signals(block, ready.columns)
-    kept = ready.config.robot.part("campaign").series(ready.program.setup, signals)
+    kept = read_series(ready.config.robot, ready.program, signals)
     columns = [
         values.reshape(len(values), -1)
         for name, values in kept.items()

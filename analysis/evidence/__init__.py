@@ -1,3 +1,1 @@
-"""Writes evidence for a risk file: tables, and an argument whose numbers are linked to runs and
-checksums.
-"""
+"""Writes evidence for a risk file: tables, and an argument linked to runs and checksums."""

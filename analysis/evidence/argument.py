@@ -1,14 +1,11 @@
-"""Builds the argument of a risk file in goal structuring notation (goals, evidence and their
-links), and draws it as a Mermaid diagram.
-"""
+"""Builds the argument of a risk file in goal structuring notation, and draws it with Mermaid."""
 
 import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from evidence.record import NOTICE, EvidenceRecord, Item, Node
-from evidence.sources import Source, identify
+from evidence.record import NOTICE, EvidenceRecord, Item, Node, Source, identify
 from ravenjax.report import wording
 from ravenjax.report.sections import tables
 from ravenjax.store import manifest as manifests
@@ -27,16 +24,14 @@ OVER_RESULTS = (
 OVER_TABLES = "Argue table by table: each number can be followed to the runs behind it."
 KINDS = {"G": "goal", "S": "strategy", "Sn": "solution", "C": "context"}
 SHAPES = {"goal": "rect", "strategy": "lean-r", "solution": "circle", "context": "rounded"}
-"""Shape of each kind of node in Mermaid's flowcharts."""
 
 
 def say_evading(source: Source) -> str:
     """Say how many of the faults evade the checks, in the words of the report's first sentence."""
     head = tables.headline_counts(source.runs, source.record)
-    evaded = head["evaded"]
+    evaded, bounds = head["evaded"], ""
     if not evaded.n:
         return "No fault has a valid outcome." if head["faulty"] else "No run has a fault."
-    bounds = ""
     if interval := wording.format_interval(evaded):
         share = wording.format_percent(evaded.value)
         bounds = f" ({share} of faults drawn so, 95 % interval {interval})"
@@ -48,7 +43,6 @@ def say_evading(source: Source) -> str:
 
 
 def say_complete(source: Source) -> str:
-    """Say how many of the runs are complete, and how many have no valid outcome."""
     record, failed = source.record, source.runs.count("failed")
     without = "each with a valid outcome"
     if failed:
@@ -58,11 +52,8 @@ def say_complete(source: Source) -> str:
 
 
 def say_hazards(source: Source) -> list[str]:
-    """Say, for each hazard that occurs, how many distinct faults ended in it, and how many of these
-    a check reported.
-    """
-    lines = []
-    rows = tables.verdict_matrix(source.runs)
+    """Say how many distinct faults ended in each hazard, and how many of these a check reported."""
+    lines, rows = [], tables.verdict_matrix(source.runs)
     total = wording.count_noun(rows[0]["total"].n, "distinct fault")
     for hazard in dict.fromkeys(cell["hazard"] for cell in rows[0]["cells"]):
         counts = {
@@ -71,16 +62,14 @@ def say_hazards(source: Source) -> list[str]:
         }
         k, alarms = sum(counts.values()), counts["stopped"] + counts["flagged"]
         if hazard != "none" and k:
-            lines.append(
-                f"{hazard.capitalize()}: {wording.format_count(k)} of {total}; a check raised an"
-                f" alarm or stopped the robot in {wording.format_count(alarms)}, and none did in"
-                f" {wording.format_count(k - alarms)}."
-            )
+            told, untold = map(wording.format_count, (alarms, k - alarms))
+            ended = f"{hazard.capitalize()}: {wording.format_count(k)} of {total}"
+            check = f"a check raised an alarm or stopped the robot in {told}"
+            lines.append(f"{ended}; {check}, and none did in {untold}.")
     return lines
 
 
 def say_all(source: Source) -> list[str]:
-    """Return what a result shows, as sentences."""
     lines = [say_evading(source), say_complete(source), *say_hazards(source)]
     return [f"{source.name}, {source.record.campaign}: {line}" for line in lines]
 
@@ -91,15 +80,12 @@ def build_argument(
     goals: Mapping[str, tuple[str, str]],
     links: Mapping[str, tuple[Item, ...]],
 ) -> list[Node]:
-    """Return the nodes, top goal first.
-
-    `place`: folder of the evidence. `goals`: maps a file there to (the goal that it supports,
-    sha256). `links`: maps a file there that belongs to no result to the files that it names.
+    """Return the nodes, top goal first. `place`: folder of the evidence. `goals`: maps a file there
+    to (its goal, sha256). `links`: maps a file of no result to the files that it names.
     """
     nodes: list[Node] = []
 
     def add(letter: str, text: str, *below: str, **fields: object) -> str:
-        """Add a node of the kind given by the first letter, and return its name."""
         name = f"{letter}{1 + sum(node.kind == KINDS[letter] for node in nodes)}"
         fields |= {"name": name, "kind": KINDS[letter], "text": text, "supported_by": below}
         nodes.append(Node.model_validate(fields))
@@ -118,18 +104,16 @@ def build_argument(
         proof = [add("Sn", f"{source.name}: manifest, what decides outcomes", item=item)]
         for part in sorted(record.parts, key=lambda part: part.first):
             item = Item(file=(folder / PARTS / part.file).as_posix(), sha256=part.sha256)
-            text = f"{source.name}: rows {part.first:,} to {part.last:,}"
-            proof.append(add("Sn", text, item=item))
+            proof.append(
+                add("Sn", f"{source.name}: rows {part.first:,} to {part.last:,}", item=item)
+            )
         missing = record.due - record.done
         state = {"status": "open", "reason": f"{missing:,} runs are missing"} if missing else {}
         complete.append(add("G", say_complete(source), *proof, **state))
         hazards = [add("G", text, *traced, complete[-1]) for text in say_hazards(source)]
-        context = add(
-            "C",
-            f"{source.name}: campaign {record.campaign}, configuration {record.config_hash[:16]},"
-            f" code {record.code_hash[:16]}, engine {record.engine} on {record.device}, seed"
-            f" {record.seed}.",
-        )
+        made = f"configuration {record.config_hash[:16]}, code {record.code_hash[:16]}"
+        engine = f"engine {record.engine} on {record.device}, seed {record.seed}."
+        context = add("C", f"{source.name}: campaign {record.campaign}, {made}, {engine}")
         text = f"{source.name}: argue over completeness and over hazards."
         strategy = add("S", text, complete[-1], *hazards)
         text = f"{source.name}, {record.campaign}: {say_evading(source)}"
@@ -146,8 +130,7 @@ def build_argument(
 
 def _number_from_the_top(nodes: Sequence[Node]) -> list[Node]:
     """Return the nodes in reading order, numbered in that order."""
-    by_name, names = {node.name: node for node in nodes}, dict[str, str]()
-    counts = Counter[str]()
+    by_name, names, counts = {node.name: node for node in nodes}, dict[str, str](), Counter[str]()
 
     def walk(node: Node) -> None:
         if node.name not in names:
@@ -157,20 +140,19 @@ def _number_from_the_top(nodes: Sequence[Node]) -> list[Node]:
             for name in (*node.in_context_of, *node.supported_by):
                 walk(by_name[name])
 
-    def rename(node: Node) -> Node:
-        below = tuple(names[name] for name in node.supported_by)
-        context = tuple(names[name] for name in node.in_context_of)
-        changes = {"name": names[node.name], "supported_by": below, "in_context_of": context}
-        return node.model_copy(update=changes)
-
     walk(nodes[-1])
-    return [rename(by_name[name]) for name in names]
+    renamed = []
+    for name, number in names.items():
+        node = by_name[name]
+        changes: dict[str, object] = {"name": number}
+        for field in ("supported_by", "in_context_of"):
+            changes[field] = tuple(names[other] for other in getattr(node, field))
+        renamed.append(node.model_copy(update=changes))
+    return renamed
 
 
 def draw_mermaid(evidence: EvidenceRecord) -> Iterator[str]:
-    """Return the lines of a flowchart of goals, strategies and contexts. Of the files, only broken
-    ones are shown.
-    """
+    """Yield a flowchart of goals, strategies and contexts; of the files, only broken ones."""
     yield f"%% {evidence.notice}\nflowchart LR"
     yield "classDef broken fill:#fde2e2,stroke:#b91c1c\nclassDef open stroke:#a16207"
     shown = {n.name: n for n in evidence.nodes if n.kind != "solution" or n.status == "broken"}

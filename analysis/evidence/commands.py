@@ -1,6 +1,4 @@
-"""Implements the command `ravenjax evidence`: writes evidence for a risk file, or verifies its
-checksums.
-"""
+"""Implements the command `ravenjax evidence`."""
 
 from pathlib import Path
 
@@ -22,22 +20,17 @@ def evidence(
     """Run the command and return its exit code."""
     if check is not None:
         if folders or out is not None or xlsx or credibility is not None:
-            raise UserError(
-                "--check FOLDER stands alone: it reads result folders and place from the evidence"
-                " itself"
-            )
+            what = "it reads result folders and place from the evidence itself"
+            raise UserError(f"--check FOLDER stands alone: {what}")
         result = writing.check(check)
         _print_check(check, result, as_json)
         return 1 if result.of_status("broken") else 0
     if not folders:
-        raise UserError(
-            "of which results? Give result folders, or --check with a folder that this command"
-            " wrote"
-        )
+        what = "Give result folders, or --check with a folder that this command wrote"
+        raise UserError(f"of which results? {what}")
     if out is None and len(folders) > 1:
-        raise UserError(
-            f"{len(folders)} result folders have no single place; say where with --out FOLDER"
-        )
+        where = "have no single place; say where with --out FOLDER"
+        raise UserError(f"{len(folders)} result folders {where}")
     place = out or path_inside(next(iter(folders)), writing.FOLDER)
     model = None
     if credibility is not None:
@@ -50,7 +43,6 @@ def evidence(
 
 
 def _print_files(paths: list[Path], result: EvidenceRecord, as_json: bool) -> None:
-    """Print what the results say, and which files hold the details."""
     digest = hash_file(paths[-1])
     if as_json:
         plain = result.model_dump(mode="json") | {"files": list(map(str, paths))}
@@ -64,7 +56,6 @@ def _print_files(paths: list[Path], result: EvidenceRecord, as_json: bool) -> No
 
 
 def _print_check(place: Path, result: EvidenceRecord, as_json: bool) -> None:
-    """Print how many checksums hold, and each that does not."""
     if as_json:
         return console.emit_json(result.model_dump(mode="json"))
     broken = result.of_status("broken")

@@ -1,43 +1,95 @@
-"""Reads, writes and checks `evidence.json`, the record of written evidence: nodes of the argument
-with checksums of their files.
+"""Opens the result folders from which evidence for a risk file is written. Reads, writes and checks
+`evidence.json`: nodes of the argument with checksums of their files.
 """
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
+import json
+import math
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from graphlib import TopologicalSorter
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import jinja2
 import pydantic
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 
-from evidence.sources import identify
 from ravenjax import threads
-from ravenjax.errors import StoreError
+from ravenjax.errors import StoreError, UserError
+from ravenjax.report.data.runs import Runs
+from ravenjax.stats.intervals import Rate
 from ravenjax.store import manifest as manifests
 from ravenjax.store.files import hash_file, write_aside
 from ravenjax.store.folder import READERS
+from ravenjax.store.manifest import Manifest
 
 NOTICE = (
     "This is output of a simulation. It makes no claim of conformity with any standard, regulation"
     " or guidance, it is no risk assessment, and it says nothing of how often a fault occurs."
 )
-"""A statement of what evidence is not. Every file that can carry it does."""
 FILE = "evidence.json"
+_DECIDES = {
+    *("schema_version", "config", "config_hash", "seed", "runs", "duration_ms", "shape", "cues"),
+    *("detectors", "verdict_cue", "verdict_jump", "limit_mm", "engine", "device", "versions"),
+    *("code_hash", "shard"),
+}
+"""Fields of a manifest that decide outcomes."""
+
+
+class Source(NamedTuple):
+    name: str  # R1, R2 ...: two campaigns may have the same name
+    folder: Path
+    record: Manifest
+    runs: Runs
+
+
+@contextlib.contextmanager
+def opened(folders: Sequence[Path]) -> Iterator[list[Source]]:
+    """Open result folders, in order. Raises UserError if one is named twice, and StoreError."""
+    for folder, count in Counter(map(Path.resolve, folders)).items():
+        if count > 1:
+            twice = f"{folder}: is named {count} times"
+            raise UserError(f"{twice}; name each result folder once, or its faults count double")
+    with contextlib.ExitStack() as stack:
+        sources = []
+        for number, folder in enumerate(folders, start=1):
+            record = manifests.read_manifest(folder)
+            runs = stack.enter_context(contextlib.closing(Runs.open(folder, record)))
+            sources.append(Source(f"R{number}", folder, record, runs))
+        yield sources
+
+
+def identify(record: Manifest) -> str:
+    """Return the sha256 of the part of a manifest that decides outcomes."""
+    plain = json.loads(record.model_dump_json(include=_DECIDES))
+    text = json.dumps(plain, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+EXAMPLE_RUNS = "array_to_string(arg_min(r.run_id, f.row, 3), ' ')"
+
+
+def interval_in_words(rate: Rate) -> str:
+    return "none: not all of the faults were drawn" if math.isnan(rate.low) else "Wilson, 95 %"
+
+
 Status = Literal["holds", "open", "broken"]
-"""Status of a node. holds: as it was written. open: not finished, for example because runs are
-missing. broken: a file that it rests on has changed.
-"""
+"""Status of a node. open: not finished. broken: a file that it rests on has changed."""
 
 
-class Item(BaseModel):
+class _Frozen(BaseModel, frozen=True):
+    pass
+
+
+class Item(_Frozen):
     """The content of a solution: a whole file, or the part of a manifest that decides outcomes."""
-
-    model_config = ConfigDict(frozen=True)
 
     file: str  # relative to the folder of the evidence
     sha256: str
@@ -45,10 +97,8 @@ class Item(BaseModel):
     links: tuple[Item, ...] = ()  # files that it names, which must be unchanged too
 
 
-class Node(BaseModel):
+class Node(_Frozen):
     """One node of the argument, in the goal structuring notation."""
-
-    model_config = ConfigDict(frozen=True)
 
     name: str  # such as G1, S1, Sn1, C1
     kind: Literal["goal", "strategy", "solution", "context"]
@@ -60,10 +110,8 @@ class Node(BaseModel):
     item: Item | None = None  # the content of a solution
 
 
-class EvidenceRecord(BaseModel):
+class EvidenceRecord(_Frozen):
     """The output of `ravenjax evidence`. Times are UTC, ISO 8601."""
-
-    model_config = ConfigDict(frozen=True)
 
     version: Literal[1] = 1
     notice: str = NOTICE
@@ -96,9 +144,7 @@ class EvidenceRecord(BaseModel):
 
 
 def fill_template(name: str, **values: object) -> str:
-    """Fill the Markdown template of that name in this folder. Values are text: neither HTML, nor
-    links, nor several lines.
-    """
+    """Fill a Markdown template of this folder. No value becomes HTML, a link or several lines."""
     marks = re.compile(r"<(?=[\w/!?])|\](?=[(\[:])|[\x00-\x1f]+")
     plain = {"<": "&lt;", "]": "\\]"}
     templates = jinja2.Environment(
@@ -111,13 +157,11 @@ def fill_template(name: str, **values: object) -> str:
 
 
 def read_record(folder: Path) -> EvidenceRecord:
-    """Return the record in a folder. Raises StoreError if it is missing, damaged, or newer than
-    this reader.
-    """
+    """Return the record in a folder. Raises StoreError if it is missing, damaged, or newer."""
     path = folder / FILE
     again = "Write it again with `ravenjax evidence DIR... --out FOLDER`."
     try:
-        evidence = EvidenceRecord.model_validate_json(path.read_bytes())
+        return EvidenceRecord.model_validate_json(path.read_bytes())
     except FileNotFoundError as error:
         raise StoreError(
             f"{folder}: holds no {FILE}; give a folder that `ravenjax evidence` wrote"
@@ -128,7 +172,6 @@ def read_record(folder: Path) -> EvidenceRecord:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"])) or "top level"
         raise StoreError(f"{path}: {where}: {first['msg']}. {again}") from error
-    return evidence
 
 
 def write_record(folder: Path, evidence: EvidenceRecord) -> None:
@@ -140,22 +183,18 @@ def write_record(folder: Path, evidence: EvidenceRecord) -> None:
 def check_record(folder: Path, evidence: EvidenceRecord) -> EvidenceRecord:
     """Return the evidence with the present status of each node. `folder`: of the evidence."""
     items = {node.name: node.item for node in evidence.nodes if node.item is not None}
-    problems = threads.map_in_threads(
-        lambda item: _find_problem(folder, item), items.values(), READERS
-    )
+    find = partial(_find_problem, folder)
+    problems = threads.map_in_threads(find, items.values(), READERS)
     nodes = judge(evidence.nodes, dict(zip(items, problems, strict=True)))
     return evidence.model_copy(update={"checked": manifests.utc_now(), "nodes": nodes})
 
 
 def _find_problem(folder: Path, item: Item) -> str:
-    """Return what is wrong with a file on which evidence in `folder` rests, or with a file that it
-    links; "" if nothing is.
-    """
+    """Return what is wrong with a file of evidence, or with one that it links; "" if nothing is."""
     path = Path(os.path.normpath(folder / item.file))
     try:
-        digest = (
-            hash_file(path) if item.of == "file" else identify(manifests.read_manifest(path.parent))
-        )
+        whole = item.of == "file"
+        digest = hash_file(path) if whole else identify(manifests.read_manifest(path.parent))
     except FileNotFoundError:
         return f"{path}: is missing"
     except OSError as error:
@@ -163,16 +202,14 @@ def _find_problem(folder: Path, item: Item) -> str:
     except StoreError as error:
         return str(error)
     if digest != item.sha256:
-        what = "its content" if item.of == "file" else "what decides outcomes in it"
+        what = "its content" if whole else "what decides outcomes in it"
         return f"{path}: {what} changed: sha256 {digest[:16]}.., expected {item.sha256[:16]}.."
     return next(filter(None, (_find_problem(folder, link) for link in item.links)), "")
 
 
 def judge(nodes: Sequence[Node], problems: Mapping[str, str]) -> tuple[Node, ...]:
-    """Return each node with its status: broken if its file is, or if any node that it rests on is
-    broken. Otherwise a status `open` stays.
-
-    `problems`: of each solution, "" if nothing is wrong.
+    """Return each node with its status: broken if its file is (`problems`: of each solution, or
+    ""), or if it rests on a broken node. Otherwise a status `open` stays.
     """
     supports, reasons = {node.name: node.supported_by for node in nodes}, dict(problems)
     for name in TopologicalSorter(supports).static_order():

@@ -1,6 +1,4 @@
-"""Writes the tables of evidence as one XLSX workbook. The package for XLSX is an optional
-dependency.
-"""
+"""Writes the tables of evidence as one XLSX workbook, with an optional package."""
 
 import importlib
 from collections.abc import Sequence
@@ -16,7 +14,7 @@ from ravenjax.outcomes import verdict
 FILE = "tables.xlsx"
 GOAL = "Each table is there for a spreadsheet, too."
 MOST_ROWS = 1_048_575
-"""Lines below the header that a sheet can have. The CSV has the further lines of a longer table."""
+"""Lines below the header that a sheet can have."""
 _COUNTS = {"evaded", "alarms", "failed_runs_of_group", "index", "faults", "evade"}
 _COUNTS |= {name.replace(" ", "_") for name in verdict.HAZARDS}
 
@@ -26,19 +24,15 @@ def require_writer() -> ModuleType:
     try:
         return importlib.import_module("xlsxwriter")
     except ImportError as error:
-        raise UserError(
-            "--xlsx needs the package XlsxWriter, which is not installed: pip install"
-            " 'ravenjax[xlsx]'; the same tables are written as CSV without it"
-        ) from error
+        needs = "--xlsx needs the package XlsxWriter, which is not installed"
+        install = "pip install 'ravenjax[xlsx]'; the same tables are written as CSV without it"
+        raise UserError(f"{needs}: {install}") from error
 
 
 def write_workbook(path: Path, tables: Sequence[Path], most: int = MOST_ROWS) -> None:
     """Write tables (CSV) as sheets of a workbook, after a sheet that states what they are not.
-    `most`: lines per sheet.
-
-    Text that looks like a formula, a link or a number stays text; for example, a run id such as
-    1e10 would be a number. Raises OSError if the disk refuses, and UserError as `require_writer`
-    does.
+    `most`: lines per sheet. Text that looks like a formula, a link or a number (a run id such as
+    1e10) stays text. Raises OSError if the disk refuses.
     """
     package = require_writer()
     options = {"strings_to_formulas": False, "strings_to_urls": False}

@@ -1,5 +1,5 @@
 """Measures the normal range of each channel on which a fault can act: its range in fault-free
-motion. Writes normal_ranges.csv of the hazard library.
+motion. Writes normal_ranges.csv of the Raven-II.
 
     python analysis/normal_ranges/measure.py
 
@@ -12,7 +12,6 @@ time.
 
 import csv
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,10 +21,10 @@ from ravenjax.campaign.inspection import replay
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Block
 from ravenjax.faults.injection import read_channel
-from ravenjax.hazards import ranges
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.console.motions import MOTIONS
+from ravenjax.robots.raven2.declaration import RANGES as TARGET
 from ravenjax.robots.raven2.declaration import SITES
 from ravenjax.robots.raven2.geometry.mapping import quat_from_matrix
 from ravenjax.robots.raven2.stages import plc
@@ -33,7 +32,6 @@ from ravenjax.vocabulary.sites import ARM, Channel
 
 SCALES = (0.05, 0.1)
 SECONDS = 20.0
-TARGET = Path(ranges.__file__).parent / "data" / ranges.FILE
 
 NEUTRAL = {
     "hand": 0.0,

@@ -1,7 +1,5 @@
-"""Implements the studies of `ravenjax reproduce`: repeats published experiments and compares their
-results with predictions of the simulation, and answers further questions by campaigns.
-
-`ravenjax reproduce NAME` runs one study.
+"""Implements the studies of `ravenjax reproduce`: published experiments repeated, and further
+questions answered by campaigns.
 """
 
 from __future__ import annotations

@@ -27,9 +27,7 @@ def span(low: float | None, high: float | None) -> str:
 
 
 def with_interval(estimate: Mapping[str, Any], unit: str = "") -> str:
-    """Write an estimate of findings.json with its interval: `0.51 mm (0.43 to 0.58)`. Without an
-    interval there are no brackets.
-    """
+    """Write an estimate of findings.json with its interval, if any: `0.51 mm (0.43 to 0.58)`."""
     text = f"{number(estimate['value'])} {unit}".rstrip()
     if estimate["low"] is None or estimate["high"] is None:
         return text
@@ -82,14 +80,10 @@ def plain(value: StudyEstimate | Estimate, digits: int = 3) -> str:
     return f"{text} ({low} to {high})" if np.isfinite([value.low, value.high]).any() else text
 
 
-def counted(rate: StudyEstimate) -> str:
-    """Write 0.8 (0 to 2.1); 3."""
-    return f"{plain(rate)}; {wording.format_count(rate.n)}"
-
-
 def hourly(rate: StudyEstimate) -> str:
     """Write 0.8 (0 to 2.1); 3 in 4.0 h."""
-    return f"{counted(rate)} in {rate.of.rpartition(' in ')[2]}"
+    count = wording.format_count(rate.n)
+    return f"{plain(rate)}; {count} in {rate.of.rpartition(' in ')[2]}"
 
 
 def quartiles(values: np.ndarray) -> str:

@@ -1,9 +1,8 @@
 """Writes what each study claims and which evidence supports it, as Markdown.
 
-The data are in `claims/NAME.toml`, one file per study. They become part of a study's page, and of
-one page over all studies (`templates/credibility.md.j2`). Terms and their order are those of the
-guidance *Assessing the Credibility of Computational Modeling and Simulation in Medical Device
-Submissions* (FDA, November 2023). Evidence that several claims share is in `claims/model.toml`.
+The data are in `claims/NAME.toml`, and evidence that several claims share in `claims/model.toml`.
+Terms and their order are those of the guidance *Assessing the Credibility of Computational Modeling
+and Simulation in Medical Device Submissions* (FDA, November 2023).
 
 A text of a claim contains numbers of the findings by name, in braces. `numbers` states where each
 number is read in the findings, so that no number is typed by hand:
@@ -150,11 +149,8 @@ def of_model() -> dict[str, ModelEvidence]:
 
 # --- numbers of findings in sentences ---
 
-ABSENT = "(not in these findings)"
-NOT_PREDICTED = "(not predicted)"
-"""Text for a line without a prediction, for example because a recording is not in the
-repository.
-"""
+ABSENT, NOT_PREDICTED = "(not in these findings)", "(not predicted)"
+"""Texts for an absent number, and for a line without a prediction (a recording is not at hand)."""
 _UNITS = {"1/h": "times per hour", "per hour": "times per hour"}
 
 
@@ -229,10 +225,8 @@ def section(record: Record) -> str:
 
 
 def page(records: Mapping[str, Record], home: str = "") -> str:
-    """Return the page over studies. `records`: by their names in the order of the page.
-
-    `home`: folder of the page in the repository. With it, pages of docs/ become links; without it,
-    code.
+    """Return the page over studies. `records`: by their names in the order of the page. `home`:
+    folder of the page in the repository, with which pages of docs/ become links.
     """
     return _written(records, home, single=False) + "\n"
 

@@ -1,13 +1,11 @@
-"""Implements the study commands: `ravenjax reproduce`, `ravenjax credibility` and `ravenjax
-evidence --credibility`.
-"""
+"""Implements `ravenjax reproduce`, `ravenjax credibility` and `ravenjax evidence --credibility`."""
 
 import re
 from pathlib import Path
 
 import ravenjax
 import studies
-from evidence.credibility import CredibilityStatement, ModelCredibility
+from evidence.writing import CredibilityStatement, ModelCredibility
 from ravenjax.cli import console, terminal
 from ravenjax.cli.console import Listing
 from ravenjax.errors import UserError
@@ -24,20 +22,12 @@ def reproduce(name: str | None, out: Path, engine: str, keep: Path | None, as_js
             (one.name, one.title, ", ".join(one.targets), f"{one.minutes:g}")
             for one in map(studies.find, studies.NAMES)
         ]
-        listings = [
-            Listing(
-                "studies",
-                "Studies: ravenjax reproduce NAME",
-                ("name", "what", "targets", "minutes"),
-                rows,
-            ),
-            Listing(
-                "targets",
-                "Targets: met where every line with a band is inside it",
-                ("target", "what", "published", "band", "judged by"),
-                [tuple(target) for target in targets().values()],
-            ),
-        ]
+        heads = "studies", "Studies: ravenjax reproduce NAME"
+        listings = [Listing(*heads, ("name", "what", "targets", "minutes"), rows)]
+        heads = "targets", "Targets: met where every line with a band is inside it"
+        columns = ("target", "what", "published", "band", "judged by")
+        rows = [tuple(target) for target in targets().values()]
+        listings.append(Listing(*heads, columns, rows))
         console.print_tables(listings, as_json)
         return
     chosen = [studies.find(one) for one in (studies.NAMES if name == "all" else (name,))]
@@ -83,9 +73,7 @@ def credibility(folder: Path, out: Path | None) -> None:
 
 
 def model_credibility(folder: Path) -> ModelCredibility:
-    """Return what studies say of the simulator, with numbers from their findings in `folder`.
-    Raises UserError.
-    """
+    """Return what studies say of the simulator, with numbers from their findings in `folder`."""
     records = findings_files.records(folder, studies.NAMES)
     if not records:
         raise UserError(

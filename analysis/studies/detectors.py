@@ -36,17 +36,13 @@ NOISY = {AS_MODELLED: NOISE, UNCERTAIN: f"{UNCERTAIN}, {NOISE}"}
 """Names of the groups without faults in a campaign with noise."""
 PER_HOUR = 1.0
 """False alarms per hour that an operating point may have."""
-PUBLISHED = ("steps/all/1", 1.0)
-"""The published rule: each step over its 99.8 to 99.9 percentile, all three together, for one
-millisecond.
+PUBLISHED, FORK, CLIP = ("steps/all/1", 1.0), ("derivative_sum", 55.0), ("overdrive", 1.0)
+"""The published rule (each step over its 99.8 to 99.9 percentile, all three together, for one
+millisecond), the disabled second detector of raven2_sim, and the control software's clip limit.
 """
-FORK = ("derivative_sum", 55.0)
-"""The disabled second detector of raven2_sim and its threshold."""
-CLIP = ("overdrive", 1.0)
-"""The control software's own clip limit."""
 TIP_ERROR = "tip_error"
 """The detector whose score is the distance in mm of the reported tip from the model."""
-MAIN = (PUBLISHED[0], "derivative_sum", TIP_ERROR, "overdrive")
+MAIN = (PUBLISHED[0], FORK[0], TIP_ERROR, CLIP[0])
 FAST = "suture_fast"
 
 
@@ -62,9 +58,7 @@ def place(some: Runs, name: str, threshold: float) -> str:
 
 
 def spoke_ms(faulty: Runs, name: str, threshold: float) -> np.ndarray:
-    """Return when a detector, or one of OTHERS (at any threshold), first gave an alarm because of
-    the fault, ms [runs]; -1: never.
-    """
+    """Return when a detector, or one of OTHERS, first told of the fault, ms [runs]; -1: never."""
     if name == STOPS:
         times = np.where(faulty["response"] == "stopped", faulty["response_ms"], -1)
     else:
@@ -102,13 +96,11 @@ def areas(
     score: np.ndarray, positive: np.ndarray, kind: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the AUC of score [runs, d] against positive (bool [runs]), [d], and its covariance
-    [d, d] if runs of one `kind` [runs] are a cluster. They are NaN without positives or negatives.
+    [d, d] if runs of one `kind` [runs] are a cluster.
     """
     from scipy.stats import rankdata
 
     m, n, detectors = int(positive.sum()), int((~positive).sum()), score.shape[1]
-    if not m or not n:
-        return np.full(detectors, np.nan), np.full((detectors, detectors), np.nan)
     rank = rankdata(score, axis=0)
     # Share of the other class that a run beats. A tie counts half.
     beats = np.empty_like(rank)
@@ -165,11 +157,7 @@ class Point(NamedTuple):
 
 
 def threshold_for(free: Runs, name: str, per_hour: float = PER_HOUR) -> float | None:
-    """Return the lowest threshold from which on a detector's false alarms do not exceed the rate;
-    None if there is none.
-
-    Raises ValueError without any hours.
-    """
+    """Return the lowest threshold from which on false alarms do not exceed the rate, or None."""
     hours = free["hours"].sum()
     if not hours > 0:
         raise ValueError(f"no motion without a fault to choose a threshold of {name} on")
@@ -323,31 +311,17 @@ def _lines(
     auc = area_estimates(faulty, faulty["unintended"], MOVED)
     for at in quiet:
         yield study.own_line(f"AUC, {at.name}", "", auc[at.name])
-
-    def rates(at: Point, words: str, early: bool, false: bool) -> Iterator[study.Line]:
-        yield study.percent_line(f"{words}: unintended motion caught", at.caught)
-        if early and at.before is not BY_DEFINITION:
-            yield study.percent_line(f"{words}: caught before it began", at.before)
-        if false and len(hands.frame):
-            quantity = f"{words}: false alarms, recorded hands, scale {runs.DEFAULT_SCALE:g}"
+        yield study.percent_line(f"{at.words}: unintended motion caught", at.caught)
+        yield study.percent_line(f"{at.words}: caught before it began", at.before)
+    fixed = [point(faulty, modelled, *published) for published in (PUBLISHED, FORK, CLIP)]
+    for at in (*fixed, *others):
+        yield study.percent_line(f"{at.words}: unintended motion caught", at.caught)
+        if at in others and at.before is not BY_DEFINITION:
+            yield study.percent_line(f"{at.words}: caught before it began", at.before)
+        quantity = f"{at.words}: false alarms, recorded hands, scale {runs.DEFAULT_SCALE:g}"
+        if len(hands.frame):
             yield study.own_line(quantity, "1/h", false_alarms(hands, at.name, at.threshold))
-        if false:
-            yield study.own_line(f"{words}: false alarms", "1/h", at.false)
-
-    for at in quiet:
-        yield from rates(at, at.words, early=True, false=False)
-    slow = at_scale(unclutched(modelled), 0.1)
-    for at in quiet if slow["hours"].sum() > 0 else ():
-        threshold = threshold_for(slow, at.name)
-        if threshold is not None:
-            there = point(faulty, slow, at.name, threshold)
-            words = f"{there.words}, quiet at scale 0.1 without clutching"
-            yield from rates(there, words, early=False, false=False)
-    for published in (PUBLISHED, FORK, CLIP):
-        at = point(faulty, modelled, *published)
-        yield from rates(at, at.words, early=False, false=True)
-    for at in others:
-        yield from rates(at, at.words, early=True, false=True)
+        yield study.own_line(f"{at.words}: false alarms", "1/h", at.false)
 
 
 STUDY = study.study(NAME, study.read_variants(NAME), compare)

@@ -1,11 +1,12 @@
 """Study: how often does the published cue come without a fault, by motion and scale, with generated
 and with recorded hands?
 
-A new cue counts only after the tip was within the threshold for AWAY_MS, as in training sessions.
-Runs in which the overdrive check limits a command are counted separately, because the check then
-causes the distance from the nominal model. A run counts from its pedal-down until it stops.
+A new cue counts only after the tip was within the threshold for AWAY_MS. Runs in which the
+overdrive check limits a command are counted separately, because the check then causes the distance
+from the nominal model. A run counts from its pedal-down until it stops.
 """
 
+import functools
 from collections.abc import Iterator
 from typing import Any
 
@@ -17,16 +18,13 @@ from ravenjax.stats.bootstrap.units import FEWEST, group_units, ratio_band
 from studies import study
 from studies.cells import plain
 from studies.dsn16 import recording
-from studies.runs import DEFAULT_SCALE, SCALE
+from studies.runs import DEFAULT_SCALE, MOTIONS, SCALE
 from studies.series import Recorder, Row, Series
 from studies.study import StudyEstimate
 
 NAME = "false_cues"
-THRESHOLDS_MM = (2.0, 3.0)
-AWAY_MS = 250
-REST_MS = 500
-"""Time for which hands rest at the beginning of every motion."""
-KINDS = ("suture", "reach", "peg_transfer", "palpate")
+THRESHOLDS_MM, AWAY_MS, REST_MS = (2.0, 3.0), 250, 500
+"""REST_MS: time for which hands rest at the beginning of every motion."""
 
 
 def onsets(active: np.ndarray) -> int:
@@ -68,16 +66,11 @@ def rate(runs: pd.DataFrame, mm: float) -> StudyEstimate:
 def compare(context: study.Context) -> study.Findings:
     """Count cues by motion and scale."""
     recorder = Recorder()
-    runs = pd.DataFrame(
-        [
-            run
-            for name, folder in context.folders.items()
-            for run in recorder.measure(
-                folder, lambda row, series, name=name: measure(name, row, series)
-            )
-        ]
-    )
-    absent = "" if set(runs["kind"]) - set(KINDS) else f" Set {recording.DATA}."
+    measured = []
+    for name, folder in context.folders.items():
+        measured += recorder.measure(folder, functools.partial(measure, name))
+    runs = pd.DataFrame(measured)
+    absent = "" if set(runs["kind"]) - set(MOTIONS) else f" Set {recording.DATA}."
     return study.Findings(
         tuple(_lines(runs)),
         (study.read_table(NAME, "motions", _rows(runs)),),
@@ -87,9 +80,9 @@ def compare(context: study.Context) -> study.Findings:
 
 def _lines(runs: pd.DataFrame) -> Iterator[study.Line]:
     at = runs.loc[np.isclose(runs["scale"], DEFAULT_SCALE) & ~runs["clipped"]]
-    generated = at["kind"].isin(KINDS)
+    generated = at["kind"].isin(MOTIONS)
     groups = {"generated motion": generated, "recorded hands": ~generated}
-    groups |= {kind: at["kind"] == kind for kind in KINDS}
+    groups |= {kind: at["kind"] == kind for kind in MOTIONS}
     for words, mine in groups.items():
         for mm in THRESHOLDS_MM if mine.any() else ():
             quantity = f"{words}: cues of {mm:g} mm without a fault, scale {DEFAULT_SCALE:g}"
@@ -97,7 +90,7 @@ def _lines(runs: pd.DataFrame) -> Iterator[study.Line]:
 
 
 def _rows(runs: pd.DataFrame) -> Iterator[tuple[str | float, ...]]:
-    recorded = (~runs["kind"].isin(KINDS)).rename("recorded")
+    recorded = (~runs["kind"].isin(MOTIONS)).rename("recorded")
     for (_, kind, scale, clipped), mine in runs.groupby(
         [recorded, "kind", runs["scale"].round(3), "clipped"]
     ):

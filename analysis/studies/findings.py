@@ -1,6 +1,5 @@
-"""Runs a study, and writes and reads its files: findings as JSON, Markdown and HTML.
-
-Equal findings give equal bytes. Files contain neither times nor paths.
+"""Runs a study, and writes and reads its files: findings as JSON, Markdown and HTML. Equal findings
+give equal bytes: files contain neither times nor paths.
 """
 
 import dataclasses
@@ -26,17 +25,14 @@ Record = Mapping[str, Any]
 """Content of findings.json."""
 
 JSON, PAGE, HTML, CREDIBILITY = "findings.json", "findings.md", "findings.html", "credibility.md"
-RUNS = "runs"
-"""Subfolder of a study for its campaigns."""
+RUNS = "runs"  # subfolder of a study for its campaigns
 
 
 def reproduce(
     study: Study, out: Path, engine: str = "auto", on_progress: OnProgress | None = None
 ) -> Findings:
     """Run a study, or finish it if OUT/NAME holds a part of it, and write its findings there.
-
-    `on_progress`: called with the progress over all campaigns of the study. Raises UserError and
-    StoreError for errors that the user can fix. Finished parts stay.
+    `on_progress`: called with the progress over all campaigns. Raises UserError and StoreError.
     """
     folder = out / study.name
     configs = {
@@ -131,10 +127,8 @@ def _without_folder(text: str) -> str:
 def write(study: Study, findings: Findings, made: Record, folder: Path) -> None:
     """Write all files of these findings into `folder`. Raises StoreError if the disk refuses."""
     require_writable(folder)
-    about = {
-        name: plain(getattr(study, name))
-        for name in ("name", "title", "source", "question", "targets")
-    }
+    names = ("name", "title", "source", "question", "targets")
+    about = {name: plain(getattr(study, name)) for name in names}
     record = {"study": about, **plain(findings), "provenance": made}
     text = page(record, with_claims=True)
     _write(folder / PAGE, text)
@@ -195,11 +189,7 @@ def line_rows(findings: Findings) -> list[tuple[str, ...]]:
 
 
 def page(record: Record, with_claims: bool) -> str:
-    """Return the Markdown page of a record (`templates/findings.md.j2`).
-
-    `with_claims`: include what the study's claims rest on. Findings that are kept leave this to the
-    page over all studies.
-    """
+    """Return the Markdown page of a record, with or without the evidence of its claims."""
     values = {
         **record,
         "standings": standings(record["lines"]),

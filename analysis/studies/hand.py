@@ -17,7 +17,7 @@ from ravenjax.vocabulary.reactions import RELEASE
 from studies import kinds, reacting_operator, study
 from studies.reacting_operator import number
 from studies.runs import read
-from studies.study import Line, StudyEstimate, in_percent, own_line, read_table
+from studies.study import Line, in_percent, own_line, read_table
 
 NAME = "hand"
 DELAYS_MS = (155.0, 190.0, 250.0, 384.0, 725.0, 1250.0, 1500.0)
@@ -38,9 +38,7 @@ SIZES_MM = (5.0, 10.0, 20.0)
 
 
 class HandEffect(NamedTuple):
-    """What a force on the hand changed, over the faults in which it moved one. Intervals are over
-    kinds of faults.
-    """
+    """What a force changed, over the faults in which it moved a hand, with intervals over kinds."""
 
     pairs: int  # number of faults
     pulled: int  # of these: faults in which the hand moved
@@ -63,29 +61,18 @@ Effects = Mapping[tuple[str, str, str], HandEffect]
 
 
 def paired(frame: pd.DataFrame, newtons: float, grip: float) -> Pairs:
-    """Return every fault that changed a bit, with that force per unit and that grip, and without a
-    force.
-
-    Raises ValueError if the campaign has no such runs.
-    """
+    """Return every fault that changed a bit, with and without that force per unit, at that grip."""
     at_grip = np.isclose(frame[GRIP_COLUMN], grip)
     on, off = (
         frame.loc[at_grip & np.isclose(frame[NEWTONS_COLUMN], value)].sort_values("pair")
         for value in (newtons, 0.0)
     )
-    if not len(on) or len(on) != len(off):
-        raise ValueError(
-            f"the campaign has {len(on)} runs of {newtons:g} N a unit at grip {grip:g},"
-            f" {len(off)} of 0"
-        )
     valid = ~(on["failed"].to_numpy(bool) | off["failed"].to_numpy(bool))
     return Pairs(on, off).where(valid & off["activated"].to_numpy(bool))
 
 
 def stopped(pairs: Pairs) -> np.ndarray:
-    """Return pairs in which a check stopped one of the robots, bool [pairs]. Then only the model
-    follows the hand.
-    """
+    """Return pairs in which a check stopped a robot: then only the model follows the hand."""
     on, off = ((part["response"] == "stopped").to_numpy(bool) for part in pairs)
     return on | off
 
@@ -123,9 +110,7 @@ def effect(pairs: Pairs, scale: float) -> HandEffect:
 
 
 def compare(context: study.Context) -> study.Findings:
-    """Compare effects of the force by its size and grip, with their null models, and reaction
-    times.
-    """
+    """Compare effects of the force by size and grip with null models, and reaction times."""
     force, grip, turned, cycle = (
         read(context.folders[name]).frame for name in ("force", "grip", "turned", "every_cycle")
     )
@@ -155,20 +140,12 @@ def compare(context: study.Context) -> study.Findings:
         "avoided": _avoided(released),
     }
     tables = tuple(read_table(NAME, key, table) for key, table in rows.items())
-    return study.Findings(tuple(_lines(effects, released)), tables, study.read_notes(NAME))
+    return study.Findings(tuple(_lines(released)), tables, study.read_notes(NAME))
 
 
-def _lines(effects: Effects, released: Mapping[float, Pairs]) -> Iterator[Line]:
-    for (force, grip, robot), one in effects.items():
-        of = f"faults whose cue moves the hand, {kinds.count(one.kinds)}"
-        for what, change in {"model": one.model, "golden run": one.golden}.items():
-            yield own_line(
-                f"mean change of the distance from the {what}: {robot}, {force}, grip {grip}",
-                "mm",
-                StudyEstimate(*change, one.pulled, of),
-            )
+def _lines(released: Mapping[float, Pairs]) -> Iterator[Line]:
     for delay, part in released.items():
-        contrast = reacting_operator.contrast_of(part, reacting_operator.excursion(20.0))
+        contrast = reacting_operator.contrast_of(part, 20.0)
         of = f"faults that make it where nobody reacts, {kinds.count(contrast.affected)}"
         yield own_line(
             f"lifting the pedal after {delay:g} ms avoids, of motions of more than 20 mm",
@@ -193,9 +170,7 @@ def _changed(effects: Effects) -> Iterator[tuple[str | int, ...]]:
 
 
 def loop_rows() -> Iterator[tuple[str | float, ...]]:
-    """Yield the gain of the loop from the model through the cue and the hand back to the model,
-    for a robot at rest.
-    """
+    """Yield the gain of the loop from the model through cue and hand back, for a robot at rest."""
     for newtons, words in FORCES.items():
         for grip in (ENDS[0], MIDDLE, ENDS[1]) if newtons > 0 else ():
             params = HandParams(grip, newtons, 0.554, 6.45, 135.0, 5.0, 0.0)
@@ -207,10 +182,7 @@ def loop_rows() -> Iterator[tuple[str | float, ...]]:
 
 def _avoided(released: Mapping[float, Pairs]) -> Iterator[tuple[str | int, ...]]:
     for delay, part in released.items():
-        contrasts = [
-            reacting_operator.contrast_of(part, reacting_operator.excursion(size))
-            for size in SIZES_MM
-        ]
+        contrasts = [reacting_operator.contrast_of(part, size) for size in SIZES_MM]
         yield f"{delay:g}", contrasts[0].n, *map(reacting_operator.avoided, contrasts)
 
 

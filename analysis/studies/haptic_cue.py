@@ -1,14 +1,12 @@
 """Study of the haptic cue: for which faults it comes, when and how strongly, how many false cues
 come, and which threshold is best.
 
-All sets of threshold and gains are evaluated in the same runs, without a reaction. A cue of a
-faulty run counts from the fault's first effect on, and only if it had not come in the golden run by
-that time. The cost of a threshold is weight x (share of hazards missed) + false cues per hour. The
-weight is unknown, so it is swept. Kinds of faults and recordings are resampled to show the
-uncertainty of the choice.
+A cue of a faulty run counts from the fault's first effect on, and only if it had not come in the
+golden run by that time. The cost of a threshold is weight x (share of hazards missed) + false cues
+per hour. The weight is unknown, so it is swept.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,9 +17,9 @@ from ravenjax.report import wording
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.bootstrap.units import Units, group_units
 from studies import runs, study
-from studies.cells import counted, hourly, percent, plain, quartiles
+from studies.cells import hourly, percent, plain, quartiles
 from studies.runs import AS_MODELLED, MOVED, SCALE, UNCERTAIN, Runs, of_robot, share, unclutched
-from studies.study import StudyEstimate, read_table
+from studies.study import Cell, StudyEstimate, read_table
 
 NAME = "haptic_cue"
 RESAMPLES = 2000
@@ -42,8 +40,6 @@ AT_CAP = 0.999
 """Share of the cap from which a force counts as capped, because forces are stored as float32."""
 SLOW = 0.1
 """Largest scale of motion that is called slow."""
-SHOWN_MM = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
-"""Thresholds in the table of false cues by motion."""
 EARLY_MM = 1.0
 """A threshold below the limit of the unintended motion, which is compared for any choice."""
 
@@ -66,18 +62,13 @@ def choose(
     recording: np.ndarray,
     weights: Sequence[float] = WEIGHTS,
 ) -> list[Choice]:
-    """Return the cheapest set at each weight; of equals the highest-numbered one (the highest
-    threshold, if sets rise).
+    """Return the cheapest set at each weight; of equals the highest-numbered one.
 
     `missed`: bool [hazards, sets], of these kinds of faults. `false`: cues [free runs, sets] in
-    these hours [free runs] of recordings [free runs]. Kinds and recordings are resampled.
-
-    Resampling cannot represent a rate with no observed event. Such a rate is drawn from an
-    exponential distribution of mean 1 / hours, whose 97.5 % quantile is the end of the exact
-    interval for a Poisson count of 0. Raises ValueError without hazards or hours.
+    these hours [free runs] of recordings [free runs]. Kinds and recordings are resampled. A rate
+    with no observed event is drawn from an exponential distribution of mean 1 / hours, whose 97.5 %
+    quantile is the end of the exact interval for a Poisson count of 0.
     """
-    if not len(missed) or not hours.sum() > 0:
-        raise ValueError("a choice needs hazards and motion without a fault")
     free, sets = group_units(recording), missed.shape[1]
     missed, hazards = _by(faults, missed), _by(faults, np.ones(len(missed)))
     false, hours = _by(free, false), _by(free, hours)
@@ -189,7 +180,7 @@ def false_time(free: Runs, k: int) -> str:
     return f"{value}{ends} of {hours.sum():.1f} h"
 
 
-Rows = Iterator[tuple[float | str, ...]]
+Rows = Iterator[tuple[Cell, ...]]
 
 
 def threshold_rows(faulty: Runs, free: Runs, sets: Sequence[int]) -> Rows:
@@ -260,29 +251,12 @@ def gain_rows(faulty: Runs, modelled: Runs, numbers: Sequence[int]) -> Rows:
             )
 
 
-def motion_rows(parts: Sequence[Runs], sets: Sequence[int]) -> Rows:
-    """Yield false cues per hour by motion and scale, of each part of the motion without a fault."""
-    modelled = runs.joined(parts)
-    shown = [k for k in sets if modelled.made.cues[k].threshold_mm in SHOWN_MM]
-    motion = np.array([name.rpartition(" ")[0] for name in modelled["recording"]], object)
-    for name in dict.fromkeys(motion.tolist()):
-        for scale in np.unique(modelled[SCALE]):
-            mine = modelled.where((motion == name) & np.isclose(modelled[SCALE], scale))
-            if not len(mine.frame):
-                continue
-            recordings = len(np.unique(mine["recording"]))
-            rates = (counted(false_cues(mine, k)) for k in shown)
-            yield name, float(scale), recordings, round(float(mine["hours"].sum()), 3), *rates
-
-
 def compare(context: study.Context) -> study.Findings:
     """Compare all sets over the same runs."""
     folders = context.folders
     faulty = runs.pooled(folders)
     recordings = [name for name in folders if name.startswith("free_")]
-    hands, free = runs.split_hands(
-        runs.joined([runs.fault_free(folders[name]) for name in recordings])
-    )
+    free = runs.joined([runs.fault_free(folders[name]) for name in recordings])
     modelled, published = of_robot(free, AS_MODELLED), faulty.made.verdict_cue
     sets = default_sets(faulty)
     thresholds = [faulty.made.cues[k].threshold_mm for k in sets]
@@ -292,9 +266,7 @@ def compare(context: study.Context) -> study.Findings:
     compared, mm = list(dict.fromkeys([published, *early, *winners])), thresholds[place]
     lines = (
         *runs.design_lines(faulty, modelled),
-        *(line for k in compared for line in _cue_lines(faulty, hands, modelled, k)),
-        *(_choice_line(thresholds, at) for at in chosen),
-        *_packet_lines(runs.by_packets(folders), compared),
+        *(line for k in compared for line in _cue_lines(faulty, modelled, k)),
     )
     choice, rules = choice_rows(thresholds, place, chosen), rule_rows(faulty, free, sets)
     return study.Findings(
@@ -304,7 +276,6 @@ def compare(context: study.Context) -> study.Findings:
             read_table(NAME, "choice", choice, mm=mm, sure=100 * SURE),
             read_table(NAME, "rules", rules, mm=mm, limit_mm=LIMIT_MM),
             read_table(NAME, "gains", gain_rows(faulty, modelled, compared[:2])),
-            read_table(NAME, "motions", motion_rows((hands, modelled), sets)),
         ),
         notes=study.read_notes(
             NAME,
@@ -315,35 +286,13 @@ def compare(context: study.Context) -> study.Findings:
     )
 
 
-def _cue_lines(faulty: Runs, hands: Runs, modelled: Runs, k: int) -> Iterator[study.Line]:
+def _cue_lines(faulty: Runs, modelled: Runs, k: int) -> Iterator[study.Line]:
     published = " (published)" if k == faulty.made.verdict_cue else ""
     words, found = f"{faulty.made.cues[k].threshold_mm:g} mm{published}", felt(faulty, k)
     yield study.percent_line(f"{words}: unintended motion missed", found.missed)
     yield study.percent_line(f"{words}: unintended motion felt before it began", found.before)
     yield study.own_line(f"{words}: median lead over the motion", "ms", found.lead_ms)
-    if len(hands.frame):
-        quantity = f"{words}: false cues, recorded hands, scale {runs.DEFAULT_SCALE:g}"
-        yield study.own_line(quantity, "1/h", false_cues(hands, k))
     yield study.own_line(f"{words}: false cues", "1/h", false_cues(modelled, k))
-
-
-def _packet_lines(faulty: Mapping[str, Runs], compared: Sequence[int]) -> Iterator[study.Line]:
-    for words, some in faulty.items():
-        for k in compared:
-            mm = some.made.cues[k].threshold_mm
-            quantity = f"{mm:g} mm: unintended motion missed, {words}"
-            yield study.percent_line(quantity, felt(some, k).missed)
-
-
-def _choice_line(thresholds: Sequence[float], at: Choice) -> study.Line:
-    mm, often = thresholds[at.winner], f"wins {100 * at.wins[at.winner]:.0f} % of resamples"
-    # The thresholds between which 95 % of the resamples chose.
-    ends = np.searchsorted(at.wins.cumsum(), np.array([0.025, 0.975]) - 1e-9)
-    low, high = (thresholds[min(k, len(thresholds) - 1)] for k in ends)
-    of = often if at.sure else f"cannot be said: {mm:g} mm {often}"
-    value = StudyEstimate(mm if at.sure else np.nan, low, high, of=of)
-    words = "threshold chosen where a missed unintended motion an hour weighs"
-    return study.own_line(f"{words} {at.weight:,.0f} false cues", "mm", value)
 
 
 STUDY = study.study(NAME, study.read_variants(NAME), compare)

@@ -1,10 +1,8 @@
 """Defines kinds of faults: the independent units of every study that pools faults.
 
-A kind is a hazard of the library with all its cases, or a group of a campaign. The values within a
-kind are a grid, or drawn from a range. Faults of one kind resemble each other, because they act on
-the same signal with the same effect. The precision of a statement about faults in general therefore
-depends on the number of kinds. Strata are families of kinds, given by the prefix of the group name:
-library/, sampled/, boundary/.
+A kind is a hazard of the library with all its cases, or a group of a campaign. Faults of one kind
+resemble each other, because they act on the same signal with the same effect. Strata are families
+of kinds, given by the prefix of the group name: library/, sampled/, boundary/.
 """
 
 import math
@@ -20,15 +18,12 @@ from ravenjax.stats.bootstrap.units import FEW, FEWEST, Units, group_units, rati
 from ravenjax.stats.comparison.paired import difference_of_counts
 from ravenjax.stats.intervals import Estimate
 
-LIBRARY = "library"
-"""Family of the hazards of the library."""
 NOTE = (
     "Intervals, 95 %: bootstrap over kinds of faults (a hazard of the library with all its cases,"
     f" or a group), families of groups apart; none with fewer than {FEWEST} kinds, and too narrow"
     f" with fewer than {FEW}. A share is of this design's faults. It is no probability, and another"
     " mix of faults has another share."
 )
-"""Note below tables."""
 
 
 def names(group: ArrayLike) -> np.ndarray:
@@ -38,7 +33,7 @@ def names(group: ArrayLike) -> np.ndarray:
 
 def families(group: ArrayLike) -> np.ndarray:
     """Return the family of each fault by its group's name, words [faults]; or "" without one."""
-    return _each(group, lambda name: LIBRARY if hazards_of(name) else name.rpartition("/")[0])
+    return _each(group, lambda name: "library" if hazards_of(name) else name.rpartition("/")[0])
 
 
 def of(group: ArrayLike) -> Units:
@@ -48,10 +43,7 @@ def of(group: ArrayLike) -> Units:
 
 def difference(first: np.ndarray, second: np.ndarray, among: Units) -> Estimate:
     """Return the rate of `first` minus the rate of `second` (bool [pairs]) with its interval over
-    kinds.
-
-    If no pair differs, a resample cannot show a difference either. Then the interval is Bonett and
-    Price's, with as many pairs as there are kinds.
+    kinds; if no pair differs, Bonett and Price's with as many pairs as kinds.
     """
     if not len(first):
         return Estimate(math.nan, math.nan, math.nan)

@@ -1,7 +1,5 @@
-"""Study: does the virtual robot's mechanics resemble a real robot's?
-
-The study compares statics, the load of a recorded motor, and the following errors of two arms.
-RAVENJAX_DATA names the folder of the recordings.
+"""Study: does the virtual robot's mechanics resemble a real robot's? It compares statics, the load
+of a recorded motor, and the following errors of two arms.
 """
 
 import math
@@ -36,8 +34,8 @@ THREE_JOINTS, SEVEN_JOINTS = recording.FILE, "recording_gold_7joints.parquet"
 SUPPLY_V = 48.0
 SEVEN_PERIOD_MS = 4.94  # 8 144 rows in 40 s, received in bursts
 LOG_SETUP = RavenSetup(software="fork2015", arms=("gold",), tools=("r_grasper",))
-"""Setup for the recordings, also of the arm with seven joints. Unlike in today's raven2, that arm's
-first jaw follows the insertion like its second.
+"""Setup for both recordings. Also in the one with seven joints the first jaw follows the insertion
+like its second.
 """
 WRIST = (
     "the recorded wrist lags more as its recording goes on, also at the same speed; no law that was"
@@ -45,16 +43,16 @@ WRIST = (
 )
 BAND = (0.75, 1.25)
 """Band of agreement: a following error within a quarter of the recorded one."""
-FITTED = {THREE_JOINTS: (0, 1, 2), SEVEN_JOINTS: (3, 4, 5, 6)}
-"""Recording whose first half gives the friction and offsets of each joint."""
-FITTED_KINDS = ("friction", "offsets")
+FITTED, FITTED_KINDS = (
+    {THREE_JOINTS: (0, 1, 2), SEVEN_JOINTS: (3, 4, 5, 6)},
+    ("friction", "offsets"),
+)
+"""Joints whose friction and offsets the first half of each recording gives."""
 ARMS = {THREE_JOINTS: "the authors' arm", SEVEN_JOINTS: "the arm of 2018"}
 
 
 def three_joints(path: Path) -> LoggedRobot:
-    """Return the log of the authors' arm in teleoperation, 21 s at 1 kHz. The desired joints are
-    computed from its PD law.
-    """
+    """Return the log of the authors' arm in teleoperation, 21 s at 1 kHz."""
     return _logged(path, position_loop.FORK2015, 1.0)
 
 
@@ -71,8 +69,7 @@ def _logged(path: Path, controller: position_loop.Controller, period_ms: float) 
 
 # --- the links' load in a recorded motor ---
 
-WINDOW_MS, ORDER = 41, 3  # settings of the Savitzky-Golay filter
-MOVING_RAD_S = 1.0
+WINDOW_MS, ORDER, MOVING_RAD_S = 41, 3, 1.0  # of the Savitzky-Golay filter; slowest rows
 STRETCHES = 20
 """Pieces of the recording, about a second each, that the bootstrap resamples."""
 MODELS: dict[str, tuple[tuple[int, ...], float]] = {
@@ -114,9 +111,7 @@ def of_recording(log: JointRecording) -> list[LoadShare]:
 
 
 def held_out(log: JointRecording) -> dict[str, list[np.ndarray]]:
-    """Return absolute errors (N m, [n] of each joint) of each of MODELS, fitted to the first half,
-    in the torque of the second half. Needs 64-bit numbers.
-    """
+    """Return errors (N m, [n] of each joint) of MODELS, fitted to the first half, in the second."""
     joints = _moving(log)
     return {
         model: [_errors(joint, fitted, load) for joint in joints]
@@ -135,9 +130,8 @@ def _moving(log: JointRecording) -> list[_Joint]:
     from scipy.signal import savgol_filter
 
     def smooth(values: np.ndarray, derivative: int = 0) -> np.ndarray:
-        return np.asarray(
-            savgol_filter(values, WINDOW_MS, ORDER, deriv=derivative, delta=1e-3, axis=0)
-        )
+        smoothed = savgol_filter(values, WINDOW_MS, ORDER, deriv=derivative, delta=1e-3, axis=0)
+        return np.asarray(smoothed)
 
     angle, speed, acceleration = (smooth(log.angle, d) for d in range(3))
     torque = -smooth(log.dac) / np.array(transmission.COUNTS_PER_NM[:3])
@@ -195,15 +189,12 @@ KP = constants.GAINS["raven2"]["gold"]["kp"][0]  # N m per rad of motor, after t
 
 
 class Statics(NamedTuple):
-    """Statics of the shoulder."""
-
     who: str
     tension: float  # N, pressed against its stop by COUNTS
     peak: float  # N, on the way to the stop
     torque: float  # N m at the joint
     speed: float  # rad/s, largest of the motor
-    # mm at 0.3 m of arm, pushed by LOAD_NM while its controller holds it.
-    given_way: float
+    given_way: float  # mm at 0.3 m of arm, pushed by LOAD_NM while its controller holds it
 
 
 def of_robot(name: str) -> Statics:
@@ -282,8 +273,8 @@ def compare(context: study.Context) -> study.Findings:
         lines += _lines(name, judged[name], logged.log.joints)
         printed.append(_following(judged[name], logged.log.joints, name))
         fit = logged.calibrated(sets[OURS], select_unknowns(FITTED[name], FITTED_KINDS))
-        rows = tables.tabulate_parameters(fit)
-        printed.append(read_table(NAME, "fitted", rows, name=name))
+        fitted = tables.tabulate_parameters(fit)
+        printed.append(read_table(NAME, "fitted", fitted, name=name))
     missing = [name for name in FITTED if name not in paths]
     absent = (f"Not at hand: {', '.join(missing)}. Set {DATA} to their folder.",) if missing else ()
     notes = (*absent, *_followed(lines, judged), *notes, *study.read_notes(NAME))
@@ -360,10 +351,9 @@ def _following(rows: Sequence[FollowingError], joints: Sequence[int], name: str)
         line = [row.model]
         for j in joints:
             unit = tables.PER_UNIT[j]
-            share = (
-                f" ({row.following[j] / log.following[j]:.2f}), off {row.residual[j] * unit:.3f}"
-            )
-            line.append(f"{row.following[j] * unit:.3f}" + ("" if row is log else share))
+            ratio, off = row.following[j] / log.following[j], row.residual[j] * unit
+            share = "" if row is log else f" ({ratio:.2f}), off {off:.3f}"
+            line.append(f"{row.following[j] * unit:.3f}{share}")
         cells.append(line)
     names = " | ".join(f"{JOINTS[j].replace('_', ' ')}, {tables.UNITS[j]}" for j in joints)
     return read_table(NAME, "following", cells, arm=ARMS[name], name=name, joints=names)

@@ -24,16 +24,13 @@ from studies import kinds
 from studies.hazards import severity
 from studies.study import Line, StudyEstimate, own_line
 
-SCALE = "param:operator.scale"
-DEFAULT_SCALE = 0.1
+SCALE, DEFAULT_SCALE = "param:operator.scale", 0.1
 FREE = "free/"
 """Prefix of the names of groups without faults."""
 AS_MODELLED, UNCERTAIN = "as modelled", "uncertain robot"
 """Groups without faults, after the prefix."""
-RECORDED = "recorded"
-"""Prefix of the recordings of people's hands. The others are generated motion."""
-CLUTCHED = "clutched"
-"""Prefix of the recordings in which the pedal goes up and down."""
+RECORDED, CLUTCHED = "recorded", "clutched"
+"""Prefixes of people's recorded hands, and of recordings in which the pedal goes up and down."""
 MOTIONS = ("suture", "reach", "peg_transfer", "palpate")
 """Variants with faults whose runs are pooled."""
 EVERY_CYCLE = "every_cycle"
@@ -73,8 +70,7 @@ class Runs:
 
 def read(path: Path) -> Runs:
     """Read a result folder. Facts replace columns of the same name. Added are EXCURSION, `injury`
-    (an injury-capable motion), `stopped` (by a check), and `unwarned` (an unintended motion before
-    the cue, or without one). Raises StoreError.
+    (-capable), `stopped` (by a check), `unwarned` (an unintended motion without an earlier cue).
     """
     frame, made = folder.read_all(path), manifest.read_manifest(path)
     facts = run_facts.derive_facts(frame, run_facts.recorded_choices(made))
@@ -104,18 +100,11 @@ def changed_a_bit(runs: Runs) -> np.ndarray:
 
 def pooled(folders: Mapping[str, Path], motions: Iterable[str] = MOTIONS) -> Runs:
     """Pool the activated faulty runs of the campaigns named by these motions, in which nothing else
-    differs.
-
-    Adds the columns `cell` (number of the fault, equal in every motion) and `motion`. Raises
-    ValueError if the faults differ.
+    differs. Adds `cell` (number of the fault, equal in every motion) and `motion`.
     """
     campaigns = [read(folders[name]) for name in motions if name in folders]
     first, parts = campaigns[0], []
     for motion, runs in enumerate(campaigns):
-        if not np.array_equal(runs["group"].astype(str), first["group"].astype(str)):
-            raise ValueError(
-                f"campaign {motion} of a comparison of motions has other groups than the first"
-            )
         numbered = runs.frame.assign(cell=first["distinct"], motion=motion)
         parts.append(numbered.loc[changed_a_bit(runs)])
     return Runs(pd.concat(parts, ignore_index=True), first.made)
@@ -129,9 +118,7 @@ def by_packets(folders: Mapping[str, Path]) -> dict[str, Runs]:
 
 
 def fault_free(path: Path) -> Runs:
-    """Read the runs without a fault of the campaign KIND_MOTION_SEED, with the columns `robot`,
-    `recording` (motion and seed) and `hours` (in pedal-down).
-    """
+    """Read the runs without a fault, and their robot, recording and pedal-down hours."""
     runs, (motion, seed) = read(path), path.name.partition("_")[2].rsplit("_", 1)
     group = runs.frame["group"].astype(str)
     free = runs.frame.assign(
@@ -158,9 +145,8 @@ def unclutched(free: Runs) -> Runs:
 
 
 def split_hands(free: Runs) -> tuple[Runs, Runs]:
-    """Return two parts of motion without a fault. The first is that of recorded hands, with the
-    robot as modelled, at the default scale, and without a command that the overdrive check limits.
-    The second is all generated motion.
+    """Return motion without a fault of recorded hands (robot as modelled, default scale, no command
+    that the overdrive check limits) and all generated motion.
     """
     recorded = np.char.startswith(free["recording"].astype(str), RECORDED)
     clean = (free["check_overdrive_clip_count"] == 0) & (free["check_estop_first_ms"] < 0)
@@ -181,10 +167,8 @@ def median_times(runs: Runs, first_ms: np.ndarray) -> tuple[StudyEstimate, Study
 
 
 def per_hour(free: Runs, counts: np.ndarray, of: str = "alarms") -> StudyEstimate:
-    """Return the rate of `counts` [runs] per hour, with an interval by resampling recordings.
-
-    There is no interval for too few recordings. For a count of zero, the interval is the exact
-    Poisson one, as if the hours were independent.
+    """Return the rate of `counts` [runs] per hour, with an interval by resampling recordings, if
+    there are enough. For a count of zero it is the exact Poisson one.
     """
     total, hours = int(counts.sum()), float(free["hours"].sum())
     exact = alarm_rate(total, hours)
@@ -196,11 +180,7 @@ def per_hour(free: Runs, counts: np.ndarray, of: str = "alarms") -> StudyEstimat
 
 
 def share(hit: np.ndarray, among: np.ndarray, faults: Units, of: str) -> StudyEstimate:
-    """Return the rate of `hit` among `among` (bool [runs]), with its interval over kinds of faults
-    (`units.rate_band`).
-
-    `faults`: kinds of the runs. The rate is NaN if no run is among them.
-    """
+    """Return the rate of `hit` among `among` (bool [runs]), with its interval over kinds."""
     mine = faults.where(among)
     rate = units.rate_band(hit[among], mine, resamples=400)
     words = f"{of}, {kinds.count(mine)}" if rate.n else of

@@ -1,9 +1,8 @@
 """Computes time series of many runs of a campaign, with a vectorised tick that outputs a few chosen
-signals.
+signals. Each run is evaluated immediately, and its series is not stored.
 
-The code is compiled once, by engine `simd`, also for campaigns that ran on another engine. For a
-campaign of engine `simd` the bits are the same; otherwise the last digits may differ. Each run is
-evaluated immediately, and its series is not stored.
+Engine `simd` compiles the code, also for campaigns that ran on another engine: then the last digits
+may differ.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ import numpy as np
 
 from ravenjax import threads
 from ravenjax.campaign import compile_cache, plan
-from ravenjax.campaign.file.config import validate_tables
+from ravenjax.campaign.loading import validate_tables
 from ravenjax.campaign.plan import Plan
 from ravenjax.engines import traced
 from ravenjax.engines.cpu import jit
@@ -85,9 +84,7 @@ class Recorder:
         self, path: Path, measured: Callable[[Row, Series], T], rows: Sequence[int] | None = None
     ) -> list[T]:
         """Return what `measured` computes for each run of result folder `path`, from its row of the
-        result table and its series.
-
-        `rows`: indices of the wanted runs; None: all. Raises StoreError as `read_all` does.
+        result table and its series. `rows`: indices of the wanted runs; None: all.
         """
         ready = plan.make_plan(validate_tables(manifest.read_manifest(path).config))
         table = results.read_all(path).set_index("index", drop=False)
@@ -147,9 +144,7 @@ class _Code:
         self._code = VectorCode(print_kernel(parts, self.width, features), objects)
 
     def _states(self, ready: Plan, dtypes: dict[int, np.dtype]) -> Any:
-        """Return the state of a tick, each number replaced by the index of its output, and note its
-        type.
-        """
+        """Return the state of a tick with indices of outputs for numbers, and note their types."""
         block = self._block(ready, [0])
         varied = [
             jax.ShapeDtypeStruct((), np.asarray(block.varied[path]).dtype)
@@ -178,9 +173,7 @@ class _Code:
             yield self._named(iter(np.ascontiguousarray(out[:, :, lane].T)))
 
     def _named(self, columns: Iterator[np.ndarray]) -> dict[str, np.ndarray]:
-        """Name the columns, each [ticks], with integers and booleans as the bits of 32-bit
-        integers.
-        """
+        """Name the columns, each [ticks], with integers and booleans as bits of int32."""
         series = {}
         for name, dtypes in self._dtypes.items():
             parts = [

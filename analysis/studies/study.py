@@ -2,9 +2,7 @@
 published numbers.
 
 Texts and published numbers are in data files: `studies.toml`, `targets.toml`, and the files with
-the study's name in `variants`, `published`, `tables` and `notes`. A finding contains the published
-and the predicted number, their intervals, the acceptance band if there is one, and the likely
-reason of a difference.
+the study's name in `variants`, `published`, `tables` and `notes`.
 """
 
 import dataclasses
@@ -102,8 +100,7 @@ class Findings:
     notes: tuple[str, ...] = ()  # paragraphs: assumptions, what is not reproduced
 
 
-@dataclasses.dataclass(frozen=True)
-class Context:
+class Context(NamedTuple):
     """Input of a study's comparison: one finished result folder per variant."""
 
     folders: Mapping[str, Path]
@@ -133,9 +130,8 @@ def study(
     name: str, variants: tuple[Variant, ...], compare: Callable[[Context], Findings]
 ) -> Study:
     """Return the study with a name in studies.toml."""
-    about = {
-        key: value for key, value in read_toml("studies.toml")[name].items() if key != "module"
-    }
+    about = dict(read_toml("studies.toml")[name])
+    about.pop("module", "")
     targets = tuple(about.pop("targets", ()))
     return Study(name, variants=variants, compare=compare, targets=targets, **about)
 
@@ -155,10 +151,10 @@ def plain(value: Any) -> Any:
 def read_variants(study: str) -> tuple[Variant, ...]:
     """Return the variants of `variants/STUDY.toml`. The first is the baseline.
 
-    A row may name another campaign than the file. With `each`, a row stands for one variant for
-    each combination of these values, and with `rows` for one for each of these tables. The values
-    replace `$NAME` in its texts. With `needs`, it is left out without the recording of that name,
-    whose path replaces `$file`. With a table `recorded_hands`, the variants of that file follow.
+    With `each`, a row stands for one variant for each combination of these values, and with `rows`
+    for one for each of these tables. The values replace `$NAME` in its texts. With `needs`, it is
+    left out without the recording of that name, whose path replaces `$file`. With a table
+    `recorded_hands`, the variants of that file follow. A campaign may be a file of this folder.
     """
     from studies.dsn16 import recording
 
@@ -182,25 +178,23 @@ def read_variants(study: str) -> tuple[Variant, ...]:
                 for text in (row["name"], row.get("question", ""), *row.get("overrides", ()))
             )
             campaign = row.get("campaign", content["campaign"])
+            own = HERE / campaign
+            campaign = str(own) if own.is_file() else campaign
             if name not in hands.get("leave_out", ()):
                 variants.append(Variant(name, campaign, tuple(overrides), question))
     return tuple(variants)
 
 
 def read_notes(study: str, **values: object) -> tuple[str, ...]:
-    """Return the paragraphs of `notes/STUDY.md`: assumptions, and what is not reproduced.
-
-    Names in braces are replaced by these values; `{kinds}` by `kinds.NOTE`.
-    """
+    """Return the paragraphs of `notes/STUDY.md`, with these values and `kinds.NOTE` for names."""
     text = (HERE / "notes" / f"{study}.md").read_text(encoding="utf-8")
     return tuple(part.format(kinds=kinds.NOTE, **values) for part in text.strip().split("\n\n"))
 
 
 def read_table(study: str, key: str, rows: Iterable[Sequence[Cell]], **values: object) -> Table:
-    """Return the table that `tables/STUDY.md` describes below `## KEY`, with these rows.
-
-    Paragraphs there: title, columns separated by ` | `, and the note, if any. Names in braces are
-    replaced as in `read_notes`. Raises ValueError if a row has another number of cells.
+    """Return the table that `tables/STUDY.md` describes below `## KEY`, with these rows: title,
+    columns separated by ` | `, and the note, if any. Names in braces are replaced as in
+    `read_notes`. Raises ValueError if a row has another number of cells.
     """
     text = (HERE / "tables" / f"{study}.md").read_text(encoding="utf-8")
     part = next(part for part in text.split("## ") if part.startswith(f"{key}\n"))
@@ -215,10 +209,8 @@ def read_table(study: str, key: str, rows: Iterable[Sequence[Cell]], **values: o
 
 
 class Published:
-    """The published numbers and acceptance bands of `published/NAME.toml`, by key.
-
-    A printed number has a `source`. A number read off a plot also has the reading `error`, or `low`
-    and `high`. A band defines agreement; its `source` says who set it.
+    """The published numbers and acceptance bands of `published/NAME.toml`, by key. A number read
+    off a plot has the reading `error`, or `low` and `high`.
     """
 
     def __init__(self, name: str) -> None:
@@ -273,19 +265,12 @@ def targets() -> dict[str, Target]:
 
 
 class TargetStanding(NamedTuple):
-    """Whether a target is met: `A1 not met: 6 of 9 lines inside their band`."""
-
     id: str
-    sentence: str
+    sentence: str  # A1 not met: 6 of 9 lines inside their band
 
 
 def standings(lines: Sequence[Mapping[str, Any]]) -> list[TargetStanding]:
-    """Return the standing of each target of these lines (as in findings.json), in the order of the
-    lines.
-
-    A target is met if all its lines with a band are inside their bands. It is not judged if none of
-    these lines has a prediction.
-    """
+    """Return the standing of each target: it is met if all its lines with a band are inside."""
     found = []
     for name in dict.fromkeys(line["target"] for line in lines if line["target"]):
         banded = [line for line in lines if line["target"] == name and line["band"] is not None]

@@ -1,12 +1,10 @@
 """Study: which conclusions depend on uncertain properties of the robot?
 
 The same faults are run on robots that differ in properties that are not known exactly. The
-published parameter sets are eight hand-tuned descriptions of the same joints by the same authors,
-so their differences measure the uncertainty. If the sets agree or give no value, the range of a
-parameter is an assumption and is marked as such.
+published parameter sets are eight hand-tuned descriptions of the same joints, so their differences
+measure the uncertainty. Where they agree or give no value, a range is an assumption and is marked.
 """
 
-import math
 import tomllib
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -33,7 +31,7 @@ from studies import kinds, runs, study
 from studies.cells import plain
 from studies.kinds import difference
 from studies.reacting_operator import rate
-from studies.study import StudyEstimate, read_table
+from studies.study import Cell, read_table
 
 NAME, KNOWN = "uncertain_robot", "known"
 SEEDS = (1, 2, 3)
@@ -41,9 +39,7 @@ SEEDS = (1, 2, 3)
 SETS = parameter_sets.PUBLISHED
 """The published sets, with the authors' law of motor and cable."""
 FEWEST_EXPECTED, TABLES_DRAWN = 5, 9999
-"""Expected count below which the chi-squared distribution no longer holds (Cochran 1954), and
-number of tables drawn then.
-"""
+"""Expected count that the chi-squared distribution needs (Cochran 1954), and tables drawn below."""
 EVENTS = {
     "evaded": "evades the checks: unintended motion, and nobody is told",
     "cued": "the cue fires",
@@ -118,11 +114,7 @@ class Dependence(NamedTuple):
 
 
 def read(path: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return the runs of a folder with a valid outcome and a fault that changed a bit: its result
-    table, and EVENTS of each run with the `layer` and `kind` of its fault.
-
-    Both are indexed by the number of the campaign's fault, equal in every variant.
-    """
+    """Return the runs whose fault changed a bit, and their EVENTS, indexed by the fault."""
     found = runs.read(path)
     # Runs of one fault share a pair.
     number = np.unique(found["pair"], return_inverse=True)[1]
@@ -143,9 +135,7 @@ def robots_at_ends(path: Path, parameter: Uncertain) -> tuple[RobotRates, RobotR
 
 
 def parameter_effects(ends: Mapping[Uncertain, tuple[RobotRates, RobotRates]]) -> list[Dependence]:
-    """Return the effect of every parameter on every event, with all other parameters equal: pairs
-    of the same fault at both ends, in `levels` "low" and "high".
-    """
+    """Return the effect of every parameter on every event, over pairs of the same fault."""
     effects = []
     for event in EVENTS:
         for parameter, (low, high) in ends.items():
@@ -168,10 +158,7 @@ def adjusted(found: Sequence[Dependence]) -> Iterator[tuple[Dependence, Finding]
 
 
 def thirds(values: np.ndarray) -> np.ndarray:
-    """Return the level of each value [n] by its rank, its number in THIRDS.
-
-    Equal values stay together, and each extreme has its own level. If all are equal it is 0.
-    """
+    """Return the number in THIRDS of each value [n] by its rank. Equal values stay together."""
     from scipy.stats import rankdata
 
     place = (rankdata(values) - 0.5) / max(1, len(values))
@@ -186,10 +173,8 @@ def dependences(
     """Return whether each event depends on each parameter, for robots with all parameters drawn;
     of one event the clearest first.
 
-    Mann-Whitney's test detects a rate that rises or falls. The chi-squared test over thirds detects
-    a rate that is worst at both ends or in the middle. p is twice the lesser (Bonferroni). If a
-    third expects fewer than 5 hits or misses, the latter test uses drawn tables. Runs are assumed
-    to be independent.
+    Mann-Whitney's test detects a rate that rises or falls, and the chi-squared test over thirds
+    another dependence. p is twice the lesser (Bonferroni). Runs are assumed to be independent.
     """
     found = []
     for event in EVENTS:
@@ -235,29 +220,6 @@ def _p(hit: np.ndarray, member: np.ndarray, values: np.ndarray) -> float:
     return min(1.0, 2 * min(float(association.pvalue), float(trend.pvalue)))
 
 
-def rounding(
-    known: RobotRates, ends: Mapping[Uncertain, tuple[RobotRates, RobotRates]]
-) -> tuple[float, int]:
-    """Return the largest difference of a rate (fraction) between the known robot and ends that
-    equal the known robot, and their number.
-
-    This is the effect of rounding alone, from runs at the edge of an event. Return NaN and 0
-    without such an end.
-    """
-    same = [
-        robot
-        for parameter, pair in ends.items()
-        for robot, value in zip(pair, (parameter.low, parameter.high), strict=True)
-        if value == parameter.nominal
-    ]
-    apart = []
-    for robot in same:
-        both = known.events.index.intersection(robot.events.index)
-        here, there = (part.events.loc[both, [*EVENTS]].astype(float) for part in (known, robot))
-        apart.append(float((here - there).mean().abs().max()))
-    return max(apart, default=math.nan), len(same)
-
-
 def extremes(listed: Sequence[RobotRates], event: str) -> tuple[tuple[Rate, str], tuple[Rate, str]]:
     """Return the lowest and the highest rate of an event over robots, each with its robot."""
     rates = [(robot.rate(event), robot.name) for robot in listed]
@@ -268,14 +230,10 @@ def extremes(listed: Sequence[RobotRates], event: str) -> tuple[tuple[Rate, str]
 
 SEARCH = f"variants/{NAME}_search.toml"
 SEARCHES = {"morris": {"trajectories": 60, "levels": 8}, "sobol": {"n": 128}}
-Cells = tuple[str | float, ...]
 
 
-def sensitivity_rows(out: Path, engine: str) -> Iterator[Cells]:
-    """Run both searches into folders inside `out`, and yield the Morris and Sobol indices of every
-    joint and parameter, by joint in their order and by total index, greatest first. Raises
-    UserError.
-    """
+def sensitivity_rows(out: Path, engine: str) -> Iterator[tuple[Cell, ...]]:
+    """Run both searches, and yield the Morris and Sobol indices of every joint and parameter."""
     common, results = study.read_toml(SEARCH), {}
     laws = {
         parameter.path: tomllib.loads(f"law = {parameter.law}")["law"] for parameter in PARAMETERS
@@ -310,25 +268,18 @@ def sensitivity_rows(out: Path, engine: str) -> Iterator[Cells]:
 NONE = "none of those tried"
 
 
-def parameter_rows() -> Iterator[Cells]:
+def parameter_rows() -> Iterator[tuple[Cell, ...]]:
     """Yield ranges and their sources."""
     for parameter in PARAMETERS:
         unit = bounds.allowed_values(ROBOT, parameter.path)[0].unit
         span = f"{parameter.low:g} to {parameter.high:g}"
-        yield (
-            parameter.words,
-            parameter.path,
-            span,
-            parameter.nominal,
-            unit,
-            parameter.law,
-            parameter.source,
-        )
+        numbers = span, parameter.nominal, unit, parameter.law
+        yield parameter.words, parameter.path, *numbers, parameter.source
 
 
 def conclusion_rows(
     robots: Sequence[RobotRates], found: Sequence[Dependence], drawn: Sequence[Dependence]
-) -> Iterator[Cells]:
+) -> Iterator[tuple[Cell, ...]]:
     """Yield each conclusion, its range over robots, and what it depends on."""
     alone, together = (
         [effect for effect, finding in adjusted(part) if finding.rejected]
@@ -348,19 +299,18 @@ def conclusion_rows(
         yield words, rate(robots[0].rate(event)), ends, f"{low_robot}; {high_robot}", *dependent
 
 
-def end_rows(found: Sequence[Dependence]) -> Iterator[Cells]:
+def end_rows(found: Sequence[Dependence]) -> Iterator[tuple[Cell, ...]]:
     """Yield every rate at both ends of every parameter."""
     for effect, finding in adjusted(found):
         low, high = effect.levels.values()
-        parameter = (
-            f"{effect.parameter.words}, {effect.parameter.low:g} to {effect.parameter.high:g}"
-        )
+        varied = effect.parameter
+        parameter = f"{varied.words}, {varied.low:g} to {varied.high:g}"
         holm = format_number(finding.adjusted, 2)
         gap = points(effect.difference)
         yield EVENTS[effect.event], parameter, low.n, rate(low), rate(high), gap, holm
 
 
-def third_rows(drawn: Sequence[Dependence]) -> Iterator[Cells]:
+def third_rows(drawn: Sequence[Dependence]) -> Iterator[tuple[Cell, ...]]:
     """Yield rates by thirds of each parameter."""
     for effect, finding in adjusted(drawn):
         cells = (
@@ -370,13 +320,11 @@ def third_rows(drawn: Sequence[Dependence]) -> Iterator[Cells]:
         yield EVENTS[effect.event], effect.parameter.words, *cells, points(effect.difference), holm
 
 
-def layer_rows(robots: Sequence[RobotRates], event: str) -> Iterator[Cells]:
+def layer_rows(robots: Sequence[RobotRates], event: str) -> Iterator[tuple[Cell, ...]]:
     """Yield whether the order of layers depends on the robot."""
     rates = {}
     for name in LAYERS.values():
-        parts = [
-            RobotRates("", robot.events.loc[robot.events["layer"] == name]) for robot in robots
-        ]
+        parts = [RobotRates("", robot.events[robot.events["layer"] == name]) for robot in robots]
         if all(len(part.events) for part in parts):
             rates[name] = [part.rate(event) for part in parts]
     order = [sorted(rates, key=lambda name: -rates[name][k].value) for k in range(len(robots))]
@@ -416,9 +364,8 @@ def compare(context: study.Context) -> study.Findings:
     decided = sensitivity_rows(folders[KNOWN].parent.parent / "searches", context.engine)
     (outcome,) = study.read_toml(SEARCH)["search"]["outcomes"]
     layers, count = layer_rows(robots, LAYER_EVENT), len(robots)
-    apart, same = rounding(known, ends)
     return study.Findings(
-        lines=tuple(_lines(robots, effects)),
+        lines=tuple(_lines(robots)),
         tables=(
             read_table(NAME, "conclusions", conclusion_rows(robots, effects, drawn), robots=count),
             read_table(NAME, "layers", layers, robots=count, event=EVENTS[LAYER_EVENT]),
@@ -427,11 +374,11 @@ def compare(context: study.Context) -> study.Findings:
             read_table(NAME, "thirds", third_rows(drawn)),
             read_table(NAME, "sensitivity", decided, outcome=outcome),
         ),
-        notes=study.read_notes(NAME, robots=count, same=same, rounding=100 * apart),
+        notes=study.read_notes(NAME, robots=count),
     )
 
 
-def _lines(robots: Sequence[RobotRates], effects: Sequence[Dependence]) -> Iterator[study.Line]:
+def _lines(robots: Sequence[RobotRates]) -> Iterator[study.Line]:
     of = f"faults of this design, {kinds.count(robots[0].kinds)}, the known robot"
     cycle = next(robot for robot in robots if robot.name == EVERY_CYCLE)
     for event, words in EVENTS.items():
@@ -442,11 +389,6 @@ def _lines(robots: Sequence[RobotRates], effects: Sequence[Dependence]) -> Itera
         span = Estimate(share.value, low.value, high.value)
         value = study.in_percent(span, len(robots), "robots, extremes")
         yield study.own_line(f"{words}, over robots", "%", value)
-    judged = list(adjusted(effects))
-    for parameter in PARAMETERS:
-        depends = [finding.rejected for effect, finding in judged if effect.parameter == parameter]
-        value = StudyEstimate(sum(depends), n=len(EVENTS), of="conclusions")
-        yield study.own_line(f"conclusions that depend on: {parameter.words}", "", value)
 
 
 STUDY = study.study(NAME, study.read_variants(NAME), compare)

@@ -145,7 +145,8 @@ class Computation:
             return
         runs = concatenate(self._fault_free_outcomes)
         halted = runs.get("halted_ms", np.zeros(0))
-        still = halted > STANDS_STILL * self.plan.program.ticks
+        length = self.plan.config.campaign.duration_ms
+        still = halted > STANDS_STILL * length
         if still.any():
             tripped = [
                 name.removeprefix("check_").removesuffix("_count")
@@ -154,8 +155,8 @@ class Computation:
             ]
             self.progress.note(
                 f"in {still.sum()} of {len(still)} golden runs the robot stands still for up to"
-                f" {int(halted.max()):,} of {self.plan.program.ticks:,} ms in which it should"
-                " move. The robot stops without a fault, and faults after that have no effect. See"
+                f" {int(halted.max()):,} of {length:,} ms in which it should move. The robot stops"
+                " without a fault, and faults after that have no effect. See"
                 " column golden_halted_ms. Checks that tripped in these runs:"
                 f" {', '.join(tripped) or 'none'}. `ravenjax trace` of a run shows when, and the"
                 " positions and set points of each joint. Write a shorter campaign.duration_s,"
@@ -327,7 +328,7 @@ class Computation:
         result = self.kernel.run(block, self.plan.columns, self._count)
         columns = take_rows(result.outcomes, slice(len(rows)))
         if self.plan.program.ends:
-            columns[schema.OBSERVED] = self.plan.ends[rows]
+            columns[schema.OBSERVED] = self.plan.ends[rows] * self.plan.tick_ms
         return columns, self._golden_outcomes(rows, golden_runs)
 
     def _block(self, rows: np.ndarray, computed: Computed | None, harmless: bool = False) -> Block:

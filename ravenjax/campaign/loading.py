@@ -88,19 +88,19 @@ def from_record(
     where = location.Where(source, location.key_lines(text), replaced)
     raw = population.with_population(raw, where, source)
     try:
+        robot = robot_of(raw, source and source.parent)
+    except UserError as error:
+        raise where.error([(("campaign", "robot"), str(error))]) from None
+    try:
         # Anything else is refused below.
         if isinstance(raw, dict):
             groups = raw.get("group", ())
-            raw, where.written = expansion.expand_tables(raw)
+            raw, where.written = expansion.expand_tables(raw, robot)
             if where.written:
                 where.groups = groups
                 where.names = [str(group.get("name")) for group in raw["group"]]
     except expansion.WrongGroup as error:
         raise where.error([(error.key, error.message)]) from None
-    try:
-        robot = robot_of(raw, source and source.parent)
-    except UserError as error:
-        raise where.error([(("campaign", "robot"), str(error))]) from None
     if robot.name.endswith(robots.MJCF):
         raw = raw | {"campaign": raw["campaign"] | {"robot": robot.name}}
     config = _validated(config_class_of(robot), raw, where).with_files(

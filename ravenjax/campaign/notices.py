@@ -187,7 +187,7 @@ def _of_pedal(plan: Plan) -> OfRuns:
 def _of_faults(plan: Plan) -> OfRuns:
     if not plan.faults["code"].any():
         return
-    faults, ticks = plan.faults, plan.program.ticks
+    faults, ticks, unit = plan.faults, plan.program.ticks, plan.tick_ms
     start, length, every = (
         faults[name].astype(np.int64) for name in ("start", "duration", "every")
     )
@@ -222,8 +222,8 @@ def _of_faults(plan: Plan) -> OfRuns:
         (
             "duration_ms",
             beyond > 0,
-            f"up to {beyond[worst]} of {length[worst]} ms are after the end of the run, which"
-            " cuts the fault short",
+            f"up to {beyond[worst] * unit} of {length[worst] * unit} ms are after the end of the"
+            " run, which cuts the fault short",
         ),
         (
             "every_ms",

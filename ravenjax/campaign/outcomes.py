@@ -111,7 +111,7 @@ def _failed(config: CampaignConfig, measures: dict[str, Any]) -> tuple[np.ndarra
         if values.dtype.kind == "f":
             invalid |= np.isnan(values) if name.endswith(MAY_BE_INFINITE) else ~np.isfinite(values)
     missed = invalid & (first < 0)
-    end = round(config.campaign.duration_s * 1e3)
+    end = config.campaign.duration_ms
     signal = np.where(missed, failures.CODES["outcome"], signal).astype(np.int8)
     return signal, np.where(missed, end, first).astype(np.int32)
 

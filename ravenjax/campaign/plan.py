@@ -72,9 +72,15 @@ class Plan:
     @cached_property
     def ends(self) -> np.ndarray:
         """The first tick after each run's observed time, see `span`; int32 [runs]."""
+        observe = self.config.campaign.observe_ms
         return span.last_observed_ticks(
-            self.faults, self.program.ticks, self.config.campaign.observe_ms, self.clocks
+            self.faults, self.program.ticks, observe and observe // self.tick_ms, self.clocks
         )
+
+    @property
+    def tick_ms(self) -> int:
+        """Duration of a tick."""
+        return self.program.setup.period_ms
 
     @property
     def clocks(self) -> Clocks | None:
@@ -143,7 +149,7 @@ def make_plan(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
         operator=robot.operator,
         columns=tuple(np.ascontiguousarray(column) for column in robot.columns),
         keys=robot.keys,
-        faults=table.fault_arrays(rows, injection),
+        faults=table.fault_arrays(rows, injection, robot.setup.period_ms),
         varied=values,
         golden=number_golden_runs(values, len(rows)),
     )

@@ -4,30 +4,27 @@ A robot is a package or a module that declares `ROBOT` (`ravenjax.vocabulary.rob
 `campaign` is a module of the package, or the one module. That module defines
 
     prepare(config, varied, injection, precision) -> Prepared
-    series(setup, signals, golden) -> {name: array [ticks] or [ticks, ...]}
-        time series of one run
+    more_series(setup, signals, series) -> {name: array [ticks] or [ticks, ...]}
+        optional: time series of one run that are computed from its signals and series
     bases(setup) -> {arm: Base}
         optional: the base frames of the arms, in the world frame
+    describe_figure() -> JSON
+        optional: shapes for the explorer's page, see `campaign.figure` of the Raven-II
     clocks(program, columns, varied, runs) -> faults.clocks.Clocks
         optional: times of packets, and times in which the pedal is down
     phases(config) -> {phase: int [stretches, 2]}
         if `Robot.phases` is not empty: first and last tick of each stretch of a phase
-    explained(program) -> TickProgram
-        optional: the same runs, each compared with its golden run at every seam
     acted(program) -> (TickProgram, {action: number})
         optional: the same runs with a fault slot for an action, and the possible actions, see
         `stages.acted`. An operator who follows the cue takes action 1
-    watched(program) -> TickProgram
-        optional: the same runs with two more signals: state of their `detectors`, and `live`
     Params
         record of the parameters, with a `numbers.quantity` for each field
     Config
         optional: a subclass of `CampaignConfig` with additional sections
 
-golden: series of the golden run, [ticks, numbers]. The tick is a `ravenjax.engines.interface.Loop`.
-It is written with `ravenjax.numbers`, `ravenjax.faults` and any useful part of `ravenjax.stages`.
-Its outcomes become columns of `ravenjax.store.schema`. Monitor, checks and faults compute most of
-them.
+The tick is a `ravenjax.engines.interface.Loop`. It is written with `ravenjax.numbers`,
+`ravenjax.faults` and any useful part of `ravenjax.stages`. Its outcomes become columns of
+`ravenjax.store.schema`. Monitor, checks and faults compute most of these outcomes.
 """
 
 from collections.abc import Mapping

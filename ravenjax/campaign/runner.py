@@ -145,7 +145,7 @@ def make_manifest(plan: Plan, engine: Engine) -> manifest.Manifest:
         ),
         seed=config.campaign.seed,
         runs=plan.runs,
-        duration_ms=plan.program.ticks,
+        duration_ms=config.campaign.duration_ms,
         shape=shape_of(plan),
         cues=tuple(
             manifest.CueRecord(

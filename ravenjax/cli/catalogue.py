@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ from ravenjax.vocabulary.sites import PARAMETER
 
 if TYPE_CHECKING:
     from ravenjax.campaign.file.config import CampaignConfig
+    from ravenjax.vocabulary.robot import Robot
     from ravenjax.vocabulary.sites import Channel, Site
 
 
@@ -44,18 +46,18 @@ def faults(
         word: Show only this: a layer (L7), a fault site (usb_out), an effect (drift), a hazard
             (C09), or one of the lists layers, sites, effects, triggers, phases (of an operation),
             classes (of outcomes), hazards.
-        robot: raven2, or the Python module that declares another robot; the hazard library is for
-            raven2 only
+        robot: raven2, or the Python module that declares another robot; only raven2 has a hazard
+            library
     """
     from ravenjax.errors import UserError, suggest_name
     from ravenjax.hazards import library, listing
     from ravenjax.vocabulary.effects import EFFECTS, TRIGGERS
 
     whose = robots.find_robot(robot)
-    # The hazard library describes only the default robot, the Raven-II.
-    usual = whose is robots.USUAL
-    layers = library.library_layers() if usual else whose.layers
-    ids = [row.id for row in library.all_hazards()] if usual else []
+    usual = bool(whose.hazards)
+    layers = library.library_layers(whose) or whose.layers
+    hazards = library.all_hazards(whose)
+    ids = [row.id for row in hazards]
     lists = ["layers", "sites", "effects", "triggers", "phases"]
     lists += ["classes", "hazards"] if usual else []
     words = [*lists, *layers, *whose.sites, *EFFECTS, *ids]
@@ -72,13 +74,14 @@ def faults(
         usual=usual,
         layers=layers,
         ids=ids,
+        every_hazard=hazards,
         listing=listing,
         all_effects=EFFECTS,
         triggers=TRIGGERS,
         classes=library.library_terms()["classes"],
         parameter=PARAMETER,
         channels=_channels,
-        without_fault=_without_fault,
+        without_fault=functools.partial(_without_fault, whose),
     )
     console.print_tables(listings, as_json)
 
@@ -91,13 +94,11 @@ def _channels(site: Site) -> str:
     return "; ".join(f"{' '.join(names)} ({kind})" for kind, names in kinds.items())
 
 
-def _without_fault(site: Site, channel: Channel) -> str:
-    # Return the range of a channel in fault-free runs for each arm, as text; "" if unknown.
-    from ravenjax.hazards import ranges
-
+def _without_fault(robot: Robot, site: Site, channel: Channel) -> str:
+    # Return the normal range of a channel for each arm, as text; "" if unknown.
     spans = {
         arm: f"{span.low:.4g}..{span.high:.4g}"
-        for (of, arm, name), span in ranges.measured_ranges().items()
+        for (of, arm, name), span in robot.ranges.items()
         if (of, name) == (site.name, channel.name)
     }
     alike = len(set(spans.values())) == 1

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
@@ -21,6 +22,9 @@ Progress = Callable[[int], None]
 """Called with the number of ticks just finished, all lanes of a block together."""
 Motion = tuple[np.ndarray, ...]
 """Columns of the operator's motion, each 1-D with one number per step of the motion."""
+
+TIMES = re.compile("_ms$|^(near_ms|differs|leaves):")
+"""Names of outcomes that are times; the last three are those of `stages.explained`."""
 
 
 class Loop(Protocol):
@@ -52,7 +56,22 @@ class Loop(Protocol):
         ...
 
     def outcomes(self, setup: Any, params: Any, state: Any) -> dict[str, Any]:
-        """Return the outcomes of the run so far: columns of the result table before the verdict."""
+        """Return the outcomes of the run so far: columns of the result table before the verdict.
+
+        Times, with names that end in `_ms`, are in ticks.
+        """
+        ...
+
+    def make_injector(self, setup: Any, faults: Any, state: Any, clock: Any) -> Any:
+        """Return the `ravenjax.faults.injection.Injector` of a tick. state: with open windows."""
+        ...
+
+    def name_signals(self, setup: Any, signals: Any) -> Mapping[str, Any]:
+        """Return every signal by its name, for time series and comparisons.
+
+        There are at least fault_active (bool of each slot), live (bool), and detectors
+        (`stages.detectors.DetectorsState`).
+        """
         ...
 
 
@@ -105,8 +124,12 @@ class TickProgram:
         return where(now < end[0], new, state) if end else new, series, signals
 
     def finish(self, varied: Sequence[Any], state: Any) -> dict[str, Any]:
-        """Return the outcomes of a lane."""
-        return self.loop.outcomes(self.setup, self.params_of(varied), state)
+        """Return the outcomes of a lane, with times in ms instead of ticks."""
+        found = self.loop.outcomes(self.setup, self.params_of(varied), state)
+        return {
+            name: self.setup.to_ms(value) if TIMES.search(name) else value
+            for name, value in found.items()
+        }
 
 
 NO_REFERENCE = np.zeros((0, 0, 0), np.float32)

@@ -18,13 +18,13 @@ import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from ravenjax import robots
 from ravenjax.bundled import resources
 from ravenjax.errors import UserError, describe_unknown_name, format_value, suggest_name
 from ravenjax.hazards import library
 from ravenjax.hazards.library import Case, Hazard, LibraryFault
-from ravenjax.robots.raven2.arms import ARMS
-from ravenjax.robots.raven2.declaration import SITES
 from ravenjax.vocabulary.effects import EFFECTS
+from ravenjax.vocabulary.robot import Robot
 
 KEY = "hazards"
 ALL = "all"
@@ -53,7 +53,7 @@ class WrongGroup(UserError):
         super().__init__(f"{self.key[-1]}: {message}")
 
 
-def expand_tables(raw: Mapping[str, Any]) -> tuple[dict[str, Any], list[int]]:
+def expand_tables(raw: Mapping[str, Any], robot: Robot) -> tuple[dict[str, Any], list[int]]:
     """Return a campaign's tables with only ordinary groups, and for each of these the index of its
     group in the file.
 
@@ -65,12 +65,13 @@ def expand_tables(raw: Mapping[str, Any]) -> tuple[dict[str, Any], list[int]]:
     campaign = raw.get("campaign")
     arms = campaign.get("arms") if isinstance(campaign, Mapping) else None
     # Invalid arms are refused by later checks.
-    valid = arms if isinstance(arms, list | tuple) and all(arm in ARMS for arm in arms) else ()
+    listed = arms if isinstance(arms, list | tuple) else ()
+    valid = listed if all(arm in robot.arms for arm in listed) else ()
     tables: list[dict[str, Any]] = []
     written: list[int] = []
     for number, group in enumerate(groups):
         try:
-            expanded = expand_group(group, valid)
+            expanded = expand_group(group, valid, robot)
         except WrongGroup as error:
             raise WrongGroup(("group", number, *error.key), error.message) from None
         tables += expanded
@@ -78,7 +79,9 @@ def expand_tables(raw: Mapping[str, Any]) -> tuple[dict[str, Any], list[int]]:
     return {**raw, "group": tables}, written
 
 
-def expand_group(group: Mapping[str, Any], arms: Sequence[str] = ()) -> list[dict[str, Any]]:
+def expand_group(
+    group: Mapping[str, Any], arms: Sequence[str] = (), robot: Robot = robots.USUAL
+) -> list[dict[str, Any]]:
     """Return the ordinary groups of a table [[group]] of a campaign file with these arms.
 
     Their names are GROUP/ID, or GROUP/ID-CASE if a hazard has several cases. If each arm has a
@@ -94,13 +97,13 @@ def expand_group(group: Mapping[str, Any], arms: Sequence[str] = ()) -> list[dic
         raise WrongGroup("name", "missing: name of the group in tables and in the report")
     return [
         table
-        for hazard in select_hazards(group[KEY])
+        for hazard in select_hazards(group[KEY], robot)
         for case in hazard.case
         for table in _expand_case(group, hazard, case, arms)
     ]
 
 
-def select_hazards(words: Any) -> list[Hazard]:
+def select_hazards(words: Any, robot: Robot = robots.USUAL) -> list[Hazard]:
     """Return the hazards that ids, layers and "all" name, in order. Raises WrongGroup."""
     listed = _as_list(words)
     if not listed or not all(isinstance(word, str) for word in listed):
@@ -108,25 +111,27 @@ def select_hazards(words: Any) -> list[Hazard]:
             KEY,
             f'got {format_value(words)}, expected ids and layers, such as ["C09", "L7"], or "all"',
         )
-    ids = {row.id for word in listed for row in _hazards_named(word)}
-    return [row for row in library.all_hazards() if row.id in ids]
+    if not library.all_hazards(robot):
+        raise WrongGroup(KEY, f"robot {robot.name!r} has no hazard library, expected key fault")
+    ids = {row.id for word in listed for row in _hazards_named(word, robot)}
+    return [row for row in library.all_hazards(robot) if row.id in ids]
 
 
-def hazard_words() -> list[str]:
+def hazard_words(robot: Robot = robots.USUAL) -> list[str]:
     """Return the words that `hazards` may have: "all", layers, and ids that can be simulated."""
-    rows = [row for row in library.all_hazards() if row.runnable]
+    rows = [row for row in library.all_hazards(robot) if row.runnable]
     return [ALL, *dict.fromkeys(row.layer for row in rows), *(row.id for row in rows)]
 
 
-def _hazards_named(word: str) -> list[Hazard]:
+def _hazards_named(word: str, robot: Robot) -> list[Hazard]:
     # Returns the hazards that a word names. A hazard that cannot be simulated is an error only if
     # the word is its id.
-    named = [row for row in library.all_hazards() if word in (ALL, row.id, row.layer)]
+    named = [row for row in library.all_hazards(robot) if word in (ALL, row.id, row.layer)]
     if runnable := [row for row in named if row.runnable]:
         return runnable
     for row in named:
         raise WrongGroup(KEY, f"{word} ({row.title}) cannot be simulated: {row.documented_only}")
-    hint = suggest_name(word, hazard_words())
+    hint = suggest_name(word, hazard_words(robot))
     raise WrongGroup(KEY, f"unknown hazard {word!r}, expected an id, a layer or {ALL!r}{hint}")
 
 
@@ -136,7 +141,7 @@ def _expand_case(
     # Yields the ordinary groups of a hazard's case, one for each choice of arms.
     name = f"{hazard.id}-{case.name}" if case.name else hazard.id
     overrides = {key: group[key] for key in OVERRIDES if key in group}
-    per_arm = any(SITES[fault.site].per_arm for fault in case.fault)
+    per_arm = any(fault.declared.per_arm for fault in case.fault)
     arm = overrides.pop("arm", None)
     choices = _arm_choices(hazard, arm, arms) if per_arm else [("", ())]
     for suffix, faulty in choices:
@@ -201,7 +206,7 @@ def _expand_fault(
     table |= overrides
     if "value" in overrides:
         table.pop("wraps", None)  # `wraps` applies to the library's values only
-    per_arm = arms if SITES[fault.site].per_arm else ()
+    per_arm = arms if fault.declared.per_arm else ()
     keys = [key for key in _CROSSED if key in table]
     if fault.along is None and len(per_arm) > 1:
         table["channel"] = list(fault.channels)
@@ -218,7 +223,7 @@ def _expand_fault(
             yield slot
         for name, share in (fault.along or {}).items():
             values = [share * value for value in crossed["value"]]
-            if SITES[fault.site].channel(name).kind != "float":
+            if fault.declared.channel(name).kind != "float":
                 values = [int(value) for value in values]
             yield slot | {"channel": name, "value": values}
 

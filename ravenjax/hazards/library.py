@@ -1,4 +1,4 @@
-"""Reads the hazard library: one TOML file per layer of the robot, with one entry per hazard.
+"""Reads a robot's hazard library: one TOML file per layer, with one entry per hazard.
 
 An entry contains what was published: target, kind, values, timing, expected outcome, impact and
 source. Its *cases* define how the hazard is simulated. An entry without cases gives the reason. The
@@ -12,10 +12,11 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from ravenjax import robots
 from ravenjax.bundled import resources
 from ravenjax.errors import UserError, suggest_name
-from ravenjax.robots.raven2.declaration import SITES
 from ravenjax.vocabulary.effects import NETWORK_EFFECTS
+from ravenjax.vocabulary.robot import Robot
 
 DATA = Path(__file__).with_name("data")
 
@@ -48,6 +49,8 @@ class LibraryFault(LibraryTable):
     every_ms: Numbers = 0
     period_ms: Numbers = 0
     wraps: bool = False  # A value beyond 16 bits is intended
+    # `vocabulary.sites.Site` of the fault, from the robot's declaration
+    declared: Any = Field(default=None, exclude=True)
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -57,7 +60,7 @@ class LibraryFault(LibraryTable):
         if self.effect in NETWORK_EFFECTS:
             return (NETWORK_EFFECTS[self.effect].channel,)
         if self.channel is None or self.channel == "*":
-            return tuple(channel.name for channel in SITES[self.site].channels)
+            return tuple(channel.name for channel in self.declared.channels)
         return (self.channel,) if isinstance(self.channel, str) else self.channel
 
 
@@ -116,30 +119,36 @@ def library_terms() -> dict[str, dict[str, str]]:
 
 
 @cache
-def _layer_tables() -> list[dict[str, Any]]:
-    """Return the tables of the layers' files, L1 first."""
-    files = sorted(DATA.glob("L*.toml"), key=lambda file: int(file.name[1:].partition("_")[0]))
+def _layer_tables(folder: str) -> list[dict[str, Any]]:
+    """Return the tables of the layers' files in a folder, L1 first; () for no folder."""
+    files = Path(folder).glob("L*.toml") if folder else ()
+    files = sorted(files, key=lambda file: int(file.name[1:].partition("_")[0]))
     return [tomllib.loads(file.read_text(encoding="utf-8")) for file in files]
 
 
-def library_layers() -> dict[str, str]:
+def library_layers(robot: Robot = robots.USUAL) -> dict[str, str]:
     """Return the layers of the loop, L1 to L10 in order, with their descriptions."""
-    return {table["layer"]: table["title"] for table in _layer_tables()}
+    return {table["layer"]: table["title"] for table in _layer_tables(robot.hazards)}
 
 
 @cache
-def all_hazards() -> tuple[Hazard, ...]:
-    """Return all hazards, by layer."""
-    return tuple(
-        Hazard.model_validate({**row, "layer": table["layer"]})
-        for table in _layer_tables()
-        for row in table["hazard"]
-    )
+def all_hazards(robot: Robot = robots.USUAL) -> tuple[Hazard, ...]:
+    """Return all hazards of a robot, by layer; () for a robot without a library."""
+    hazards = []
+    for table in _layer_tables(robot.hazards):
+        for row in table["hazard"]:
+            cases = [
+                case
+                | {"fault": [one | {"declared": robot.sites[one["site"]]} for one in case["fault"]]}
+                for case in row.get("case", ())
+            ]
+            hazards.append(Hazard.model_validate(row | {"layer": table["layer"], "case": cases}))
+    return tuple(hazards)
 
 
-def find_hazard(name: str) -> Hazard:
+def find_hazard(name: str, robot: Robot = robots.USUAL) -> Hazard:
     """Return the hazard with the id `name`. Raise UserError for an unknown id."""
-    by_id = {row.id: row for row in all_hazards()}
+    by_id = {row.id: row for row in all_hazards(robot)}
     if name not in by_id:
         raise UserError(
             f"unknown hazard {name!r}, expected an id such as 'C09'{suggest_name(name, by_id)}"

@@ -4,10 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from ravenjax import robots
 from ravenjax.bundled import resources
 from ravenjax.hazards import library
 from ravenjax.hazards.library import Hazard, LibraryFault
-from ravenjax.robots.raven2.declaration import SITES
+from ravenjax.vocabulary.robot import Robot
 
 COLUMNS = ("id", "layer", "title", "class", "runs")
 """Columns of `hazard_table`."""
@@ -16,11 +17,8 @@ LAYER_COLUMNS = ("layer", "what", "sites", "hazards")
 """Columns of `layer_table`."""
 
 
-def hazard_table(hazards: Sequence[Hazard] | None = None) -> list[tuple[str, ...]]:
-    """Return one row per hazard: id, layer, title, expected class, whether it can be simulated.
-
-    hazards: None for all.
-    """
+def hazard_table(hazards: Sequence[Hazard]) -> list[tuple[str, ...]]:
+    """Return one row per hazard: id, layer, title, expected class, whether it can be simulated."""
     return [
         (
             row.id,
@@ -29,47 +27,47 @@ def hazard_table(hazards: Sequence[Hazard] | None = None) -> list[tuple[str, ...
             ", ".join(row.expected_class),
             "yes" if row.runnable else "documented only",
         )
-        for row in (library.all_hazards() if hazards is None else hazards)
+        for row in hazards
     ]
 
 
-def list_hazards_of_layer(layer: str) -> list[Hazard]:
+def list_hazards_of_layer(layer: str, robot: Robot) -> list[Hazard]:
     """Return the hazards of a layer."""
-    return [row for row in library.all_hazards() if row.layer == layer]
+    return [row for row in library.all_hazards(robot) if row.layer == layer]
 
 
-def list_hazards_of_site(site: str) -> list[Hazard]:
+def list_hazards_of_site(site: str, robot: Robot) -> list[Hazard]:
     """Return the hazards whose faults act at a site."""
     return [
         row
-        for row in library.all_hazards()
+        for row in library.all_hazards(robot)
         if any(slot.site == site for case in row.case for slot in case.fault)
     ]
 
 
-def layer_table() -> list[tuple[str, ...]]:
+def layer_table(robot: Robot = robots.USUAL) -> list[tuple[str, ...]]:
     """Return one row per layer of the loop: name, description, sites, and number of hazards."""
     return [
         (
             layer,
             what,
-            ", ".join(site.name for site in SITES.values() if site.layer == layer) or "none",
-            str(len(list_hazards_of_layer(layer))),
+            ", ".join(site.name for site in robot.sites.values() if site.layer == layer) or "none",
+            str(len(list_hazards_of_layer(layer, robot))),
         )
-        for layer, what in library.library_layers().items()
+        for layer, what in library.library_layers(robot).items()
     ]
 
 
-def describe_hazard(name: str) -> list[tuple[str, str]]:
+def describe_hazard(name: str, robot: Robot) -> list[tuple[str, str]]:
     """Return (heading, text) for each property of a hazard in the library.
 
     Raise UserError for an unknown id.
     """
     rows = resources.render_rows(
         Path(__file__).with_suffix(".j2"),
-        row=library.find_hazard(name),
+        row=library.find_hazard(name, robot),
         terms=library.library_terms(),
-        layers=library.library_layers(),
+        layers=library.library_layers(robot),
         describe_fault=_describe_fault,
     )
     return [row for row in rows if row[1]]

@@ -6,6 +6,7 @@ A report has no other information than this name.
 import re
 
 from ravenjax.hazards import library
+from ravenjax.vocabulary.robot import Robot
 
 MAX_TITLES = 3
 """Largest number of titles that are listed for a group; further titles are counted."""
@@ -36,9 +37,9 @@ def kind_of(group: str) -> str:
     return ",".join(hazards_of(group)) or group
 
 
-def titles_of(group: str) -> str:
+def titles_of(group: str, robot: Robot) -> str:
     """Return the titles of the hazards in a group's name; "" without a known hazard."""
     names = hazards_of(group)
-    titles = [row.title for row in library.all_hazards() if row.id in names]
+    titles = [row.title for row in library.all_hazards(robot) if row.id in names]
     more = f"; {len(titles) - MAX_TITLES} more" if len(titles) > MAX_TITLES else ""
     return "; ".join(titles[:MAX_TITLES]) + more

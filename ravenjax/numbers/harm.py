@@ -17,6 +17,7 @@ import dataclasses
 import functools
 import itertools
 import operator
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -114,6 +115,10 @@ def parse_harm(text: str) -> Formula:
             " whole past"
         )
     return formula
+
+
+WINDOW_END = re.compile(r"\d+(?=\s*[:\]])")
+"""Finds both ends of each window of an expression, ms."""
 
 
 def _error(node: ast.AST, expected: str) -> ValueError:
@@ -227,8 +232,9 @@ def _over_window(upper: bool, ahead: bool, a: int, b: int, inner: Formula) -> Fo
     return Formula(inner.ahead + b if ahead else max(0, inner.ahead - a), value)
 
 
-def _robustness(use: HarmUse, moment: Moment) -> Scalar:
-    formula = parse_harm(use.when)
+def _robustness(use: HarmUse, moment: Moment, tick_ms: int) -> Scalar:
+    # Compiled code counts ticks.
+    formula = parse_harm(WINDOW_END.sub(lambda end: str(int(end[0]) // tick_ms), use.when))
     value = formula.value(moment, formula.ahead)
     return jnp.where(moment.tick >= formula.ahead, value, -jnp.inf)
 
@@ -237,7 +243,7 @@ def init(setup: Setup) -> tuple[HarmState, ...]:
     """Return the state of each harm before the first tick."""
     zeros, states = dict.fromkeys(SIGNALS, cast_to_real(setup, 0.0)), []
     for use in setup.harms:
-        _robustness(use, moment := Moment(zeros, jnp.int32(0)))
+        _robustness(use, moment := Moment(zeros, jnp.int32(0)), setup.period_ms)
         memory, nothing = cast_to_real(setup, (tuple(moment.after), -jnp.inf))
         states.append(HarmState(for_each_arm(setup, memory), nothing, jnp.int32(-1)))
     return tuple(states)
@@ -254,7 +260,8 @@ def step(
     for use, before in zip(setup.harms, state, strict=True):
         memories = map(iter, before.memory)
         moments = [Moment(arm, tick, next(memories)) for arm in signals]
-        now = cast_to_real(setup, largest(_robustness(use, moment) for moment in moments))
+        truth = (_robustness(use, moment, setup.period_ms) for moment in moments)
+        now = cast_to_real(setup, largest(truth))
         memory = cast_to_real(setup, tuple(tuple(moment.after) for moment in moments))
         first = first_tick(tick, now > 0.0, before.first)
         after.append(HarmState(memory, jnp.maximum(before.peak, now), first))

@@ -12,6 +12,7 @@ import importlib
 from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple
 
+from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import cast
 from ravenjax.vocabulary.checks import CheckUse
 from ravenjax.vocabulary.detectors import DetectorUse
@@ -63,11 +64,20 @@ Span = tuple[float, float] | None
 """Normal range of a number."""
 
 
+class Compared(NamedTuple):
+    """One number that is compared with the golden run's; static. Paths: see `vocabulary.seams`."""
+
+    name: str
+    path: tuple[str | int, ...]
+    present: tuple[str | int, ...]
+    span: Span
+
+
 class Explained(NamedTuple):
     """How runs are compared with their golden runs, number by number; static."""
 
     checks: int  # number of checks of the loop
-    spans: tuple[Span, ...]  # normal range of each compared number; (): none is known
+    numbers: tuple[Compared, ...]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,6 +86,7 @@ class Setup:
 
     joints: ClassVar[tuple[str, ...]] = ()  # names of each arm's joints, in order
     leading_joints: ClassVar[tuple[int, ...]] = ()  # lengths of vectors of the first joints only
+    period_ms: ClassVar[int] = 1  # duration of a tick
     arms: tuple[str, ...] = ()  # in mechanism order
     precision: Precision = CAMPAIGN
     injection: Injection = Injection()
@@ -89,6 +100,10 @@ class Setup:
     explained: Explained | None = None  # settings of `ravenjax.stages.explained`
     # dotted name of the robot's loop, in a loop that adds something to it
     inner: str = ""
+
+    def to_ms(self, ticks: Any) -> Any:
+        """Return a number of ticks in ms. A negative number, which means never, stays."""
+        return ticks if self.period_ms == 1 else jnp.where(ticks < 0, ticks, ticks * self.period_ms)
 
 
 def inner_loop(setup: Setup) -> Any:

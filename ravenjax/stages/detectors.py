@@ -198,7 +198,7 @@ def step(
         ]
         for source, values, before in zip(detector_files(setup), params.own, state.own, strict=True)
     }
-    armed = signal.armed & (signal.tick >= params.armed_after)
+    armed = signal.armed & (setup.to_ms(signal.tick) >= params.armed_after)
     detectors = []
     for detector, thresholds, before in zip(
         setup.detectors, params.thresholds, state.detectors, strict=True

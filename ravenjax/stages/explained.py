@@ -10,30 +10,39 @@ of 3 s has 4.5 MB.
 
 The robot's loop also has
 
-    list_numbers(setup) -> tuple of `vocabulary.seams.Crossing`
-    crossing_numbers(setup, signals) -> [(number, whether it exists in this tick)] in that order
+    name_signals(setup, signals) -> {name: signal}, from which the paths of the robot's seams lead
     check_histories(setup, state) -> {name: `stages.check.CheckHistory`}
 
 and its state has a `monitor`.
 
 `differs` is the first tick in which any bit of a number differs from the golden run's number.
 `leaves` is the first tick in which a number is outside its normal range while the golden run's is
-inside. Numbers of a packet are compared only in ticks in which a packet was received.
+inside. Numbers of a seam with `present` are compared only in ticks that have its signal.
 """
 
 import dataclasses
-from collections.abc import Sequence
 from typing import Any
 
 from ravenjax.faults import fault
+from ravenjax.faults.injection import read_channel
 from ravenjax.numbers import Scalar, Setup, cast_to_real, first_tick, jnp, lax, record
-from ravenjax.numbers.setup import Explained, Span, inner_loop
+from ravenjax.numbers.setup import Compared, Explained, inner_loop
+from ravenjax.vocabulary.robot import Robot
+from ravenjax.vocabulary.seams import (
+    DIFFERS,
+    GOLDEN_NEAR,
+    LEAVES,
+    NEAR,
+    NEAR_MS,
+    Crossing,
+    list_crossings,
+)
+from ravenjax.vocabulary.sites import ARM
 
-DIFFERS, LEAVES = "differs:", "leaves:"
-NEAR, GOLDEN_NEAR, NEAR_MS = "near:", "golden_near:", "near_ms:"
-"""Prefixes of the names of outcomes: of a number's ticks, and of a check's margins until harm."""
 HARM = "harm_ms"
 """Outcome: first tick in which any hazard of the motion was beyond its limit; -1: never."""
+ROUNDED = 5e-6
+"""Relative margin of both ends of a normal range, which may be rounded to six digits."""
 
 
 @record
@@ -59,18 +68,30 @@ class ExplainedState:
     """A run's state, and the state of the observer."""
 
     tick: Any  # of the robot's loop
-    numbers: tuple[NumberHistory, ...]  # in the order of `list_numbers`
+    numbers: tuple[NumberHistory, ...]  # in the order of `Explained.numbers`
     margins: tuple[MarginHistory, ...]  # in the order of `check_histories`
     harm: Scalar  # int32, tick of the first harm; -1: none
 
 
-def explain_program(program: Any, checks: int, spans: Sequence[Span] = ()) -> Any:
-    """Return a program of the same runs, each compared with its golden run number by number.
+def explain_program(program: Any, robot: Robot) -> Any:
+    """Return a program of the same runs, each compared with its golden run at the robot's seams.
 
-    checks: how many the loop has. spans: normal range of each number; (): no number has any.
+    robot: with the users' checks of the campaign.
     """
-    use = Explained(checks, tuple(spans))
-    setup = dataclasses.replace(program.setup, explained=use, inner=program.module)
+    setup = program.setup
+
+    def compared(place: Crossing) -> Compared:
+        path = (setup.arms.index(place.arm) if at == ARM else at for at in place.channel.path)
+        usual = robot.normal_range(place.channel.site, place.channel.name, place.arm)
+        span = usual and (
+            usual.low - ROUNDED * abs(usual.low),
+            usual.high + ROUNDED * abs(usual.high),
+        )
+        return Compared(place.name, tuple(path), place.seam.present, span)
+
+    numbers = tuple(map(compared, list_crossings(robot.seams, setup.arms)))
+    use = Explained(len(robot.checks), numbers)
+    setup = dataclasses.replace(setup, explained=use, inner=program.module)
     return dataclasses.replace(program, module=__name__, setup=setup)
 
 
@@ -81,9 +102,7 @@ def init(setup: Setup, params: Any) -> ExplainedState:
     infinite = cast_to_real(setup, jnp.inf)
     return ExplainedState(
         tick=state,
-        numbers=tuple(
-            NumberHistory(never, None if span is None else never) for span in _spans(setup)
-        ),
+        numbers=tuple(NumberHistory(never, number.span and never) for number in _compared(setup)),
         margins=tuple(
             MarginHistory(infinite, infinite, never) for _ in run.check_histories(setup, state)
         ),
@@ -107,23 +126,20 @@ def advance(
     after, series, signals = run.advance(
         setup, params, faults, state.tick, now, motion, golden[:length]
     )
-    numbers, carried = [], []
-    for history, span, (number, present), other in zip(
-        state.numbers,
-        _spans(setup),
-        run.crossing_numbers(setup, signals),
-        golden[length:checked],
-        strict=True,
+    numbers, carried, seams = [], [], run.name_signals(setup, signals)
+    for history, (_, (seam, *path), there, span), other in zip(
+        state.numbers, _compared(setup), golden[length:checked], strict=True
     ):
-        number = jnp.asarray(number)
+        number = jnp.asarray(read_channel(seams[seam], tuple(path)))
+        present = not there or read_channel(seams[there[0]], there[1:]) != 0
         floats = number.dtype == jnp.float32
         to_bits = lax.bitcast_convert_type if floats else lax.convert_element_type
         bits = to_bits(number, jnp.int32)
-        there = lax.bitcast_convert_type(other, jnp.int32)
-        differs = first_tick(now, (bits != there) & present, history.differs)
+        golden_bits = lax.bitcast_convert_type(other, jnp.int32)
+        differs = first_tick(now, (bits != golden_bits) & present, history.differs)
         leaves = history.leaves
         if span is not None:
-            outside = _outside(number, span) & ~_outside(other if floats else there, span)
+            outside = _outside(number, span) & ~_outside(other if floats else golden_bits, span)
             leaves = first_tick(now, outside & present, leaves)
         numbers.append(NumberHistory(differs, leaves))
         carried.append(lax.bitcast_convert_type(bits, jnp.float32))
@@ -152,14 +168,14 @@ def advance(
 def series_length(setup: Setup) -> int:
     """Return the length of the series."""
     assert setup.explained is not None
-    return inner_loop(setup).series_length(setup) + len(_spans(setup)) + setup.explained.checks
+    return inner_loop(setup).series_length(setup) + len(_compared(setup)) + setup.explained.checks
 
 
 def outcomes(setup: Setup, params: Any, state: ExplainedState) -> dict[str, Scalar]:
     """Return the outcomes of the robot's loop and those of the observer."""
     run = inner_loop(setup)
     out = run.outcomes(setup, params, state.tick)
-    for place, history in zip(run.list_numbers(setup), state.numbers, strict=True):
+    for place, history in zip(_compared(setup), state.numbers, strict=True):
         out[f"{DIFFERS}{place.name}"] = history.differs
         if history.leaves is not None:
             out[f"{LEAVES}{place.name}"] = history.leaves
@@ -169,9 +185,9 @@ def outcomes(setup: Setup, params: Any, state: ExplainedState) -> dict[str, Scal
     return out | {HARM: state.harm}
 
 
-def _spans(setup: Setup) -> tuple[Span, ...]:
+def _compared(setup: Setup) -> tuple[Compared, ...]:
     assert setup.explained is not None
-    return setup.explained.spans or (None,) * len(inner_loop(setup).list_numbers(setup))
+    return setup.explained.numbers
 
 
 def _outside(number: Scalar, span: tuple[float, float]) -> Scalar:

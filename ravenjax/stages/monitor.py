@@ -39,13 +39,29 @@ class Reference:
     pos: tuple[Vec, ...]  # um, whole numbers, measured tip
 
 
+def series_length(setup: Setup) -> int:
+    """Return the number of values of a tick that are compared with the golden run."""
+    return 6 * len(setup.arms)
+
+
+def reference_series(tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> tuple[Scalar, ...]:
+    """Return the values that are compared, arm by arm. tips: true, m; positions: measured, um."""
+    return tuple(x for rows in zip(tips, positions, strict=True) for row in rows for x in row)
+
+
+def reference_from(setup: Setup, series: Any) -> Reference:
+    """Return the golden run in a tick from its `reference_series`."""
+    rows = [Vec(series[i + j] for j in range(3)) for i in range(0, series_length(setup), 3)]
+    return Reference(tip=tuple(rows[0::2]), pos=tuple(rows[1::2]))
+
+
 @describe_fields
 @record
 class MonitorParams:
     """Limits of the observer; the defaults are the published ones."""
 
     jump_step: Scalar = 1e-4  # m per packet, twice; CSLDepend/raven2_sim analyze_faulty.py
-    large_jump: Scalar = 1e-3  # m within 2 ms; 1 mm, the rule in the text of DSN'16
+    large_jump: Scalar = 1e-3  # m within two ticks; 1 mm, the rule in the text of DSN'16
     diverged: Scalar = 1e-6  # m from the golden run; 1 um, the resolution of `pos`
     # share of the golden run's step below which a step counts as none; a quarter, chosen by us
     idle_share: Scalar = 0.25
@@ -282,12 +298,12 @@ def step(
                 "from_model": distance.model * 1e3,
                 "depth": signal.depth[i] * 1e3,
                 "between_tips": signal.distance * 1e3,
-                "speed": norm(signal.tip[i] - state.arms[i].tip) * 1e6,
+                "speed": norm(signal.tip[i] - state.arms[i].tip) * (1e6 / setup.period_ms),
                 **{axis: x * 1e3 for axis, x in zip("xyz", signal.tip[i], strict=True)},
                 "dac": largest(jnp.abs(x) for x in signal.dac[i]),
                 "live": as_int(signal.live),
                 "pedal": as_int(signal.pedal),
-                "time": signal.tick,
+                "time": setup.to_ms(signal.tick),
             }.items()
         }
         for i, distance in enumerate(distances if setup.harms else ())

@@ -38,7 +38,7 @@ class CheckUse:
     part: OwnSource
     at: str  # seam at which the check acts, one of `Robot.check_seams`
     acts: Action
-    consecutive: int = 1  # number of consecutive ms above the threshold before the check trips
+    consecutive: int = 1  # number of consecutive ticks above the threshold before the check trips
 
 
 class Check(NamedTuple):

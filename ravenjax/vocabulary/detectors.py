@@ -23,7 +23,7 @@ class DetectorUse:
 
     kind: DetectorKind
     fusion: Fusion = "all"  # kind `steps`: which of the three steps must exceed the threshold
-    consecutive: int = 1  # number of consecutive ms above the threshold before an alarm
+    consecutive: int = 1  # number of consecutive ticks above the threshold before an alarm
     thresholds: int = 1  # number of thresholds, all evaluated in the same run
     part: OwnSource | None = None  # kind `own`: the user's file
     stops: bool = False  # an alarm at the first threshold triggers the E-stop

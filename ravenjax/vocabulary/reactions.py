@@ -1,6 +1,6 @@
 """Defines the reactions of a simulated operator who feels the haptic cue.
 
-`ravenjax.robots.raven2.console.reaction` implements them.
+The operator of a robot implements them.
 """
 
 NONE, RELEASE, SLOW, CORRECT = 0, 1, 2, 3

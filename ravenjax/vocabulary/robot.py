@@ -15,7 +15,7 @@ from types import ModuleType
 from ravenjax.vocabulary.checks import Check
 from ravenjax.vocabulary.seams import Seam
 from ravenjax.vocabulary.signals import Signal
-from ravenjax.vocabulary.sites import Channel, Site
+from ravenjax.vocabulary.sites import Channel, ChannelRange, Site
 
 OTHER_LAYER = "other"
 """Layer of a fault site that the robot does not declare."""
@@ -36,6 +36,7 @@ class Robot:
     checks: Mapping[str, Check]  # in the order of the loop
     run_levels: tuple[str, ...]  # names, by number
     live: str  # when the robot should follow the operator: the end of a sentence "... while"
+    period_ms: int = 1  # duration of a tick
     leading_joints: tuple[int, ...] = ()  # lengths of vectors with only the first joints
     noise: tuple[str, ...] = ()  # parameters with the sizes of noise that `[campaign] noise` draws
     packet_cycles: str = ""  # parameter with the number of ms that a packet of the console lasts
@@ -49,7 +50,12 @@ class Robot:
     check_seams: Mapping[str, str] = dataclasses.field(default_factory=dict)
     # seams that `explain` compares, in the order of the tick
     seams: Mapping[str, Seam] = dataclasses.field(default_factory=dict)
+    # (site, arm or "", channel) -> its normal range
+    ranges: Mapping[tuple[str, str, str], ChannelRange] = dataclasses.field(default_factory=dict)
+    # time series of a run -> path of its signal, see `stages.recorded`
+    series: Mapping[str, str] = dataclasses.field(default_factory=dict)
     signals: tuple[Signal, ...] = ()  # signals that a user's check can use, in the tick's order
+    hazards: str = ""  # folder with its hazard library, see `ravenjax.hazards`; "": none
     # Other files than Python modules that the robot's code reads, from models/ or from the folder
     # of its module. The hash of the code includes them
     files: tuple[str, ...] = ()
@@ -77,6 +83,11 @@ class Robot:
     def layer(self, site: str) -> str:
         """Return a site's layer as text: usb_out -> "USB out, motors"; "other" if unknown."""
         return self.layers[self.sites[site].layer] if site in self.sites else OTHER_LAYER
+
+    def normal_range(self, site: str, channel: str, arm: str) -> ChannelRange | None:
+        """Return a channel's normal range, or None. `arm` counts for sites that each arm has."""
+        per_arm = site in self.sites and self.sites[site].per_arm
+        return self.ranges.get((site, arm if per_arm else "", channel))
 
     def run_level(self, level: int) -> str:
         """Return the name of a run level; an unknown number is returned as a number."""

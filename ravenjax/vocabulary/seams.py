@@ -8,6 +8,12 @@ import dataclasses
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
+DIFFERS, LEAVES = "differs:", "leaves:"
+NEAR, GOLDEN_NEAR, NEAR_MS = "near:", "golden_near:", "near_ms:"
+"""Beginnings of the columns of explained runs: ticks of a number, and margins of a check until
+harm.
+"""
+
 
 class SeamChannel(NamedTuple):
     """One number of a seam."""
@@ -15,7 +21,8 @@ class SeamChannel(NamedTuple):
     name: str
     unit: str
     site: str = ""  # fault site with a channel of this name and a normal range; "": none
-    path: tuple[str | int, ...] = ()  # attributes and indices, from a tick's signals to the number
+    # names, attributes and indices, from the loop's `name_signals` to the number; ARM: of the arm
+    path: tuple[str | int, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,6 +34,8 @@ class Seam:
     per_arm: bool
     channels: tuple[SeamChannel, ...]
     meaning: str
+    # path of a number that is 0 in ticks without this signal; (): every tick has the signal
+    present: tuple[str, ...] = ()
 
 
 class Crossing(NamedTuple):

@@ -6,7 +6,7 @@ index in `setup.arms`.
 """
 
 import dataclasses
-from typing import Literal
+from typing import Literal, NamedTuple
 
 ARM = "ARM"
 PARAMETER = "parameter"
@@ -55,6 +55,20 @@ class Channel:
             return 0, 1
         half = 2 ** (self.bits - 1)
         return -half, half - 1
+
+
+class ChannelRange(NamedTuple):
+    """Normal range of one channel: its values without a fault, in the channel's unit."""
+
+    site: str
+    arm: str  # "" if the site belongs to no arm
+    channel: str
+    unit: str
+    low: float
+    low_permille: float  # 0.1 % of the ticks were below
+    high_permille: float  # 0.1 % of the ticks were above
+    high: float
+    ticks: float = 0  # number of ticks that were measured; 0: the range is that of the design
 
 
 @dataclasses.dataclass(frozen=True)

@@ -96,6 +96,8 @@ def test_faults_as_json(command_line):
     _, told = as_json(command_line, "faults", "--robot", "planar_arm", "--trust")
     assert [one["site"] for one in told["sites"]][:3] == ["parameter", "packet", "encoder"]
     assert "hazards" not in told
+    _, told = as_json(command_line, "faults", "encoder", "--robot", "planar_arm", "--trust")
+    assert told["channels"][1]["range_without_a_fault"] == "-2.5..2.5"
     _, told = as_json(command_line, "parameters", "--robot", "planar_arm", "--trust")
     assert "kp" in [one["path"] for one in told["parameters"]]
     _, told = as_json(command_line, "faults", "C09")

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 import synthetic_results as synthetic
 
-from evidence import credibility, record, writing
-from evidence.credibility import CredibilityStatement, ModelCredibility
+from evidence import record, writing
 from evidence.record import NOTICE
+from evidence.writing import CredibilityStatement, ModelCredibility
 from ravenjax import cli
 from ravenjax.store.files import hash_file
 from studies import claims
@@ -40,7 +40,7 @@ def test_each_statement_of_the_model_stands_in_its_category_with_files_that_are_
         == 0
     )
     place = folder / writing.FOLDER
-    text = (place / credibility.FILE).read_text(encoding="utf-8")
+    text = (place / writing.CREDIBILITY).read_text(encoding="utf-8")
     assert NOTICE in text and "not part of a submission" in text
     parts = re.split(r"^## (.*)$", text, flags=re.M)
     sections = dict(zip((title.lower() for title in parts[1::2]), parts[2::2], strict=True))
@@ -60,7 +60,7 @@ def test_each_statement_of_the_model_stands_in_its_category_with_files_that_are_
     )
     for name, target, digest in linked:
         assert (place / target).resolve() == ROOT / name and hash_file(ROOT / name) == digest
-    assert {item.file for item in node_of(place, credibility.FILE).item.links} == {
+    assert {item.file for item in node_of(place, writing.CREDIBILITY).item.links} == {
         target for _, target, _ in linked
     }
 
@@ -82,14 +82,14 @@ def test_a_linked_file_that_changes_turns_its_goal_red_and_no_result(folder, tmp
     model, file = of_one(root)
     place = tmp_path / "evidence"
     writing.write([folder], place, model=model)
-    text = (place / credibility.FILE).read_text(encoding="utf-8")
+    text = (place / writing.CREDIBILITY).read_text(encoding="utf-8")
     assert "`gone.md`: not in this installation" in text and text.count("No evidence.") == 1
     assert not writing.check(place).of_status("broken")
     file.write_text("2")
     broken = {node.name: node for node in writing.check(place).of_status("broken")}
-    assert str(file) in broken[node_of(place, credibility.FILE).name].reason
+    assert str(file) in broken[node_of(place, writing.CREDIBILITY).name].reason
     goals = {node.text for node in broken.values() if node.kind == "goal"}
-    assert credibility.GOAL in goals and len(goals) == 2, "its own and the top goal alone"
+    assert writing.CREDIBILITY_GOAL in goals and len(goals) == 2, "its own and the top goal alone"
 
 
 def test_without_findings_one_clear_error(folder, tmp_path, capsys):

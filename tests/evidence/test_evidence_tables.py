@@ -8,10 +8,9 @@ import re
 import pytest
 import synthetic_results as synthetic
 
-from evidence import control_actions, trace, writing
-from evidence.control_actions import count_control_actions
-from evidence.failure_modes import count_failure_modes
-from evidence.sources import Source, opened
+from evidence import risk_tables, writing
+from evidence.record import Source, opened
+from evidence.risk_tables import count_control_actions, count_failure_modes
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import tables
 
@@ -61,7 +60,7 @@ def test_failure_modes_are_counted_by_hand(source):
 
 def test_unsafe_control_actions_hold_every_hazard_once(source):
     rows = list(count_control_actions(source).itertuples())
-    for hazard in trace.TRACED:
+    for hazard in risk_tables.TRACED:
         mine = [row for row in rows if row.hazard == hazard]
         assert sum(row.rate.k for row in mine) == (SAMPLE["hazard"] == hazard).sum() > 0
     assert (
@@ -91,16 +90,16 @@ def test_each_kind_of_control_action_by_its_rule():
     assert "not provided" in kinds["usb_out", "loss of motion"]
     every = {name for names in kinds.values() for name in names}
     assert (
-        every <= {kind.name for kind in control_actions.KINDS} - {"none"}
+        every <= {kind.name for kind in risk_tables.KINDS} - {"none"}
         and "stopped too soon" in every
     )
 
 
 def test_the_trace_names_every_run_and_its_part(folder, tmp_path):
     with opened([folder]) as sources:
-        trace.write_trace(tmp_path / "trace.csv", sources)
+        risk_tables.write_trace(tmp_path / "trace.csv", sources)
         (source,) = sources
-        matrix = trace.count_matrix(source).to_dict("records")
+        matrix = risk_tables.count_matrix(source).to_dict("records")
     rows = list(csv.DictReader(io.StringIO((tmp_path / "trace.csv").read_text(encoding="utf-8"))))
     expected = SAMPLE[SAMPLE["hazard"] != "none"]
     assert sorted(row["run_id"] for row in rows) == sorted(expected["run_id"])
@@ -117,7 +116,7 @@ def test_the_trace_names_every_run_and_its_part(folder, tmp_path):
     for line in matrix:
         mine = SAMPLE[SAMPLE["group"] == line["group"]]
         assert line["faults"] == len(mine)
-        for hazard in trace.TRACED:
+        for hazard in risk_tables.TRACED:
             assert line[hazard.replace(" ", "_")] == (mine["hazard"] == hazard).sum()
     assert {line["group"] for line in matrix} == set(synthetic.BLOCKS)
 

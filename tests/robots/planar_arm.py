@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from ravenjax.robots.mjcf import read_robot
-from ravenjax.robots.mjcf.campaign import Config, Params, acted, explained, prepare, series
+from ravenjax.robots.mjcf.campaign import Config, Params, acted, prepare
 
-__all__ = ["ROBOT", "Config", "Params", "acted", "explained", "prepare", "series"]
+__all__ = ["ROBOT", "Config", "Params", "acted", "prepare"]
 
 ROBOT = read_robot(Path(__file__).with_suffix(".xml"), __name__, __name__)

@@ -10,6 +10,7 @@ import pytest
 import ravenjax as rj
 from ravenjax.analyses.deadline import finding
 from ravenjax.bundled import resources
+from ravenjax.campaign.plan import make_plan
 from ravenjax.cli import main
 from ravenjax.errors import UserError
 from ravenjax.robots import find_robot
@@ -91,21 +92,35 @@ def test_every_command_works(folder, robot, capsys):
         assert main([*words]) == 0, (words, capsys.readouterr().err)
 
 
-def test_its_tick_moves_as_c_mujoco(folder):
+def set_period(file: Path, step_ms: float, tick_ms: int | None = None) -> None:
+    text = file.read_text().replace('timestep="0.001"', f'timestep="{step_ms / 1e3}"')
+    number = f'<custom><numeric name="period_ms" data="{tick_ms}"/></custom></mujoco>'
+    file.write_text(text.replace("</mujoco>", number) if tick_ms is not None else text)
+
+
+@pytest.mark.parametrize(
+    ("step_ms", "written_ms", "tick_ms"),
+    [(1, None, 1), (2, None, 2), (0.5, None, 1), (2.5, None, 5), (1, 4, 4)],
+)
+def test_its_tick_moves_as_c_mujoco(folder, step_ms, written_ms, tick_ms):
     """Position servos, damping, gravity that the controller carries, and the force of a fault."""
     write_campaign(folder / "arm.toml", "arm.xml")
+    set_period(folder / "arm.xml", step_ms, written_ms)
     row = rj.run("arm.toml", engine="simd").iloc[1]
     run = rj.simulate("arm.toml", 1, engine="simd").sel(arm="arm")
     model = mujoco.MjModel.from_xml_path("arm.xml")
     data, places = mujoco.MjData(model), []
     data.qpos[:] = run["jpos"].values[0]
     for ms, plan in enumerate(run["jpos_d"].values):
+        if ms % tick_ms:
+            places.append(places[-1])
+            continue
         still = mujoco.MjData(model)
         still.qpos[:] = data.qpos
         mujoco.mj_forward(model, still)
         data.ctrl[:], data.qfrc_applied[:] = plan, still.qfrc_bias
         data.qfrc_applied[3] += row["fault0_value"] * (600 <= ms < 700)
-        mujoco.mj_step(model, data)
+        mujoco.mj_step(model, data, round(tick_ms / step_ms))
         places.append(data.qpos.copy())
     assert np.ptp(places, axis=0).min() > 0.05 and row["peak_golden_deviation_mm"] > 0.3
     np.testing.assert_allclose(run["link_jpos"], places, rtol=0, atol=2e-6)
@@ -216,36 +231,119 @@ def test_what_an_arm_cannot_have_is_named(folder, old, new, complaint):
         find_robot("arm2.xml", folder)
 
 
-def test_a_motor_needs_a_gain_and_another_time_step_is_named(folder, capsys):
+def test_a_motor_needs_a_gain(folder, capsys):
     write_campaign(folder / "arm.toml", "planar_arm")
     text = (folder / "arm.toml").read_text()
     (folder / "arm.toml").write_text(text.replace("parameters.kp = 40", ""))
     assert main(["check", "arm.toml", "--trust"]) == 2
     assert "kp.shoulder: expected a gain" in capsys.readouterr().err
-    write_campaign(folder / "arm.toml", "arm.xml")
-    file = folder / "arm.xml"
-    file.write_text(file.read_text().replace('timestep="0.001"', 'timestep="0.002"'))
-    assert main(["check", "arm.toml"]) == 0
-    assert "time step of 2 ms" in " ".join("".join(capsys.readouterr()).split())
 
 
+@pytest.mark.parametrize("tick_ms", [1, 5])
 @pytest.mark.parametrize(
     ("check", "limits", "site", "channel", "value", "ms", "first"),
     [
-        # Packet 600 is the first that is lost. In tick 640 the newest set point is 41 ms old.
+        # The packet of 600 ms is the first that is lost. At 640 ms, the newest set point is older
+        # than 40 ms.
         ("watchdog", {"watchdog": 40}, "packet", "lost", 1, 40, 640),
         ("sensor", {"sensor.elbow": 0.01, "sensor_ms": 5}, "encoder", "elbow", 9, 5, 605),
         # The force of a tick is judged in the next one.
-        ("effort", {"effort.elbow": 200, "effort_ms": 5}, "actuator", "elbow", -250, 5, 606),
+        ("effort", {"effort.elbow": 200, "effort_ms": 5}, "actuator", "elbow", -250, 5, 605),
     ],
 )
 def test_a_check_stops_an_arm_after_its_time(
-    folder, check, limits, site, channel, value, ms, first
+    folder, tick_ms, check, limits, site, channel, value, ms, first
 ):
+    set_period(folder / "arm.xml", 1, tick_ms)
+    first += tick_ms * (check == "effort")
     fault = {"site": site, "channel": channel, "effect": "overwrite", "value": value}
-    fault |= {"start_ms": 600, "duration_ms": [ms, ms + 1]}
+    fault |= {"start_ms": 600, "duration_ms": [ms, ms + tick_ms]}
     raw = {"campaign": {"name": "arm", "robot": "arm.xml", "duration_s": 1.0}}
     raw |= {"parameters": limits, "group": [{"name": "g", "fault": [fault]}]}
     table = rj.run(raw, engine="simd")
     assert table[f"check_{check}_first_ms"].tolist() == [-1, first]
     assert table["end_runlevel"].tolist() == [1, 0]
+
+
+@pytest.mark.parametrize("tick_ms", [1, 2, 5])
+def test_a_fault_begins_and_ends_at_its_milliseconds(folder, tick_ms):
+    set_period(folder / "arm.xml", 1, tick_ms)
+    fault = {"site": "encoder", "channel": "elbow", "effect": "drift", "value": 1e-3}
+    fault |= {"start_ms": [600, 610], "duration_ms": 20}
+    raw = {"campaign": {"name": "arm", "robot": "arm.xml", "duration_s": 1.0, "observe_ms": 100}}
+    raw |= {"group": [{"name": "g", "fault": [fault]}]}
+    raw["harm"] = [{"name": "late", "when": "always[0:20](time > 700)", "counts": "watch"}]
+    table = rj.run(raw, engine="simd")
+    assert table["first_active_ms"].tolist() == [600, 610]
+    assert table["applied0_last_ms"].tolist() == [620 - tick_ms, 630 - tick_ms]
+    assert (table["active_ticks"] * tick_ms == 20).all()
+    for column in ("observed_ms", "pedal_down_ms"):
+        assert table[column].tolist() == [720, 730]
+    assert table["harm_late_first_ms"].tolist() == [-1, 720 + tick_ms]
+    run = rj.simulate(raw, 1, engine="simd").sel(arm="arm", joint="elbow")
+    assert run["time"][-1] == pytest.approx(0.729)
+    off = (
+        run["jpos"].values[610:630:tick_ms]
+        - run["link_jpos"].values[610 - tick_ms : 630 - tick_ms : tick_ms]
+    )
+    np.testing.assert_allclose(off, 1e-3 * np.arange(tick_ms, 21, tick_ms), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("section", "times"),
+    [
+        ("fault", {"start_ms": 401}),
+        ("fault", {"duration_ms": {"uniform": [4, 401]}}),
+        ("campaign", {"duration_s": 0.401}),
+        ("campaign", {"observe_ms": 401}),
+        ("harm", {"when": "once[0:401](depth > 2)"}),
+    ],
+)
+def test_a_time_between_two_ticks_is_refused(folder, section, times):
+    set_period(folder / "arm.xml", 1, 4)
+    fault = {
+        "site": "encoder",
+        "channel": "elbow",
+        "effect": "stuck",
+        "start_ms": {"normal": [300, 9]},
+    }
+    harm = {"name": "deep", "when": "once[0:400](depth > 2)", "counts": "watch"}
+    raw = {"campaign": {"name": "arm", "robot": "arm.xml", "duration_s": 1.0}, "fault": fault}
+    raw |= {"harm": harm}
+
+    def load():
+        group = {"name": "g", "design": "random", "runs": 50, "fault": [raw["fault"]]}
+        return rj.load_campaign(
+            {"campaign": raw["campaign"], "harm": [raw["harm"]], "group": [group]}
+        )
+
+    starts = make_plan(load()).rows["fault0_start_ms"]
+    assert (starts % 4 == 0).all() and starts.nunique() > 5
+    raw[section] |= times
+    with pytest.raises(UserError, match="got 401 ms, expected whole ticks of 4 ms, such as 404 ms"):
+        load()
+
+
+@pytest.mark.parametrize(("step_ms", "tick_ms"), [(3, 5), (0.001, None), (1, 2.5), (1, 0)])
+def test_a_period_that_no_arm_can_have_is_refused(folder, step_ms, tick_ms):
+    file = folder / "arm.xml"
+    set_period(file, step_ms, tick_ms)
+    with pytest.raises(UserError, match="expected a period of whole milliseconds"):
+        find_robot("arm.xml", folder)
+
+
+def test_coverage_names_deadlines_only_if_the_robot_declares_actions(folder, capsys):
+    (folder / "plain.py").write_text(
+        "from pathlib import Path\nfrom ravenjax.robots.mjcf import read_robot\n"
+        "from ravenjax.robots.mjcf.campaign import Config, Params, prepare, series\n"
+        "ROBOT = read_robot(Path(__file__).with_name('arm.xml'), __name__, __name__)\n"
+    )
+    write_campaign(folder / "arm.toml", "arm.xml")
+    text = (folder / "arm.toml").read_text().replace("runs = 12", "runs = 1")
+    for robot, said in {"plain": "declares no actions", "arm.xml": "`ravenjax deadline`"}.items():
+        (folder / "arm.toml").write_text(text.replace("arm.xml", robot))
+        words = "--out", robot[:5], "--engine", "simd", "--no-report", "--trust"
+        assert main(["run", "arm.toml", *words]) == 0
+        capsys.readouterr()
+        assert main(["coverage", robot[:5]]) == 0
+        assert said in " ".join("".join(capsys.readouterr()).split())

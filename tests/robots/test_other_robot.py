@@ -197,6 +197,7 @@ def test_series_have_names_and_units(file):
         ("group.torque.fault.0.site=usb_out", "expected one of parameter, packet, encoder"),
         ("group.torque.fault.0.channel=wrist", "expected one of shoulder, elbow"),
         ("parameters.kq=3", "unknown parameter"),
+        ('group=[{name = "g", hazards = ["C09"]}]', "no hazard library"),
         ('detector=[{name = "d", kind = "tip_error"}]', "with a file only"),
         ("parameters.kp=-1", "expected 0..1000000000 N m/rad"),
     ],

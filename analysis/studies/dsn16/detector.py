@@ -17,9 +17,25 @@ from ravenjax.numbers.lazy import jax
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.campaign.config import of_raven
 from ravenjax.robots.raven2.geometry import kinematics
-from studies.dsn16.attacks import VariantCase, VariantRuns, holds, other_jump_rules, read_runs
+from studies.dsn16.attacks import VariantRuns, holds, other_jump_rules, read_runs
 from studies.series import Recorder, Row, Series
-from studies.study import Line, Published, Variant
+from studies.study import Cell, Line, Published, Variant
+
+LOGGED = ("last_seq", "mpos", "mvel", "jpos", "position")
+"""Signals of a log."""
+VARIABLES = ("mpos", "mvel", "jpos")
+JOINTS = ("shoulder", "elbow", "insertion")
+FIRST_PACKET = 500
+"""First packet that is used. Before it the hands rest and the arm settles."""
+TRAINING = ("training_suture", "training_peg_transfer")
+"""Variants of fault-free runs from which the detector learns: two motions of 300 runs each, like
+the 600 runs of the publication.
+"""
+LEAP_UM = 1000.0
+CHOSEN, COMPARED = "99.9 % of all steps", "99.8 % of all steps"
+"""The threshold of statements of the text, and that of the published rates."""
+KINDS = "joints 1-3 alone", "the tool joints alone", "either", "both together only"
+"""Which joints make the two long steps of a jump."""
 
 
 class Log(NamedTuple):
@@ -33,36 +49,17 @@ class Log(NamedTuple):
     joints: np.ndarray  # [rows, 7] rad and m, all joints
 
 
-LOGGED = ("last_seq", "mpos", "mvel", "jpos", "position")
-"""Signals of a log."""
-
-
 def log(series: Series) -> Log:
     """Return the log from a run's time series."""
     number = series["last_seq"]
     fresh = np.flatnonzero(np.diff(number, prepend=0))
-    joints = series["jpos"][fresh]
-    return Log(
-        number[fresh],
-        series["mpos"][fresh, :3],
-        series["mvel"][fresh, :3],
-        joints[:, :3],
-        np.rint(series["position"][fresh] * 1e6),
-        joints,
-    )
-
-
-VARIABLES = ("mpos", "mvel", "jpos")
-JOINTS = ("shoulder", "elbow", "insertion")
-
-FIRST_PACKET = 500
-"""First packet that is used. Before it the hands rest and the arm settles."""
+    mpos, mvel, joints = (series[name][fresh] for name in VARIABLES)
+    tip = np.rint(series["position"][fresh] * 1e6)
+    return Log(number[fresh], mpos[:, :3], mvel[:, :3], joints[:, :3], tip, joints)
 
 
 def steps(log: Log) -> np.ndarray:
-    """Return |step| [rows - 1, 3 variables, 3 joints]. Row i is the change from row i of the log to
-    the next.
-    """
+    """Return |step| [rows - 1, 3 variables, 3 joints] from each row of the log to the next."""
     return np.stack([np.abs(np.diff(getattr(log, name), axis=0)) for name in VARIABLES], axis=1)
 
 
@@ -72,9 +69,7 @@ def fault_free(log: Log) -> np.ndarray:
 
 
 def stacked(series: Sequence[np.ndarray]) -> np.ndarray:
-    """Stack series [rows, ..] of runs to [runs, rows, ..], each cut to the shortest, because runs
-    differ in their number of packets.
-    """
+    """Stack series [rows, ..] of runs to [runs, rows, ..], each cut to the shortest."""
     rows = min(map(len, series))
     return np.stack([one[:rows] for one in series])
 
@@ -88,26 +83,13 @@ def run_alarms(log: Log, thresholds: np.ndarray, start: int, duration: int) -> n
     position, velocity, joint = np.any(steps(log) > thresholds, axis=2).T
     velocity = velocity & np.append(velocity[1:], False)
     over = np.stack([position, velocity, joint, position & velocity & joint], axis=1)
-    return over[window(log, start, duration)].any(axis=0)
+    return over[_window(log, start, duration)].any(axis=0)
 
 
-def window(log: Log, start: int, duration: int) -> np.ndarray:
+def _window(log: Log, start: int, duration: int) -> np.ndarray:
     """Return the steps of packets t1 to t1 + d + 1, bool [rows - 1]."""
     packet = log.packet[:-1]
     return (packet >= start) & (packet <= start + duration + 1)
-
-
-TRAINING = ("training_suture", "training_peg_transfer")
-"""Variants of fault-free runs from which the detector learns: two motions of 300 runs each, like
-the 600 runs of the publication.
-"""
-
-LEAP_UM = 1000.0
-
-CHOSEN, COMPARED = "99.9 % of all steps", "99.8 % of all steps"
-"""The threshold that statements of the text are counted with, and the one of the published rates:
-the publication names both.
-"""
 
 
 class Watched(NamedTuple):
@@ -116,24 +98,19 @@ class Watched(NamedTuple):
     alarms: Mapping[str, np.ndarray]  # maps a threshold in words to `run_alarms` [runs, 4]
     # [runs] largest step of motor velocity inside the window, divided by its CHOSEN threshold.
     largest_mvel: np.ndarray
-    # bool [runs]: the reported tip moved more than 1 mm within two packets, the text's definition
-    # of a jump.
+    # bool [runs]: the reported tip moved more than 1 mm within two packets, a jump by the text.
     leaps: np.ndarray
     # [runs, 3, 7] rad and m, reported in the packets of the first jump's steps; NaN: no jump.
     joints: np.ndarray
 
 
 def learn_thresholds(folders: Mapping[str, Path]) -> dict[str, np.ndarray]:
-    """Return CHOSEN and COMPARED from the training campaigns that exist, [3, 3] each."""
+    """Return CHOSEN and COMPARED, [3, 3] each: percentiles of all steps of all training runs."""
     recorder, learned = Recorder(LOGGED), []
-    for name in (name for name in TRAINING if name in folders):
+    for name in TRAINING:
         learned += recorder.measure(folders[name], lambda _, series: fault_free(log(series)))
-    pooled = stacked(learned)
-    # The threshold of the published code is a percentile of all steps of all runs.
-    return {
-        name: np.percentile(pooled, float(name.split()[0]), axis=(0, 1))
-        for name in (CHOSEN, COMPARED)
-    }
+    pooled, names = stacked(learned), (CHOSEN, COMPARED)
+    return {name: np.percentile(pooled, float(name.split()[0]), axis=(0, 1)) for name in names}
 
 
 def watch(folder: Path, runs: VariantRuns, thresholds: Mapping[str, np.ndarray]) -> Watched:
@@ -141,58 +118,36 @@ def watch(folder: Path, runs: VariantRuns, thresholds: Mapping[str, np.ndarray])
     faults = runs.frame.set_index("index")[["start", "duration", "jump_packet"]]
 
     def watch_run(row: Row, series: Series) -> tuple[list[np.ndarray], float, bool, np.ndarray]:
-        trace, (start, duration, ended) = log(series), faults.loc[row["index"]].tolist()
-        moved = steps(trace)[window(trace, start, duration), 1] / thresholds[CHOSEN][1]
-        alarms = [run_alarms(trace, level, start, duration) for level in thresholds.values()]
-        return alarms, float(moved.max(initial=0.0)), leaps(trace), jump_steps(trace, ended)
+        found, (start, duration, ended) = log(series), faults.loc[row["index"]].tolist()
+        moved = steps(found)[_window(found, start, duration), 1] / thresholds[CHOSEN][1]
+        alarms = [run_alarms(found, level, start, duration) for level in thresholds.values()]
+        leaps = [
+            (np.linalg.norm(found.tip[rows:] - found.tip[:-rows], axis=1) > LEAP_UM).any()
+            for rows in (1, 2)
+        ]
+        joints = np.full((3, found.joints.shape[1]), np.nan)
+        if ended:
+            last = int(np.searchsorted(found.packet, ended))
+            joints = found.joints[last - 2 : last + 1].astype(float)
+        return alarms, float(moved.max(initial=0.0)), any(leaps), joints
 
     measured = Recorder(LOGGED).measure(folder, watch_run, faults.index.tolist())
     alarms, *others = map(np.array, zip(*measured, strict=True))
     return Watched(dict(zip(thresholds, np.moveaxis(alarms, 1, 0), strict=True)), *others)
 
 
-def jump_steps(found: Log, ended: int) -> np.ndarray:
-    """Return joints [3, 7] in the packets of a jump's two steps, of which the second ends in packet
-    `ended`; NaN if `ended` is 0.
-    """
-    if not ended:
-        return np.full((3, found.joints.shape[1]), np.nan)
-    row = int(np.searchsorted(found.packet, ended))
-    return found.joints[row - 2 : row + 1].astype(float)
-
-
-def leaps(found: Log) -> bool:
-    """Return whether the reported tip moves more than 1 mm within one packet or two: a jump by the
-    publication's text.
-    """
-    return any(
-        bool((np.linalg.norm(found.tip[rows:] - found.tip[:-rows], axis=1) > LEAP_UM).any())
-        for rows in (1, 2)
-    )
-
-
-POSITIONING = 3
-"""Number of joints that the detector observes, from the first on."""
-
-KINDS = "joints 1-3 alone", "the tool joints alone", "either", "both together only"
-"""Which joints make the two long steps of a jump."""
-
-
 def attribute(joints: np.ndarray, limit_mm: float) -> np.ndarray:
-    """Return which of KINDS each jump is, bool [runs, 4]: what still exceeds the limit if only some
-    joints move. Runs without a jump are none.
-
-    `joints`: [runs, 3, 7] (rad, m) of the gold arm, reported in the three packets of a jump.
-    `limit_mm`: limit of a step.
+    """Return which of KINDS each jump is, bool [runs, 4]: what still exceeds the limit of a step
+    if only some joints of the gold arm move. `joints`: [runs, 3, 7] as in `Watched`.
     """
     before, after = joints[:, :-1], joints[:, 1:]  # [runs, 2 steps, 7]
-    of_positioning = np.arange(joints.shape[-1]) < POSITIONING
+    observed = np.arange(joints.shape[-1]) < len(JOINTS)
 
     def jumps(moving: np.ndarray) -> np.ndarray:
         lengths = np.linalg.norm(_tip(np.where(moving, after, before)) - _tip(before), axis=-1)
         return (lengths * 1e3 > limit_mm).all(axis=1)
 
-    first, tool = jumps(of_positioning), jumps(~of_positioning)
+    first, tool = jumps(observed), jumps(~observed)
     kinds = np.stack([first & ~tool, tool & ~first, first & tool, ~first & ~tool], axis=1)
     return kinds & np.isfinite(joints[:, :1, 0])
 
@@ -205,9 +160,7 @@ def _tip(joints: np.ndarray) -> np.ndarray:
 
 
 def visible_line(runs: VariantRuns, watched: Watched) -> Line:
-    """Return a line on whether the published detector can see most of the predicted jumps. Jumps
-    that it cannot see are not in its published score.
-    """
+    """Return a line on whether the published detector can see most of the predicted jumps."""
     alarms = watched.alarms[CHOSEN][(runs.frame["jump_packet"] > 0).to_numpy()]
     count, fused, none = len(alarms), int(alarms[:, 3].sum()), int((~alarms[:, :3].any(1)).sum())
     return holds(
@@ -222,8 +175,6 @@ def visible_line(runs: VariantRuns, watched: Watched) -> Line:
 def jump_note(runs: VariantRuns, watched: Watched) -> str:
     """Say which joints make the jumps."""
     jumped = int((runs.frame["jump_packet"] > 0).sum())
-    if not jumped:
-        return f"{runs.name}: no run jumps."
     kinds = attribute(watched.joints, of_raven(runs.config).outcomes.jump_step_mm).sum(axis=0)
     listed = ", by ".join(f"{kind} {count}" for kind, count in zip(KINDS, kinds, strict=True))
     return f"{runs.name}: {jumped} of {len(runs.frame)} runs jump, by {listed}."
@@ -233,37 +184,30 @@ class Scenario(NamedTuple):
     """The runs of a scenario's variants."""
 
     runs: Mapping[str, VariantRuns]  # the baseline first
-    cases: Sequence[VariantCase]  # of these runs
+    base: VariantRuns
     levels: Mapping[str, np.ndarray]  # the detector's thresholds
     watched: Watched  # the baseline
-    rules: Sequence[VariantCase]  # the baseline with other rules for a jump
 
     @property
-    def base(self) -> VariantRuns:
-        """Return the baseline."""
-        return self.cases[0].runs
+    def counted(self) -> list[VariantRuns]:
+        """Return the baseline, the baseline with other rules for a jump, and the variants."""
+        first, *others = self.runs.values()
+        return [first, *other_jump_rules(first, self.watched.leaps), *others]
 
 
 def read_scenario(variants: Sequence[Variant], folders: Mapping[str, Path]) -> Scenario:
     """Read those variants that were run."""
-    questions = {
-        one.name: one.question
+    runs = {
+        one.name: read_runs(one.name, folders[one.name], one.question)
         for one in variants
         if one.name in folders and one.name not in TRAINING
     }
-    runs = {name: read_runs(name, folders[name]) for name in questions}
-    cases = [VariantCase(runs[name], question) for name, question in questions.items()]
-    levels, base = learn_thresholds(folders), cases[0].runs
-    watched = watch(folders[base.name], base, levels)
-    return Scenario(runs, cases, levels, watched, other_jump_rules(base, watched.leaps))
+    base, levels = next(iter(runs.values())), learn_thresholds(folders)
+    return Scenario(runs, base, levels, watch(folders[base.name], base, levels))
 
 
-def rate_rows(
-    scenario: Scenario, published: Published, key: str
-) -> Iterator[tuple[str | float, ...]]:
-    """Yield the published rates of both detectors, %, and the predicted ones: as frozen before
-    anybody compared, and as computed now.
-    """
+def rate_rows(scenario: Scenario, published: Published, key: str) -> Iterator[tuple[Cell, ...]]:
+    """Yield the rates of both detectors, %: published, predicted and frozen, computed now."""
     jumped, stopped = (scenario.base.frame[hit].to_numpy() for hit in ("jump", "stop"))
     values = {"prevalence": jumped.mean()}
     fused = scenario.watched.alarms[COMPARED][:, 3]

@@ -1,11 +1,10 @@
 """Runs the virtual robot in the closed loop of the 2015 fork with a recorded robot's desired
 motion.
 
-The public recording (CSLDepend/raven2_sim) contains 21 s of a real gold arm in pedal-down
-teleoperation: motors of shoulder, elbow and insertion at 1 kHz, and their DAC commands. It does not
-contain the desired motion, which is computed by inverting the PD law: mpos_d = mpos + (tau + KD
-mvel) / KP. The environment variable RAVENJAX_DATA names the folder of the recording. A single
-recording is not a sample, so errors have no interval.
+The public recording (CSLDepend/raven2_sim) has 21 s of a real gold arm in teleoperation: motors of
+shoulder, elbow and insertion at 1 kHz, and their DAC commands. The desired motion is computed by
+inverting the PD law: mpos_d = mpos + (tau + KD mvel) / KP. RAVENJAX_DATA names the folder of the
+recording, which is no sample, so errors have no interval.
 """
 
 import math
@@ -35,9 +34,7 @@ TOOL_POSE = (0.0, 0.0, math.radians(45), math.radians(45))
 KP, KD = np.array((0.3, 0.3, 0.15)), np.array((0.008, 0.008, 0.012))  # raven2: params/r2params.yaml
 TOOL_KP, TOOL_KD = (0.09, 0.05, 0.02, 0.02), (0.001, 0.0, 0.0, 0.0)  # of the fork
 CONTROLLER = Controller(Vec((*KP, *TOOL_KP)), Vec((*KD, *TOOL_KD)), Vec.full(7, 0.0), filtered=True)
-"""The fork's controller without the integral that `position_loop.FORK2015` has at the tool, because
-the recording has no tool joints.
-"""
+"""The fork's controller without the integral at the tool, as the recording has no tool joints."""
 
 Rows = Literal["asked", "dac"]
 """Input of motors 1-3: desired angles (rad) in closed loop, or DAC counts in open loop."""
@@ -76,19 +73,14 @@ def read(path: Path) -> JointRecording:
 
 
 def motors(three: np.ndarray, still: bool = False) -> Vec:
-    """Return seven motors from three. The tool's motors follow the insertion and hold its
-    joints.
-    """
+    """Return seven motors from three. The tool's motors follow the insertion."""
     pose = Vec((0.0, 0.0, 0.0, *((0.0,) * 4 if still else TOOL_POSE)))
     tool = transmission.motor_from_joint(ARM, TOOL, pose, three[2], "fork2015")[3:]
     return Vec((three[0], three[1], three[2], *tool))
 
 
 def started(params: robot.PlantParams, angle: np.ndarray, speed: np.ndarray) -> robot.PlantState:
-    """Return the state with brakes off and motors at `angle` (rad, 3) and `speed` (rad/s, 3).
-
-    Links start where loaded cables then hold them.
-    """
+    """Return the state with brakes off and motors at `angle` (rad, 3) and `speed` (rad/s, 3)."""
     slack = transmission.joint_from_motor(ARM, TOOL, motors(angle), "fork2015")
     stretch = robot.init(SETUP, ARM, params, slack).stretch
     jpos0 = slack - transmission.joint_from_motor(ARM, TOOL, stretch, "fork2015")
@@ -104,11 +96,9 @@ def closed_loop(
     first_speed: np.ndarray,
     parameter_set: str = "traj3",
 ) -> dict[str, np.ndarray]:
-    """Run the fork's loop on the virtual robot: filtered encoders, PD, truncation. `asked`: desired
-    motor angles (rad, [T, 3]).
-
-    Return mpos and mvel [T, 7] (rad, rad/s), jpos [T, 7] (rad and m, of the links), dac [T, 7]
-    (counts). Needs 64-bit numbers.
+    """Run the fork's loop on the virtual robot for desired motor angles (rad, [T, 3]). Return mpos
+    and mvel (rad, rad/s), jpos (rad and m, of the links) and dac (counts), [T, 7] each. Needs
+    64-bit numbers.
     """
     run = jax.jit(loop("asked", robot.params(SETUP, ARM, parameter_set)))
     found = run(*map(jnp.asarray, (first_angle, first_speed, asked)))
@@ -117,11 +107,8 @@ def closed_loop(
 
 def loop(rows: Rows, params: robot.PlantParams, cables: Any = 1.0) -> Run:
     """Return a function (first angle, first speed [3], rows [T, 3]) -> (mpos, jpos, dac, mvel),
-    each [T, 7], to be compiled.
-
-    `rows`: the meaning of the rows. The tool's motors are held at home by their controller.
-    `cables`: factor on stiffness and damping of every cable; use 0 with
-    `position_loop.bare_rotors`.
+    each [T, 7], to be compiled. `cables`: factor on stiffness and damping of every cable; use 0
+    with `position_loop.bare_rotors`.
     """
     of_loop = replace(position_loop.params(params), cables=cables)
     pose = Vec((0.0, 0.0, 0.0, *TOOL_POSE))

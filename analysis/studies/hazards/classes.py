@@ -26,18 +26,11 @@ CLASSES = ("none", "message", "stop", "unresponsive", "displaced", "jump")
 """Classes in the order of terms.toml, mildest first."""
 
 IDLE_MS = 200
-"""Time for which a robot must stand still to be noticed.
-
-The largest visual delay that operators tolerate is 150 to 200 ms.
-"""
+"""Time for which a robot must stand still to be noticed: the largest tolerated visual delay."""
 
 
 def classify_rows(frame: pd.DataFrame, limit_mm: float = LIMIT_MM) -> pd.DataFrame:
-    """Return which classes each row of a result table has: bool [rows, CLASSES] with the same
-    index.
-
-    limit_mm: distance above which a run is `displaced`. Raises KeyError for a missing column.
-    """
+    """Return which classes each row of a result table has: bool [rows, CLASSES]."""
     valid, response = frame["failed"] == "", frame["response"].astype(str)
     absent_ms = frame["golden_pedal_down_ms"] - frame["pedal_down_ms"]
     stop = (response == "stopped") | ((absent_ms > HALT_MS) & (frame["pedal_down_ms"] > 0))

@@ -6,10 +6,8 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
-import pandas as pd
 
-from ravenjax.hazards import expansion, library
-from ravenjax.hazards.library import Hazard
+from ravenjax.hazards import library
 from ravenjax.report import wording
 from ravenjax.stats.intervals import Estimate
 from ravenjax.store import folder
@@ -17,7 +15,7 @@ from studies import study
 from studies.hazards import risk, safecomp45
 from studies.hazards.risk import PoolRisk
 from studies.hazards.safecomp45 import NOT_SIMULATED, HazardOutcome
-from studies.study import Line, Published, StudyEstimate, own_line, read_table
+from studies.study import Cell, Line, Published, StudyEstimate, own_line, read_table
 
 NAME, BASELINE, EVERY_CYCLE = "hazard_library", "library", "every_cycle"
 MANIFEST = {
@@ -39,7 +37,11 @@ def compare(context: study.Context) -> study.Findings:
         [one for one in safecomp45.hazard_outcomes(part) if one.hazard.runnable]
         for part in (frame, folder.read_all(context.folders[EVERY_CYCLE]))
     )
-    unrun = (row for row in library.all_hazards() if not row.runnable)
+    unrun = [
+        [getattr(row, field) for field in DOCUMENTED]
+        for row in library.all_hazards()
+        if not row.runnable
+    ]
     counts, pools = risk.counts(frame), risk.report_pools()
     meaning = "all simulated categories, by their shares; a hazard of two categories counts in both"
     risks = [
@@ -49,60 +51,27 @@ def compare(context: study.Context) -> study.Findings:
     return study.Findings(
         tuple(_lines(outcomes, others, Published(NAME))),
         (
-            read_table(NAME, "rows", (_row(frame, one) for one in outcomes)),
-            read_table(
-                NAME, "documented", ([getattr(row, field) for field in DOCUMENTED] for row in unrun)
-            ),
-            read_table(NAME, "risk", map(_pool_row, risks), caveat=risk.CAVEAT),
+            read_table(NAME, "rows", map(_row, outcomes)),
+            read_table(NAME, "documented", unrun),
+            read_table(NAME, "risk", map(_pool_row, risks)),
         ),
         study.read_notes(NAME),
     )
 
 
-def documented(frame: pd.DataFrame, row: Hazard) -> tuple[int, int]:
-    """Return the runs of a row in which all faults have a value that the library documents, and all
-    its runs.
-    """
-    ids = frame["group"].astype(str).str.rpartition("/")[2]
-    inside = total = 0
-    for group in expansion.expand_group({"name": "library", "hazards": row.id}):
-        runs = frame.loc[ids == group["name"].rpartition("/")[2]]
-        within = [
-            _within(runs[f"fault{slot}_value"], fault.get("value"))
-            for slot, fault in enumerate(group["fault"])
-        ]
-        inside, total = inside + int(np.all(within, axis=0).sum()), total + len(runs)
-    return inside, total
-
-
-def _within(values: pd.Series, listed: object) -> pd.Series:
-    """Return which values are among those that a plain group writes, or between the ends of what it
-    draws.
-    """
-    if listed is None:
-        return values.isna()
-    if isinstance(listed, dict):
-        (kind, listed), *_ = listed.items()
-        if kind != "choice":
-            return values.between(min(listed), max(listed))
-    return values.isin(listed if isinstance(listed, list | tuple) else [listed])
-
-
-def _row(frame: pd.DataFrame, one: HazardOutcome) -> tuple[str | int, ...]:
+def _row(one: HazardOutcome) -> tuple[Cell, ...]:
     row = one.hazard
     return (
         *(row.id, row.layer, row.title, row.source, one.runs, one.activated),
-        "{} of {}".format(*documented(frame, row)),
-        *(safecomp45.normal(row), ", ".join(row.expected_class)),
-        *(one.said, one.verdict, one.reason),
+        *(", ".join(row.expected_class), one.said, one.verdict, one.reason),
     )
 
 
-def _pool_row(one: PoolRisk) -> tuple[str | float, ...]:
+def _pool_row(one: PoolRisk) -> tuple[Cell, ...]:
     pool = one.pool
     return (
         *(pool.name, pool.meaning, ", ".join(dict.fromkeys(pool.hazards)) or NOT_SIMULATED),
-        "" if math.isnan(pool.weight) else wording.format_percent(pool.weight),
+        wording.format_percent(pool.weight),
         "" if math.isnan(one.mean) else round(one.mean, 2),
         *map(_percent, (one.injury, one.silent)),
     )
@@ -137,11 +106,7 @@ def _lines(
 
 
 def _manifest(rows: Mapping[str, HazardOutcome], jumps: bool) -> StudyEstimate:
-    """Return the share of activated runs that have a jump, or else any class but `none` and
-    `message`.
-
-    Each row counts equally, and the interval is over rows.
-    """
+    """Return the share of activated runs with a jump, or with an effect. Rows count equally."""
     runs = np.array([one.valid for one in rows.values()])
     hits = [
         one.counts["jump"] if jumps else one.valid - one.without_effect for one in rows.values()

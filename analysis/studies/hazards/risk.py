@@ -21,14 +21,6 @@ from studies.hazards import severity
 Counts = Mapping[str, np.ndarray]
 """Maps a hazard id to the number of valid runs of each severity, int [6]."""
 
-CAVEAT = (
-    "Weights are shares of adverse event reports (MAUDE 2000 to 2013), not probabilities of a"
-    " fault: weighted is how bad the simulated faults of each category are, by how often that"
-    " category was reported. Categories overlap; which simulated hazards stand for a category is"
-    " ours."
-)
-"""Belongs beside every number that is computed from shares of reports."""
-
 
 class Pool(NamedTuple):
     """Hazards that belong together."""
@@ -36,7 +28,7 @@ class Pool(NamedTuple):
     name: str
     meaning: str
     hazards: tuple[str, ...]  # ids
-    weight: float = math.nan  # against other pools; NaN: no weight
+    weight: float = 1.0  # against other pools
 
 
 class PoolRisk(NamedTuple):
@@ -49,39 +41,25 @@ class PoolRisk(NamedTuple):
 
 
 def report_pools() -> list[Pool]:
-    """Return the categories of adverse event reports (`data/maude.toml`) by their shares.
-
-    A category has the runnable rows of the library that represent it. Without any, it is not
-    simulated.
-    """
-
-    def represents(row: library.Hazard, category: dict) -> bool:
-        hazards, scenarios = category.get("hazards", ()), category.get("scenarios", ())
-        return (
-            row.id in category.get("ids", ())
-            or not set(row.hazards).isdisjoint(hazards)
-            or not set(row.scenarios).isdisjoint(scenarios)
-        )
-
+    """Return the categories of adverse event reports with the runnable rows that represent them."""
     reports = tomllib.loads((library.DATA / "maude.toml").read_text(encoding="utf-8"))
-    runnable = [row for row in library.all_hazards() if row.runnable]
-    return [
-        Pool(
-            category["name"],
-            category["source"],
-            tuple(row.id for row in runnable if represents(row, category)),
-            category["share"],
+    pools = []
+    for category in reports["category"]:
+        ids, hazards, scenarios = (
+            set(category.get(key, ())) for key in ("ids", "hazards", "scenarios")
         )
-        for category in reports["category"]
-    ]
+        rows = tuple(
+            row.id
+            for row in library.all_hazards()
+            if row.runnable
+            and (row.id in ids or hazards & set(row.hazards) or scenarios & set(row.scenarios))
+        )
+        pools.append(Pool(category["name"], category["source"], rows, category["share"]))
+    return pools
 
 
 def counts(frame: pd.DataFrame) -> dict[str, np.ndarray]:
-    """Return the number of valid runs of each severity by hazard id, int [6], for groups whose
-    names begin with hazards' ids.
-
-    A group that represents several hazards counts for each.
-    """
+    """Return the number of valid runs of each severity by hazard id."""
     result: dict[str, np.ndarray] = {}
     grades = severity.rate_severity(frame)
     for group, part in grades.groupby(frame["group"].astype(str)):
@@ -93,41 +71,33 @@ def counts(frame: pd.DataFrame) -> dict[str, np.ndarray]:
 
 def by_pool(found: Counts, pool: Pool) -> PoolRisk:
     """Return the risk of a pool's hazards, each counting equally."""
-    ids = _run(found, pool)
-    return _pooled(found, pool._replace(hazards=ids), np.ones(len(ids)))
+    one = together(found, [pool], pool.name, pool.meaning)
+    return one._replace(pool=one.pool._replace(weight=pool.weight))
 
 
 def together(found: Counts, pools: Sequence[Pool], name: str, meaning: str) -> PoolRisk:
-    """Return the risk of all pools by their weights. Pools without a run are left out, and a hazard
-    of two pools counts in both.
-    """
-    run = [pool._replace(hazards=ids) for pool in pools if (ids := _run(found, pool))]
-    ids = tuple(name for pool in run for name in pool.hazards)
-    weights = [pool.weight / len(pool.hazards) for pool in run for _ in pool.hazards]
-    whole = Pool(name, meaning, ids, sum(pool.weight for pool in run))
-    return _pooled(found, whole, np.array(weights))
-
-
-def _run(found: Counts, pool: Pool) -> tuple[str, ...]:
-    return tuple(name for name in pool.hazards if name in found and found[name].sum())
-
-
-def _pooled(found: Counts, pool: Pool, weight: np.ndarray) -> PoolRisk:
-    if not pool.hazards:
-        return PoolRisk(pool)
-    numbers = np.array([found[name] for name in pool.hazards])
+    """Return the risk of all pools by their weights, without pools that have no run."""
+    ids, weights, total = [], [], 0.0
+    for pool in pools:
+        run = [one for one in pool.hazards if one in found and found[one].sum()]
+        if run:
+            ids += run
+            weights += [pool.weight / len(run)] * len(run)
+            total += pool.weight
+    whole, weight = Pool(name, meaning, tuple(ids), total), np.array(weights)
+    if not ids:
+        return PoolRisk(whole)
+    numbers = np.array([found[one] for one in ids])
     share = numbers / numbers.sum(axis=1, keepdims=True)
     injury = numbers[:, severity.INJURY :].sum(axis=1) / numbers.sum(axis=1)
     return PoolRisk(
-        pool,
+        whole,
         float(np.average(share @ np.arange(share.shape[1]), weights=weight)),
-        mean_over(injury, pool.hazards, weight),
-        mean_over(share[:, -1], pool.hazards, weight),
+        mean_over(injury, ids, weight),
+        mean_over(share[:, -1], ids, weight),
     )
 
 
 def mean_over(shares: np.ndarray, hazard: Sequence[str], weight: np.ndarray) -> Estimate:
-    """Return the weighted mean of shares [n] of hazards with its interval over hazards
-    (`units.ratio_band`). A hazard that occurs twice is one unit.
-    """
+    """Return the weighted mean of shares [n] with its interval over distinct hazards."""
     return units.ratio_band(weight * shares, weight, units.group_units(np.array(hazard, object)))

@@ -18,7 +18,7 @@ from ravenjax.hazards.naming import hazards_of
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.store import folder
 from studies import study
-from studies.hazards import classes, in_range
+from studies.hazards import classes
 from studies.study import Line, Published, StudyEstimate, read_table
 
 AGREE, PARTLY, DIFFER = "agree", "partly", "differ"
@@ -53,6 +53,10 @@ class HazardOutcome:
         """Return whether it shows one of these classes."""
         return not self.shown.isdisjoint(names)
 
+    def mostly(self, causes: Collection[str]) -> bool:
+        """Return whether most activated runs have one of these causes."""
+        return 2 * sum(self.causes.get(cause, 0) for cause in causes) > self.activated
+
     @property
     def verdict(self) -> str:
         """Return the verdict: one of the words in the module docstring."""
@@ -84,12 +88,7 @@ def hazard_outcomes(
     limit_mm: float = LIMIT_MM,
     seen_share: float = SEEN_SHARE,
 ) -> list[HazardOutcome]:
-    """Return one outcome per row of the library, in its order, from a campaign whose groups are
-    named by hazards.
-
-    `rows`: only these; None: the whole library. Rows without runs have zeros. `limit_mm`: as in
-    `classes.classify_rows`.
-    """
+    """Return one outcome per row of the library, or of `rows`. Groups are named by hazards."""
     flags = classes.classify_rows(frame, limit_mm)
     ids = frame["group"].astype(str).map(hazards_of)
 
@@ -123,12 +122,8 @@ def _counted(shown: set[str], expected: Collection[str]) -> set[str]:
 NAME, BASELINE = "safecomp45", "list"
 LENGTHS = ("every_cycle", "draws_2")
 """Variants with another length of packets, and with other draws of it."""
-FIRST_USB = 24
-"""Number of the first injection of USB and PLC. Earlier ones are of console and control
-software.
-"""
-FIRST_PLC = 35
-"""Number of the first injection into the link to the PLC."""
+FIRST_USB, FIRST_PLC = 24, 35
+"""Numbers of the first injection of USB and PLC, and of the first into the link to the PLC."""
 OTHER_RULES: dict[str, dict[str, float]] = {
     "displaced from 1 mm": {"limit_mm": 1.0},
     "displaced from 5 mm": {"limit_mm": 5.0},
@@ -136,12 +131,8 @@ OTHER_RULES: dict[str, dict[str, float]] = {
     "classes of at least every second run": {"seen_share": 0.5},
 }
 """Other limits of the comparison, to show how much the result depends on them."""
-_UNSPOKEN = ("", "watchdog", "plc")
-"""First responses of a run in which no check of the control software responded: only the PLC, or
-nothing.
-"""
-_DAC_CHECKS = ("overdrive", "hard_counter")
-"""Causes of a stop by overdrive detection."""
+_UNSPOKEN, _DAC_CHECKS = ("", "watchdog", "plc"), ("overdrive", "hard_counter")
+"""Causes of a stop without a check of the control software, and by overdrive detection."""
 
 
 def compare(context: study.Context) -> study.Findings:
@@ -195,18 +186,10 @@ def verdict_rows(found: dict[str, list[HazardOutcome]]) -> Iterator[tuple[str | 
         yield name, *(counts[v] for v in (AGREE, PARTLY, DIFFER, NOT_SIMULATED)), ", ".join(changed)
 
 
-def normal(row: Hazard) -> str:
-    """Return how a row's values compare with the normal ranges of the signals they change; "" if it
-    is not run.
-    """
-    verdicts = {in_range.verdict(fault) for case in row.case for fault in case.fault}
-    return verdicts.pop() if len(verdicts) == 1 else in_range.EITHER if verdicts else ""
-
-
 def _row(one: HazardOutcome) -> tuple[str | int | float, ...]:
     row = one.hazard
     return (
-        *(number_of(row), row.id, row.title, normal(row), row.expected),
+        *(number_of(row), row.id, row.title, row.expected),
         f"{row.activated} of {row.injected}" if row.injected else "",
         ", ".join(row.expected_class),
         f"{one.activated} of {one.runs}" if row.runnable else "",
@@ -231,11 +214,6 @@ def _agreement_lines(found: Sequence[HazardOutcome]) -> Iterator[Line]:
         yield Line(quantity, "%", None, value, target="A7")
 
 
-def _mostly(one: HazardOutcome, causes: Collection[str]) -> bool:
-    """Return whether most activated runs of a row have one of these causes."""
-    return 2 * sum(one.causes.get(cause, 0) for cause in causes) > one.activated
-
-
 def _total_lines(found: Sequence[HazardOutcome]) -> Iterator[Line]:
     console = [one for one in found if number_of(one.hazard) < FIRST_USB]
     usb = [one for one in found if number_of(one.hazard) >= FIRST_USB]
@@ -245,13 +223,13 @@ def _total_lines(found: Sequence[HazardOutcome]) -> Iterator[Line]:
         return one.shows(HARMFUL)
 
     def unspoken(one: HazardOutcome) -> bool:
-        return one.shows(UNAVAILABLE) and _mostly(one, _UNSPOKEN)
+        return one.shows(UNAVAILABLE) and one.mostly(_UNSPOKEN)
 
     def overdrive(one: HazardOutcome) -> bool:
-        return not harmful(one) and _mostly(one, _DAC_CHECKS)
+        return not harmful(one) and one.mostly(_DAC_CHECKS)
 
     def hangs(one: HazardOutcome) -> bool:
-        return one.shows(UNAVAILABLE) and not harmful(one) and not _mostly(one, _DAC_CHECKS)
+        return one.shows(UNAVAILABLE) and not harmful(one) and not one.mostly(_DAC_CHECKS)
 
     for key, rows, holds in (
         ("unintended", found, harmful),

@@ -12,26 +12,15 @@ SCALE = (
     "nothing",
     "a check spoke or limited a command, and nothing else happened",
     "pause or restart: the robot stopped or stood, and the fault ends by itself",
-    (
-        "conversion or reschedule: the robot stopped or stood, and a restart would meet the fault"
-        " again"
-    ),
+    "conversion or reschedule: the same, and a restart would meet the fault again",
     "injury-capable motion with an alarm of a check, or the haptic cue",
     "injury-capable motion without any alarm",
 )
-"""Meaning of each severity, by number.
-
-This is an ordinal scale of this project: no source weighs a stop against an injury.
-"""
-
+"""Meaning of each severity: an ordinal scale of this project."""
 INJURY = 4
 """Lowest severity of a motion that could injure."""
-
 DEPTH_MM = 1.0
-"""Depth in tissue beyond the golden run's that could injure: surgeons accept no sudden 1 mm (DSN
-2016).
-"""
-
+"""Depth beyond the golden run's that could injure: surgeons accept no sudden 1 mm (DSN 2016)."""
 UNTIL_END = -1
 """`fault<k>_duration_ms` of a fault that lasts until the end of the run."""
 
@@ -49,11 +38,7 @@ def rate_severity(frame: pd.DataFrame) -> pd.Series:
 
 
 def injury_capable(frame: pd.DataFrame) -> pd.Series:
-    """Return which runs moved the instrument so that it could injure.
-
-    These are runs with a jump, an unintended motion beyond the limit, or a tip more than DEPTH_MM
-    deeper than the golden run's.
-    """
+    """Return which runs have a jump, an unintended motion, or a tip deeper by DEPTH_MM."""
     flags = classes.classify_rows(frame)
     deeper_mm = frame["tissue_depth_mm"] - frame["golden_tissue_depth_mm"]
     deeper = (deeper_mm > DEPTH_MM) & (frame["failed"] == "")
@@ -61,9 +46,7 @@ def injury_capable(frame: pd.DataFrame) -> pd.Series:
 
 
 def has_lasting_fault(frame: pd.DataFrame) -> pd.Series:
-    """Return which runs have a fault that does not end: it lasts until the run's end, or
-    repeats.
-    """
+    """Return which runs have a fault that lasts until the end of the run, or repeats."""
     lasts = pd.Series(False, frame.index)
     for site in frame.filter(regex=r"^fault\d+_site$"):
         slot = site.removesuffix("_site")

@@ -1,8 +1,5 @@
 """Study: how wrong is the reported tip of a healthy robot, and which results does this error
-change?
-
-The study compares a recording with drawn robots, and the main results with and without kinematic
-errors.
+change? It compares a recording with drawn robots, and main results with and without the errors.
 """
 
 from collections.abc import Iterator, Mapping
@@ -25,7 +22,7 @@ from studies.healthy_robot.camera_log import CameraLog
 from studies.study import StudyEstimate, read_table
 
 NAME, COLUMN = "healthy_robot", "param:plant.kinematic_errors.scale"
-FREE, FAULTS, EVERY_CYCLE = "free", "faults", "every_cycle"
+FREE, FAULTS = "free", "faults"
 OFF, HALF, FULL = SCALES = (0.0, 0.5, 1.0)
 SHARES = {
     "unintended": f"unintended motion of more than {LIMIT_MM:g} mm",
@@ -40,9 +37,7 @@ SHARES = {
 """Events, as shares of faults that changed a bit."""
 ROBOTS = 500
 EVERY, EVERY_OF_FIT = 60, 4
-"""Spacing of the log's rows at which robots are compared, and at which the arm's errors are fitted.
-Rows of one motion are 25 ms apart.
-"""
+"""Spacing of the log's rows for robots and for the fit. Rows of one motion are 25 ms apart."""
 BAND = (0.1, 0.9)
 """Quantiles over robots."""
 PARTS = {
@@ -112,17 +107,14 @@ def compare(context: study.Context) -> study.Findings:
             read_table(NAME, "report", rows, robots=ROBOTS, factor=factor),
             read_table(NAME, "explained", _explained_rows(log)),
         ]
-    cycle = scaled_faults(context.folders[EVERY_CYCLE])
-    lines += _headline_lines(pairs, cycle, folder.read_all(context.folders[FREE]))
+    lines += _headline_lines(pairs, folder.read_all(context.folders[FREE]))
     count = len(pairs.events[OFF])
     tables.append(read_table(NAME, "headlines", _headline_rows(pairs), faults=count))
     return study.Findings(tuple(lines), tuple(tables), (*notes, *study.read_notes(NAME)))
 
 
 def _report_lines(log: CameraLog, thin: CameraLog, true: np.ndarray) -> Iterator[study.Line]:
-    """Yield lines over the half that was held back: the camera's measurements, and the middle robot
-    with those of most others. `true`: tips of drawn robots at the rows of `thin`.
-    """
+    """Yield lines over the second half. `true`: tips of drawn robots at the rows of `thin`."""
     _, seen = tip_error.errors_of(log, log.camera)
     _, errors = tip_error.errors_of(thin, true)
     (median, far), medians = np.quantile(seen, (0.5, 0.95)), np.median(errors, axis=1)
@@ -184,16 +176,12 @@ def _explained_rows(log: CameraLog) -> Iterator[tuple[str, ...]]:
     yield "null: a static quadratic map of the joints", *cells(tip_error.quadratic_left(log)), ""
 
 
-def _headline_lines(
-    pairs: ScaledFaults, cycle: ScaledFaults, free: pd.DataFrame
-) -> Iterator[study.Line]:
-    names = {OFF: "no kinematic errors", FULL: "measured"}
+def _headline_lines(pairs: ScaledFaults, free: pd.DataFrame) -> Iterator[study.Line]:
+    names, of = {OFF: "no kinematic errors", FULL: "measured"}, kinds.count(pairs.faults)
     for event, words in SHARES.items():
         for scale, name in names.items():
-            for some, packets in ((pairs, ""), (cycle, ", a packet each cycle")):
-                of = f"faults of this design, {kinds.count(some.faults)}"
-                quantity = f"{words}, {name}{packets}"
-                yield study.percent_line(quantity, some.share(event, scale), of)
+            share = pairs.share(event, scale)
+            yield study.percent_line(f"{words}, {name}", share, f"faults of this design, {of}")
     for scale, name in names.items():
         robots = free.loc[np.isclose(free[COLUMN], scale), "rms_model_deviation_mm"].to_numpy(float)
         value = StudyEstimate(*mean(robots), len(robots), "robots drawn")

@@ -1,10 +1,7 @@
-"""Estimates the kinematic errors of one recorded arm, and how much of the tip error they explain in
-data that were not used for the fit.
-
-The fit is a Gauss-Newton iteration on the first half of a camera's log. It also estimates a rigid
-motion, and the point in the frame of the jaws that the camera sees (unknown, and not an error of
-the arm). The prior of the kinematic errors is normal, with the standard deviations of MEASURED.
-Rows of one motion resemble each other, so each motion counts as one reading with the noise NOISE_M.
+"""Estimates the kinematic errors of one recorded arm by Gauss-Newton iteration on the first half of
+a camera's log, together with a rigid motion and the point in the frame of the jaws that the camera
+sees. The prior is normal, with the standard deviations of MEASURED. Rows of one motion resemble
+each other, so each motion counts as one reading with the noise NOISE_M.
 """
 
 from collections.abc import Collection
@@ -46,9 +43,8 @@ def fit(log: CameraLog, parts: Collection[str]) -> ArmFit:
             slope = np.asarray(_slope(x, first.joints, first.rotation))[..., free]
             left = first.camera - np.asarray(_predicted(x, first.joints, first.rotation))
             weight = rigid.huber(np.linalg.norm(left, axis=1)) * readings / NOISE_M**2
-            normal = np.einsum("nak,n,nal->kl", slope, weight, slope) + np.diag(
-                spread[free] ** -2.0
-            )
+            prior = np.diag(spread[free] ** -2.0)
+            normal = np.einsum("nak,n,nal->kl", slope, weight, slope) + prior
             pull = np.einsum("nak,n,na->k", slope, weight, left) - x[free] / spread[free] ** 2
             x[free] += np.linalg.solve(normal, pull)
         left = log.camera - np.asarray(_predicted(x, log.joints, log.rotation))
@@ -58,9 +54,7 @@ def fit(log: CameraLog, parts: Collection[str]) -> ArmFit:
 
 
 def _tips(x: jax.Array, joints: jax.Array, rotation: jax.Array) -> jax.Array:
-    """Return [n, 3] seen points (m), for rigid motion x[:6] (rotation vector, displacement), point
-    x[6:9], errors x[9:].
-    """
+    """Return [n, 3] seen points (m) for rigid motion x[:6], point x[6:9], errors x[9:]."""
     points = tip_error.true_tips(x[9:], joints) + rotation @ x[6:9]
     turn = jnp.array([[0.0, -x[2], x[1]], [x[2], 0.0, -x[0]], [-x[1], x[0], 0.0]])
     return points @ jax.scipy.linalg.expm(turn).T + x[3:6]

@@ -1,10 +1,8 @@
 """Reads a recording of an arm with two tips in each row, measured by cameras and reported by the
-robot: `camera_poses_left_arm.parquet`.
+robot: `camera_poses_left_arm.parquet` (a Raven-II, UC Berkeley, 2014; repository rll/raven_2).
 
-The arm is a Raven-II (UC Berkeley, 2014; public repository rll/raven_2). The frame of the recording
-has z upward and the remote centre at its origin. It is frame 0 of the gold arm with other names of
-the axes. Of the 24 possible assignments, only one gives joints within their limits in every row,
-and an instrument roll near 0 when the jaws point straight down.
+The frame of the recording has z upward and the remote centre at its origin: frame 0 of the gold arm
+with other names of the axes. Of the 24 assignments, one alone gives joints within their limits.
 """
 
 from __future__ import annotations
@@ -59,9 +57,8 @@ def read(path: Path) -> CameraLog:
     table = pd.read_parquet(path)
     tips = {who: [f"{who}_{axis}_m" for axis in "xyz"] for who in ("camera", "reported")}
     turns = [f"reported_r{i}{j}" for i in range(3) for j in range(3)]
-    if lacking := [
-        name for name in (*tips["camera"], *tips["reported"], *turns, "time_s") if name not in table
-    ]:
+    wanted = [*tips["camera"], *tips["reported"], *turns, "time_s"]
+    if lacking := [name for name in wanted if name not in table]:
         raise UserError(f"{path}: no column {', '.join(lacking)}; expected those of {FILE}")
     table = pd.DataFrame(table.drop_duplicates("time_s").sort_values("time_s"))
     camera, reported = (np.asarray(table[names], float) for names in tips.values())
@@ -75,9 +72,7 @@ def read(path: Path) -> CameraLog:
 
 
 def joints(position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """Return [n, 7] joints (rad, m) of poses [n, 3], [n, 3, 3] in frame 0. Of the eight solutions,
-    the one nearest to home is taken.
-    """
+    """Return the joints [n, 7] (rad, m) nearest to home of poses [n, 3], [n, 3, 3] in frame 0."""
 
     def one(position: jax.Array, rotation: jax.Array) -> tuple[jax.Array, jax.Array]:
         pose = Pose(
@@ -89,10 +84,8 @@ def joints(position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
         return jnp.stack(angles), jnp.stack([valid for _, valid in solutions])
 
     with jax.enable_x64(True):
-        candidates, valid = (
-            np.asarray(x)
-            for x in jax.jit(jax.vmap(one), compiler_options=_QUICK)(position, rotation)
-        )
+        solve = jax.jit(jax.vmap(one), compiler_options=_QUICK)
+        candidates, valid = (np.asarray(x) for x in solve(position, rotation))
     home = np.array([*limits.HOME_JPOS[:5], 0.0, 0.0])
     apart = np.where(valid, np.square(candidates - home).sum(axis=-1), np.inf)
     return np.take_along_axis(candidates, apart.argmin(axis=1)[:, None, None], axis=1)[:, 0]

@@ -7,9 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 FAR_M = 2e-3
-"""Distances beyond this count linearly, as in Huber's loss, so that bad frames of a camera do not
-decide the result.
-"""
+"""Distances beyond this count linearly, as in Huber's loss."""
 ITERATIONS = 10
 
 

@@ -1,12 +1,10 @@
 """Measures the error of the reported tip of a healthy arm: as measured by cameras, in drawn robots,
 and with the fitted parameters of one arm.
 
-Every number is a distance between the measured (or true) tip and the reported tip after
-registration by a rigid motion. This motion is fitted only to the first half of the log. The log is
-from a single arm, and its cameras have errors, too. Therefore only one number is fitted: a common
-factor on the distribution of the kinematic errors. With this factor, half of the drawn robots have
-a larger median error on the first half than the cameras measured. The factor attributes the whole
-measured error to the arm, so it is an upper bound.
+Every number is a distance from the reported tip after registration by a rigid motion, fitted to the
+first half of the log alone. One number is fitted: a common factor on the distribution of the
+kinematic errors, so that half of the drawn robots have a larger median error on the first half than
+the cameras measured. It attributes the whole measured error to the arm: an upper bound.
 """
 
 import dataclasses
@@ -45,11 +43,7 @@ def vectors_of(log: CameraLog, true: np.ndarray) -> np.ndarray:
 
 
 def between(log: CameraLog, true: np.ndarray) -> np.ndarray:
-    """Return the share of the second half's mean square error that is between trajectories, [...].
-
-    The mean error vector of a trajectory is its calibration error; what is left within one is
-    noise, or changes with the pose on the way.
-    """
+    """Return the share of the second half's mean square error between trajectories, [...]."""
     middle = len(log.joints) // 2
     vectors, trajectory = vectors_of(log, true)[..., middle:, :], log.trajectory[middle:]
     means = np.empty_like(vectors)
@@ -61,8 +55,8 @@ def between(log: CameraLog, true: np.ndarray) -> np.ndarray:
 
 
 def quadratic_left(log: CameraLog) -> tuple[np.ndarray, np.ndarray]:
-    """Return what a null model leaves of the tip errors that cameras saw, m, on the first and on
-    the second half: a static quadratic map of the six joints, fitted to the first half.
+    """Return what a null model leaves of the tip errors seen by cameras on both halves, m: a static
+    quadratic map of the six joints, fitted to the first half.
     """
     middle = len(log.joints) // 2
     joints = log.joints[:, :6]
@@ -116,9 +110,7 @@ def tips_of(log: CameraLog, robots: np.ndarray) -> np.ndarray:
 
 
 def factor(log: CameraLog, robots: np.ndarray) -> float:
-    """Return the factor on MEASURED at which the middle robot's median error on the first half
-    equals the one that cameras saw.
-    """
+    """Return the factor on MEASURED with which the middle robot equals the cameras' median."""
     goal = float(np.median(errors_of(log, log.camera)[0]))
     low, high = 0.05, 4.0
     for _ in range(12):
@@ -129,9 +121,7 @@ def factor(log: CameraLog, robots: np.ndarray) -> float:
 
 
 def gaussian(log: CameraLog, seed: int = 0) -> np.ndarray:
-    """Return [n] tip errors of a null model: normal, independent at each moment and equal in each
-    axis, with the first half's root mean square, m.
-    """
+    """Return [n] tip errors of a null model, m: isotropic normal with the first half's rms."""
     deviation = rms(errors_of(log, log.camera)[0]) / np.sqrt(3.0)
     normal = np.random.default_rng(seed).normal(size=(len(log.halves[1].joints), 3))
     return np.linalg.norm(deviation * normal, axis=1)

@@ -5,7 +5,6 @@ The operator (hands.py) is fitted to people under the mildest network faults (fi
 results under worse faults. Published rows for the worse faults are not read.
 """
 
-import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -29,82 +28,22 @@ FILE = "operators_under_network_faults.csv"
 FROM_MS = 3000
 """Begin of the measurement, and of the first communication loss."""
 COUNTED = ("done_ms", "path_mm", "tests")
-WORDS = dict(
-    zip(
-        QUANTITIES,
-        ("time", "path of the robot", "path of the hands", "presses of the pedal"),
-        strict=True,
-    )
-)
-DELAYS_MS = (173, 194, 207, 218, 227, 236, 246, 255, 266, 278, 291, 307, 327, 354, 395, 483)
-"""Reaction times to the cue, as in reacting_operator.toml."""
-SIZES_MM = (10.0, 20.0)
-MOTIONS = (1, 2)
-"""Seeds of the plan."""
-GRID, IN_PACKETS = "grid_", "in_packets"
-"""Variants with the grid of operators."""
-OPEN, CLOSED, OTHERS = "open loop", "closed loop", "closed loop, drawn operators"
-DRAWN = {
-    "pace": "{uniform=[0.77, 1.0]}",
-    "wait_mm": "{loguniform=[2.6, 13.9]}",
-    "correct_per_s": "{loguniform=[0.5, 4.0]}",
-    "patience_ms": "{loguniform=[1500.0, 4500.0]}",
+WORDS = {
+    "transfer_s": "time",
+    "robot_path_m": "path of the robot",
+    "console_path_m": "path of the hands",
+    "pedal_presses": "presses of the pedal",
 }
-"""Intervals of the fit."""
-
-
-def _variants() -> Iterator[study.Variant]:
-    """Yield the grid of operators if the table of people is there, and the faults with a cue."""
-    grid = str(HERE / "network.toml")
-    for seed in MOTIONS if recording.locate(FILE) else ():
-        question = "another motion" if seed > 1 else ""
-        yield study.Variant(f"{GRID}{seed}", grid, (f"operator.seed={seed}",), question)
-    if recording.locate(FILE):
-        groups = (
-            f'{{name="{group}", fault=[{{site="network", effect="drop", start_ms={FROM_MS},'
-            f" duration_ms={length}, every_ms={every}}}]}}"
-            for group, length, every in _lost_packets()
-        )
-        words = "what if the source counts the lengths of communication loss in packets?"
-        yield study.Variant(IN_PACKETS, grid, (f"group=[{', '.join(groups)}]",), words)
-    cue, times = str(HERE / "cue.toml"), f"{{choice={list(DELAYS_MS)}}}"
-    yield study.Variant(
-        "open",
-        cue,
-        (
-            "reaction.action=none",
-            "reaction.felt_force=0",
-            "cross.reaction.action=[0, 1]",
-            f"parameters.reaction.delay_ms={times}",
-        ),
-        "hands that follow their plan, with and without a lifted pedal",
-    )
-    closed = (
-        "operator.hands=hands.py",
-        "cross.operator.own.hands.feels=[0, 1]",
-        f"parameters.operator.own.hands.feels_after_ms={times}",
-    )
-    words = "hands that close the loop, with and without a lifted pedal"
-    yield study.Variant("closed", cue, closed, words)
-    drawn = (f"parameters.operator.own.hands.{name}={of}" for name, of in DRAWN.items())
-    yield study.Variant("drawn", cue, (*closed, *drawn), f"{words}; another operator in each run")
-
-
-def _lost_packets() -> Iterator[tuple[str, int, int]]:
-    """Yield the groups with communication loss, lengths (ms) doubled: a packet lasts 2 ms."""
-    for group in tomllib.loads((HERE / "network.toml").read_text(encoding="utf-8"))["group"]:
-        if group["name"].startswith("CLM"):
-            fault = group["fault"][0]
-            yield group["name"], 2 * fault["duration_ms"], 2 * fault["every_ms"]
-
-
+"""The quantities of the fit, in its order."""
+SIZES_MM = (10.0, 20.0)
+GRID = "grid_"
+"""Prefix of the variants with the grid of operators."""
+OPEN, CLOSED, OTHERS = "open loop", "closed loop", "closed loop, drawn operators"
 # --- people and networks ---
 
 
 def measure(row: Row, series: Series) -> dict[str, float | str]:
-    """Measure a run of the grid, over whole cycles of its network fault: the numbers of its
-    operator and what `fit.operators` reads.
-    """
+    """Measure a run of the grid, over whole cycles of its network fault."""
     every, last = int(np.nan_to_num(row["fault0_every_ms"])), len(series["tip"]) - 1
     end = FROM_MS + (last - FROM_MS) // every * every if every > 0 else last
     done, hand, tests = (
@@ -137,7 +76,7 @@ def predictions(
     numbers = []
     for sample in range(fit.RESAMPLES + 1):
         drawn = people.drawn(random) if sample else people
-        best = fit.fit(every, drawn).best
+        best = fit.fit(every, drawn)
         numbers.append([*every.numbers[best], every.reach(drawn)[best]])
         for condition, rows in found.items():
             error = fit.errors(people, _lowest(condition)) * random.normal(size=len(QUANTITIES))
@@ -174,24 +113,13 @@ def prediction_rows(
             yield condition, words, mine, *(f"{null[k]:.2f}" for null in beside.values())
 
 
-def packet_rows(every: fit.Operators, people: fit.People) -> Iterator[tuple[Cell, ...]]:
-    """Yield the predictions for communication loss if its lengths are in packets."""
-    found, _ = predictions(every, people)
-    for condition in WORSE:
-        if condition.startswith("CLM"):
-            for k, words in enumerate(WORDS.values()):
-                yield condition, words, number(_estimate(found[condition][:, k]))
-
-
 def judged(every: fit.Operators, people: fit.People) -> dict[str, dict[str, np.ndarray]]:
-    """Return residuals in standard errors, [QUANTITIES], by condition that the fit saw and by
-    model: the fit, the fit without that condition, null models that did not see it either.
-    """
-    best, found = fit.fit(every, people).best, {}
+    """Return residuals in standard errors, [QUANTITIES], by condition and model."""
+    best, found = fit.fit(every, people), {}
     for condition in LOWEST:
         others = [one for one in LOWEST if one != condition]
         ratios = every.ratios(people, condition)
-        without = fit.fit(every, people, others).best
+        without = fit.fit(every, people, others)
         beside = fit.nulls(condition, people)
         del beside[fit.PROPORTION]
         of = {"fit": ratios[best], "fit without it": ratios[without], **beside}
@@ -231,25 +159,16 @@ def cue_contrasts(open_: Runs, closed: Runs, drawn: Runs) -> dict[str, Pairs]:
                 felt = (side["cue0_first_ms"] >= 0) & (acts < runs.made.duration_ms)
                 side = side.assign(reaction_ms=np.where(felt & (action == 1), acts, -1))
             sides[name, action] = side
-    words = {f"lifted pedal, {name}": ((name, 1), (name, 0)) for name in (OPEN, CLOSED, OTHERS)} | {
-        f"{CLOSED} instead of {OPEN}, nobody feels the cue": ((CLOSED, 0), (OPEN, 0)),
-        f"{CLOSED} and lifted pedal instead of {OPEN}": ((CLOSED, 1), (OPEN, 0)),
-    }
+    both = f"{CLOSED} and lifted pedal instead of {OPEN}"
+    words = {f"lifted pedal, {name}": ((name, 1), (name, 0)) for name in (OPEN, CLOSED, OTHERS)}
+    words[f"{CLOSED} instead of {OPEN}, nobody feels the cue"] = (CLOSED, 0), (OPEN, 0)
+    words[both] = (CLOSED, 1), (OPEN, 0)
     found = {}
     for name, (one, other) in words.items():
         pairs = Pairs(sides[one], sides[other])
         valid = ~(pairs.with_["failed"].to_numpy(bool) | pairs.without["failed"].to_numpy(bool))
         found[name] = pairs.where(valid & pairs.without["activated"].to_numpy(bool))
     return found
-
-
-def cue_found(pairs: Mapping[str, Pairs]) -> dict[tuple[str, float], Contrast]:
-    """Return every comparison for every size of excursion."""
-    return {
-        (name, size): reacting_operator.contrast_of(part, reacting_operator.excursion(size))
-        for name, part in pairs.items()
-        for size in SIZES_MM
-    }
 
 
 def cue_lines(found: Mapping[tuple[str, float], Contrast]) -> Iterator[Line]:
@@ -274,17 +193,12 @@ def compare(context: study.Context) -> study.Findings:
     lines: list[Line] = []
     tables: list[study.Table] = []
     path, absent = recording.locate(FILE), f" Set {recording.DATA}."
-    if path is not None and IN_PACKETS in context.folders:
+    if path is not None:
         absent = ""
         recorder = Recorder(["tip", *map(own_operator, COUNTED)])
-        runs = {
-            name: pd.DataFrame(recorder.measure(folder, measure))
-            for name, folder in context.folders.items()
-            if name.startswith((GRID, IN_PACKETS))
-        }
-        packets = fit.operators(runs.pop(IN_PACKETS))
-        every, people = fit.operators(pd.concat(runs.values())), fit.read_people(path)
-        in_packets = every._replace(rates={**every.rates, **packets.rates})
+        grid = [folder for name, folder in context.folders.items() if name.startswith(GRID)]
+        runs = [pd.DataFrame(recorder.measure(folder, measure)) for folder in grid]
+        every, people = fit.operators(pd.concat(runs)), fit.read_people(path)
         found, numbers = predictions(every, people)
         residuals = judged(every, people)
         lines += [*network_lines(found), *judged_lines(residuals)]
@@ -297,19 +211,20 @@ def compare(context: study.Context) -> study.Findings:
             for condition, models in residuals.items()
             for k, words in enumerate(WORDS.values())
         )
-        rows = {
-            "predictions": prediction_rows(found, people),
-            "packets": packet_rows(in_packets, people),
-            "judged": beside,
-            "operator": operator,
-        }
-        tables += [read_table(NAME, key, table) for key, table in rows.items()]
-    contrasts = cue_found(
-        cue_contrasts(*(read(context.folders[name]) for name in ("open", "closed", "drawn")))
-    )
+        tables += [
+            read_table(NAME, "predictions", prediction_rows(found, people)),
+            read_table(NAME, "judged", beside),
+            read_table(NAME, "operator", operator),
+        ]
+    cues = (read(context.folders[name]) for name in ("open", "closed", "drawn"))
+    contrasts = {
+        (name, size): reacting_operator.contrast_of(part, size)
+        for name, part in cue_contrasts(*cues).items()
+        for size in SIZES_MM
+    }
     lines += cue_lines(contrasts)
     tables.append(read_table(NAME, "cue", cue_rows(contrasts)))
     return study.Findings(tuple(lines), tuple(tables), study.read_notes(NAME, absent=absent))
 
 
-STUDY = study.study(NAME, tuple(_variants()), compare)
+STUDY = study.study(NAME, study.read_variants(NAME), compare)

@@ -1,13 +1,11 @@
 """Fits the operator who corrects by sight to people under network faults, and predicts results
 under worse faults.
 
-The simulated quantities are rates per progress in the plan, on a grid of the operator's parameters.
-Between the grid points they are interpolated, linearly in the logarithms of the parameters. The fit
-compares ratios to the condition without a fault, in which the scale of a console and the length of
-a task cancel. The published table has means and standard deviations over people. A bootstrap draws
-the mean of every cell again from its normal distribution. It treats the cells as independent,
-because the table does not state the correlation within a person. The intervals are therefore too
-wide rather than too narrow.
+The simulated quantities are rates per progress in the plan, on a grid of the operator's parameters,
+interpolated linearly in the logarithms. The fit compares ratios to the condition without a fault,
+in which the scale of a console and the length of a task cancel. The published table has means and
+standard deviations over people. A bootstrap draws the mean of every cell again. It treats the cells
+as independent, so the intervals are too wide rather than too narrow.
 """
 
 import math
@@ -77,9 +75,7 @@ class Operators(NamedTuple):
     rates: Mapping[str, np.ndarray]
 
     def distance_squared(self) -> np.ndarray:
-        """Return the squared distance from the middle of the grid, in half-widths of the
-        logarithms, [operators].
-        """
+        """Return the squared distance from the grid's middle, in half-widths of logarithms."""
         logs = np.log(self.numbers)
         low, high = logs.min(axis=0), logs.max(axis=0)
         return (((2 * logs - low - high) / (high - low)) ** 2).sum(axis=1)
@@ -108,8 +104,8 @@ class Operators(NamedTuple):
 
 
 def operators(runs: pd.DataFrame) -> Operators:
-    """Return the operators between those of the runs. Runs: columns NUMBERS, SIMULATED,
-    `condition`, and `weight` of a run among those of its condition.
+    """Return the operators between those of the runs (columns NUMBERS, SIMULATED, `condition`, and
+    `weight` among the runs of a condition).
     """
     values = [np.unique(runs[name].to_numpy(float)) for name in NUMBERS]
     fine = [np.geomspace(at[0], at[-1], n) for at, n in zip(values, FINE, strict=True)]
@@ -132,13 +128,6 @@ def operators(runs: pd.DataFrame) -> Operators:
     return Operators(numbers, rates)
 
 
-class Fit(NamedTuple):
-    """The operator that fits best."""
-
-    best: int  # among the operators
-    misfit: float  # root mean square residual, in standard errors
-
-
 def errors(people: People, condition: str) -> np.ndarray:
     """Return the standard errors of the logarithms of ratios to NORMAL, [QUANTITIES]."""
     relative = people.deviation / people.mean
@@ -154,19 +143,16 @@ def residuals(found: np.ndarray, people: People, condition: str) -> np.ndarray:
     return (np.log(found) - np.log(wanted)) / errors(people, condition)
 
 
-def fit(every: Operators, people: People, seen: Iterable[str] = LOWEST) -> Fit:
-    """Return the best operator for the time without a fault and the ratios of these conditions.
-
-    A number that these do not determine stays near the middle of the grid: its prior is normal, and
-    the grid ends one standard deviation from the middle.
+def fit(every: Operators, people: People, seen: Iterable[str] = LOWEST) -> int:
+    """Return the number of the best operator for the time without a fault and the ratios of these
+    conditions. The prior is normal: the grid ends one standard deviation from its middle.
     """
     error = np.sqrt((people.deviation[0, :2] ** 2 / people.mean[0, :2] ** 2).sum() / PEOPLE)
     parts = [np.log(every.seconds(people) / people.at(NORMAL)[0])[:, None] / error]
     parts += [residuals(every.ratios(people, one), people, one) for one in seen]
     square = np.concatenate(parts, axis=1) ** 2
     square = np.where(np.isfinite(square), square, 1e6)
-    best = int((square.sum(axis=1) + every.distance_squared()).argmin())
-    return Fit(best, math.sqrt(square[best].mean()))
+    return int((square.sum(axis=1) + every.distance_squared()).argmin())
 
 
 def nulls(condition: str, people: People) -> dict[str, np.ndarray]:

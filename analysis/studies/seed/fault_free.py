@@ -1,9 +1,6 @@
 """Study of the fault-free tip error of the training simulator at four teleoperation scales (IROS
-2016, Figure 3; targets A5, A6).
-
-The tip error is the distance that triggers the cue, from the reported tip to the tip of the nominal
-model. The study also reports the distance of the true tip, and the distance of the reported tip if
-both had started at the same place.
+2016, Figure 3; targets A5, A6). The tip error is the distance that triggers the cue, from the
+reported tip to the tip of the nominal model.
 """
 
 import dataclasses
@@ -21,9 +18,7 @@ from studies.series import Recorder, Row, Series, rises
 from studies.study import Line, Published, StudyEstimate, read_table
 
 REST_TICKS = 500
-"""Ticks for which the hand rests at the beginning of every generated motion. The pedal is down from
-tick 200 on.
-"""
+"""Ticks for which the hand rests at the beginning of every generated motion."""
 
 
 class RunSegment(NamedTuple):
@@ -90,6 +85,11 @@ READINGS = {
     "true_mean_mm": "true tip to nominal model",
     "zeroed_mean_mm": "measured tip, model begun at the measured pose",
 }
+LINES = {
+    "explained": "variance of the {}s that a straight line over the scale explains",
+    "slope": "{} tip error, slope over the scale",
+    "at_zero": "{} tip error, the line's value at scale 0",
+}
 LINEAR = {
     "peak": "at scale 0.2 the fault-free command of fast motions is clipped by the overdrive check:"
     " the peaks bend up",
@@ -119,9 +119,7 @@ class Setting:
         return self.by_motion(field).mean(axis=1)
 
     def lines(self, field: str, of: str) -> pd.Series:
-        """Return slope, value at zero or explained share of a straight line through the four
-        scales, for each motion.
-        """
+        """Return a field of the straight line through the four scales, for each motion."""
         return self.by_motion(field).apply(lambda row: getattr(growth(SCALES, row), of), axis=1)
 
     @property
@@ -167,12 +165,6 @@ def _acceptance(
     settings: Mapping[str, Setting], read: Mapping[str, Sequence[float]], published: Published
 ) -> Iterator[Line]:
     modelled, noisy, band = settings[MODELLED], settings[NOISE], published.band("a6.mean")
-    means = {name: over_kinds(one.all_segments()).value for name, one in settings.items()}
-    inside = [
-        f"{name} {mean:.2f} mm"
-        for name, mean in means.items()
-        if name != MODELLED and band[0] <= mean <= band[1]
-    ]
     yield Line(
         "mean tip error of all segments",
         "mm",
@@ -180,65 +172,42 @@ def _acceptance(
         over_kinds(modelled.all_segments()),
         band,
         "A6",
-        "the nominal model's gains, the latency of packets and the motion are not published;"
-        f" inside the band with {'; '.join(inside)}",
+        "the nominal model's gains, the latency of packets and the motion are not published",
     )
 
-    def pair(kind: str, of: str) -> tuple[StudyEstimate, pd.Series]:
-        """Return a number of the published line, and of each motion's."""
-        return (
-            StudyEstimate(getattr(growth(SCALES, read[kind]), of), of=FIGURE),
-            modelled.lines(f"{kind}_mm", of),
-        )
-
-    for kind in KINDS:
-        figure, lines = pair(kind, "explained")
-        mean = over_kinds(lines)
-        over = f"{mean.of}, least and largest of a motion"
-        yield Line(
-            f"variance of the {kind}s that a straight line over the scale explains",
-            "",
-            figure,
-            dataclasses.replace(mean, low=lines.min(), high=lines.max(), of=over),
-            published.band("a6.explained"),
-            "A6",
-            LINEAR[kind],
-        )
+    rest_mm = modelled.frame["rest_mm"].iloc[0]
+    offset = f"the model begins at the true tip, encoders see it {rest_mm:.2f} mm away"
+    for of, words in LINES.items():
+        for kind in KINDS:
+            figure = StudyEstimate(getattr(growth(SCALES, read[kind]), of), of=FIGURE)
+            lines = modelled.lines(f"{kind}_mm", of)
+            mean, quantity = over_kinds(lines), words.format(kind)
+            if of == "explained":
+                over = f"{mean.of}, least and largest of a motion"
+                mean = dataclasses.replace(mean, low=lines.min(), high=lines.max(), of=over)
+                band = published.band("a6.explained")
+                yield Line(quantity, "", figure, mean, band, "A6", LINEAR[kind])
+            else:
+                reason = offset if of == "at_zero" else ""
+                yield Line(quantity, "mm", figure, mean, reason=reason)
     fired = noisy.frame.loc[noisy.frame["pulses"] > 0, "scale"]
     scales = ", ".join(f"{scale:g}" for scale in np.unique(fired)) or "none"
+    without = f"at scale {scales}; without noise {modelled.cues} of {len(modelled.frame)}"
     yield Line(
         "fault-free segments with noise in which the cue fires",
         "",
         published.estimate("fault_free.segments_over_threshold"),
         StudyEstimate(noisy.cues, n=len(noisy.frame), of="segments, noise on"),
-        reason=f"at scale {scales}; without noise {modelled.cues} of {len(modelled.frame)}: compare"
-        " the two before calling it the noise's doing",
+        reason=f"{without}: compare the two before calling it the noise's doing",
     )
-    rest_mm = modelled.frame["rest_mm"].iloc[0]
-    offset = f"the model begins at the true tip, encoders see it {rest_mm:.2f} mm away"
-    for of, words, reason in (
-        ("slope", "slope over the scale", ""),
-        ("at_zero", "the line's value at scale 0", offset),
-    ):
-        for kind in KINDS:
-            figure, lines = pair(kind, of)
-            quantity = f"{kind} tip error, {words}"
-            yield Line(quantity, "mm", figure, over_kinds(lines), reason=reason)
 
 
 def _by_scale(modelled: Setting, published: Published) -> Iterator[Line]:
     for kind in KINDS:
         for scale in SCALES:
-            values = modelled.by_motion(f"{kind}_mm")[scale]
-            read, low, high = (
-                published.estimate(f"fault_free.{kind}.{scale:g}"),
-                values.min(),
-                values.max(),
-            )
-            where = "above" if read.value > high else "below" if read.value < low else "within"
-            reason = f"published value {where} the {low:.2f} to {high:.2f} mm of single motions"
-            quantity = f"{kind} tip error, scale {scale:g}"
-            yield Line(quantity, "mm", read, over_kinds(values), reason=reason)
+            values = over_kinds(modelled.by_motion(f"{kind}_mm")[scale])
+            read = published.estimate(f"fault_free.{kind}.{scale:g}")
+            yield Line(f"{kind} tip error, scale {scale:g}", "mm", read, values)
 
 
 def _sensitivity(

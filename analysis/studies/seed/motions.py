@@ -17,9 +17,7 @@ MOTIONS: tuple[Motion, ...] = (
     *((kind, seed) for kind in ("suture", "peg_transfer", "palpate", "reach") for seed in (1, 2)),
     ("circle", 1),
 )
-"""Every generated motion with the pedal down throughout and the hand moving. The circle has no
-random numbers.
-"""
+"""Every generated motion with the pedal down throughout and the hand moving."""
 
 MODELLED = "as modelled"
 """The setting of variants that answer no open question differently."""
@@ -38,10 +36,7 @@ def by_setting(variants: Iterable[Variant]) -> dict[str, dict[Motion, str]]:
 
 
 def over_kinds(values: Mapping[Motion, float] | pd.Series) -> StudyEstimate:
-    """Return the mean over kinds of motion of the mean over their seeds, with its t interval.
-
-    Kinds are the independent units, because seeds of one kind differ less than kinds do.
-    """
+    """Return the mean over kinds of motion, the independent units, with its t interval."""
     from scipy import stats
 
     means = pd.Series(values).groupby(level=0, sort=False).mean().to_numpy()

@@ -159,7 +159,7 @@ class Actor(PlannedCampaign):
                     np.where(late, low[some], at),
                 )
 
-        halve(HORIZON_MS)
+        halve(HORIZON_MS // self.plan.tick_ms)
         report(f"{int((last < GRID).sum())} runs of full length that confirm a deadline")
         late = last < GRID
         late[late] = self.harmful(lanes.where(late), low[late])
@@ -211,12 +211,14 @@ def find_deadlines(
             "visible": chain.earliest_time(shown.ticks[leaves].to_numpy().T),
         }
     )
+    tick_ms = actor.plan.tick_ms
     each = faults[faults["harm"] >= 0].merge(
         pd.DataFrame({"action": list(actor.actions), "number": actor.actions.values()}), how="cross"
     )
-    lanes = Lanes(*(each[name].to_numpy() for name in ("row", "number", "effect_ms", "harm")))
+    times = (each[name].to_numpy() // tick_ms for name in ("effect_ms", "harm"))
+    lanes = Lanes(each["row"].to_numpy(), each["number"].to_numpy(), *times)
     last, each["monotone"] = actor.find(lanes, report)
-    each["deadline_ms"] = (last - lanes.effect).astype(float)
+    each["deadline_ms"] = (last - lanes.effect) * float(tick_ms)
     report(f"{len(each)} runs with an action but no fault")
     each["harms_alone"] = actor.harmful(lanes, lanes.effect, alone=True)
     # An operator who follows the cue takes the robot's first action.

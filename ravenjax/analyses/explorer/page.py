@@ -8,8 +8,7 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
-from ravenjax import robots
-from ravenjax.analyses.explorer import figure, program, words
+from ravenjax.analyses.explorer import program, words
 from ravenjax.campaign import loading
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.loading import validate_tables
@@ -49,9 +48,10 @@ def build_page(source: str | Path, out: Path | None = None) -> Path:
 def render_page(config: CampaignConfig, table: dict[str, Any] | None = None) -> str:
     """Return the page as text. `table`: value of `words.list_runs`. Raises UserError."""
     parts = resources.files("ravenjax.analyses.explorer")
+    describe_figure = getattr(config.robot.part("campaign"), "describe_figure", lambda: None)
     data = {
         "campaign": words.describe_campaign(config),
-        "figure": figure.describe_figure() if config.robot.name == robots.DEFAULT else None,
+        "figure": describe_figure(),
         "program": program.describe_program(config),
         "table": table,
     }

@@ -47,6 +47,7 @@ from ravenjax.faults.fault import FaultSlot
 from ravenjax.ir.time_loop import TimeLoop, split_lanes
 from ravenjax.numbers import paths, tree
 from ravenjax.outcomes import verdict
+from ravenjax.stages.recorded import read_series
 from ravenjax.store import schema
 from ravenjax.vocabulary import checks, failures
 from ravenjax.vocabulary.effects import EFFECT_CODES, EFFECTS, NETWORK_EFFECTS, TRIGGER_CODES
@@ -63,6 +64,8 @@ def question_plan(config: CampaignConfig) -> Plan:
     ready = plan.make_plan(config)
     if config.campaign.noise:
         raise UserError("a page cannot draw noise for each run: set campaign.noise to false")
+    if ready.tick_ms != 1:
+        raise UserError(f"a page computes ticks of 1 ms, got a robot with {ready.tick_ms} ms")
     program = ready.program
     if not program.setup.injection.sites:
         raise UserError(
@@ -285,8 +288,9 @@ def _series(ready: Plan, tick: TracedTick) -> tuple[list[dict[str, Any]], list[i
     probe = [np.zeros(len(dtypes) + 1, dtype) for dtype in dtypes]
     for leaf, values in enumerate(probe):
         values[leaf + 1] = 1
-    named = ready.config.robot.part("campaign").series(
-        ready.program.setup,
+    named = read_series(
+        ready.config.robot,
+        ready.program,
         tree.fill_tree(tick.signals, list(probe)),
         np.zeros((len(dtypes) + 1, tick.series), np.float32),
     )

@@ -14,7 +14,6 @@ import tomlkit
 from ravenjax.analyses.explorer import program
 from ravenjax.analyses.explorer.program import WORDS
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.hazards import ranges
 from ravenjax.outcomes import verdict
 from ravenjax.report.data.facts import OUTCOMES
 from ravenjax.report.data.runs import Runs
@@ -23,7 +22,8 @@ from ravenjax.store import schema
 from ravenjax.store.folder import Results
 from ravenjax.store.manifest import Manifest
 from ravenjax.vocabulary.effects import EFFECTS
-from ravenjax.vocabulary.sites import Channel, Site
+from ravenjax.vocabulary.robot import Robot
+from ravenjax.vocabulary.sites import Channel, ChannelRange, Site
 
 UNASKED = ("periodic", "random", "lose")
 """Effects that the page does not offer. The random numbers of two depend on the row of a run."""
@@ -38,7 +38,7 @@ def describe_campaign(config: CampaignConfig) -> dict[str, Any]:
         "robot": robot.title,
         "arms": arms,
         "joints": robot.joints,
-        "duration_ms": round(1000 * config.campaign.duration_s),
+        "duration_ms": config.campaign.duration_ms,
         "limit_mm": config.outcomes.limit_mm,
         "harm": config.rules.harm if config.rules.harms else "",
         "halt_ms": verdict.HALT_MS,
@@ -49,7 +49,7 @@ def describe_campaign(config: CampaignConfig) -> dict[str, Any]:
             "kd_per_mm_s": [round(cue.kd / 1e3, 9) for cue in cues],
             "cap": [cue.cap for cue in cues],
         },
-        "sites": [_site(s, robot.layers, arms) for s in robot.sites.values() if s.channels],
+        "sites": [_site(robot, site, arms) for site in robot.sites.values() if site.channels],
         "effects": {
             name: {
                 "words": WORDS["effects"][name],
@@ -70,20 +70,22 @@ def describe_campaign(config: CampaignConfig) -> dict[str, Any]:
     }
 
 
-def _site(site: Site, layers: Any, arms: Iterable[str]) -> dict[str, Any]:
+def _site(robot: Robot, site: Site, arms: Iterable[str]) -> dict[str, Any]:
     return {
         "site": site.name,
-        "layer": layers[site.layer],
+        "layer": robot.layers[site.layer],
         "words": WORDS["sites"].get(site.name, site.where),
         "where": site.where,
         "per_arm": site.per_arm,
-        "channels": [_channel(site, channel, next(iter(arms))) for channel in site.channels],
+        "channels": [
+            _channel(channel, robot.normal_range(site.name, channel.name, next(iter(arms))))
+            for channel in site.channels
+        ],
     }
 
 
-def _channel(site: Site, channel: Channel, arm: str) -> dict[str, Any]:
+def _channel(channel: Channel, usual: ChannelRange | None) -> dict[str, Any]:
     # Returns a channel's unit, whether its numbers are whole, its limits and its normal range.
-    usual = ranges.measured_ranges().get((site.name, arm if site.per_arm else "", channel.name))
     low, high = channel.extent
     return {
         "name": channel.name,

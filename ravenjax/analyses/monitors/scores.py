@@ -1,7 +1,7 @@
 """Defines the scores that candidate checks compute from a signal of the robot.
 
 - `bound`: |x| divided by its scale.
-- `rate`: |x - x a millisecond ago| divided by its scale; 0 in the first millisecond.
+- `rate`: |x - x a tick ago| divided by its scale; 0 in the first tick.
 - `residual`: |x - y| divided by its scale, for two signals.
 
 If a signal has several channels, each channel is divided by its scale, and the score is the largest
@@ -24,7 +24,7 @@ Kind = Literal["bound", "rate", "residual"]
 KINDS: tuple[Kind, ...] = ("bound", "rate", "residual")
 _WORDS = {
     "bound": "{what}",
-    "rate": "step of {what} within 1 ms",
+    "rate": "step of {what} within a tick",
     "residual": "distance of {what} from {against}",
 }
 
@@ -56,7 +56,7 @@ class Score:
 
     @property
     def words(self) -> str:
-        """Describe what the score observes: "step of boards_cmd (shoulder) within 1 ms"."""
+        """Describe what the score observes: "step of boards_cmd (shoulder) within a tick"."""
         labels = ", ".join(filter(None, self.labels))
         what = f"{self.signal} ({labels})" if labels else self.signal
         return _WORDS[self.kind].format(what=what, against=self.against)

@@ -23,7 +23,7 @@ from ravenjax.campaign.inspection.replay import LANES
 from ravenjax.campaign.loading import validate_tables
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Block
-from ravenjax.errors import StoreError, UserError
+from ravenjax.errors import StoreError
 from ravenjax.report import wording
 from ravenjax.stats.conformal import threshold
 from ravenjax.stats.conformal.threshold import OperationScores
@@ -168,22 +168,15 @@ def compute_test_vector(
 
     The table has one row per millisecond of the first arm of `config`'s robot. Columns: ms, live,
     the monitor's inputs, score (0 while not live), alarm. The run has a fault if the robot has the
-    site of FAULT. Raise UserError for a robot whose detectors' inputs cannot be recorded.
+    site of FAULT.
     """
-    robot = config.robot
-    part: Any = robot.part("campaign")
-    if not hasattr(part, "watched"):
-        raise UserError(
-            f"robot {robot.name!r} cannot record the inputs of its detectors, so no test vector"
-            " can be written. Expected a function `watched` in the robot's module `campaign`"
-        )
     compile_cache.enable_cache()
     with TemporaryDirectory() as folder, consent.given_for(Path(folder)):
         file = Path(folder) / "monitor.py"
         text = code.write_part(monitor.terms, monitor.segments, monitor.scales, records=True)
         file.write_text(text, encoding="utf-8")
         ready = plan.make_plan(_campaign(config, monitor, seed, file))
-        program = part.watched(ready.program)
+        program: Any = ready.program
         tracer = selection.select_engine(
             engine, program.setup.precision, compile_cache.object_cache()
         ).tracer(program, LANES)
@@ -191,9 +184,11 @@ def compute_test_vector(
             Block(*ready.lanes([0], LANES, harmless=harmless), None) for harmless in (True, False)
         )
         *_, signals = tracer.run(golden, block, ready.columns)
-    own, before = signals.detectors.own[0][0], signals.detectors.detectors[0].recent[0]
+    signals = program.loop.name_signals(program.setup, signals)
+    detectors = signals["detectors"]
+    own, before = detectors.own[0][0], detectors.detectors[0].recent[0]
     armed_after = ready.program.params.detectors.armed_after
-    live = np.asarray(signals.live).astype(bool) & (np.arange(len(before)) >= armed_after)
+    live = np.asarray(signals["live"]).astype(bool) & (np.arange(len(before)) >= armed_after)
     score = np.asarray(before, np.float32)
     inputs = {
         name: np.asarray(getattr(own, f"read_{name}"), np.float32)

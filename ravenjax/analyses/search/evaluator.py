@@ -194,7 +194,7 @@ class Evaluator:
         return dataclasses.replace(
             base,
             rows=rows,
-            faults=table.fault_arrays(rows, base.program.setup.injection),
+            faults=table.fault_arrays(rows, base.program.setup.injection, base.tick_ms),
             varied={path: values[order] for path, values in varied.items()},
             golden=golden[order],
         )

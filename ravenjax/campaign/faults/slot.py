@@ -73,16 +73,21 @@ def fill_slot(
     value = np.where(np.isin(words["effect"], effects.WITHOUT_VALUE)[effect], np.nan, value)
     periodic = np.isin(words["effect"], effects.WITH_PERIOD)[effect]
     times = {
-        name: _times(name, axes[name].at(places[name], whole=True), axes[name], periodic)
+        name: _times(*(name, axes[name], places[name], periodic), fault.unit(name, robot.period_ms))
         for name in effects.TIMES
     }
     columns = {"site": codes("site", [fault.site])[0], **word, "value": value, **times}
     return {name: columns[name] for name in effects.FIELDS}
 
 
-def _times(name: str, drawn: np.ndarray, axis: Axis, periodic: np.ndarray) -> np.ndarray:
-    """Return valid times, at least 0 or 1. Only the word END in a file means UNTIL_END."""
-    times = np.maximum(drawn, 1 if name in ("period_ms", "duration_ms") else 0)
+def _times(
+    name: str, axis: Axis, places: np.ndarray, periodic: np.ndarray, step: int
+) -> np.ndarray:
+    """Return valid times: multiples of `step`, at least 0 or `step`. Only the word END in a file
+    means UNTIL_END.
+    """
+    drawn = axis.at(places, whole=step)
+    times = np.maximum(drawn // step * step, step if name in ("period_ms", "duration_ms") else 0)
     if name == "period_ms":
         times = np.where(periodic, times, 0)
     elif name == "duration_ms":

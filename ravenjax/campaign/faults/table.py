@@ -72,12 +72,14 @@ def injection_targets(injection: Injection) -> list[Target]:
     return [(use.site, arm, channel) for use in injection.sites for arm, channel in use.channels]
 
 
-def fault_arrays(table: pd.DataFrame, injection: Injection) -> dict[str, np.ndarray]:
+def fault_arrays(
+    table: pd.DataFrame, injection: Injection, tick_ms: int = 1
+) -> dict[str, np.ndarray]:
     """Return the faults of each run as arrays [runs, injection.slots]. An empty slot has code 0.
 
     code, effect and trigger are int32; value is float32. start, duration, every and period are
-    int32 in ticks of 1 ms; with trigger "packet", start is a number of packets instead. key is
-    uint32: the random-number stream of that run and slot.
+    int32 in ticks of `tick_ms`; with trigger "packet", all but the period are numbers of packets
+    instead. key is uint32: the random-number stream of that run and slot.
     """
     code_of = {target: code for code, target in enumerate(injection_targets(injection), start=1)}
     out = {name: np.zeros((len(table), injection.slots), dtype) for name, dtype in ARRAYS.items()}
@@ -97,9 +99,13 @@ def fault_arrays(table: pd.DataFrame, injection: Injection) -> dict[str, np.ndar
         for name, code in zip(("code", "effect", "trigger"), codes, strict=True):
             out[name][:, slot] = code
         value = np.where(np.isnan(fixed_value), table[f"fault{slot}_value"].to_numpy(), fixed_value)
+        # The change in each millisecond becomes that in each tick.
+        value = value * np.where(out["effect"][:, slot] == EFFECT_CODES["drift"], tick_ms, 1)
         out["value"][:, slot] = np.where(np.isnan(value), 0.0, value)
+        unit = np.where(out["trigger"][:, slot] == TRIGGER_CODES["packet"], 1, tick_ms)
         for name in ("start", "duration", "every", "period"):
-            out[name][:, slot] = table[f"fault{slot}_{name}_ms"].to_numpy()
+            times = table[f"fault{slot}_{name}_ms"].to_numpy()
+            out[name][:, slot] = times // (tick_ms if name == "period" else unit)
         duration = out["duration"][:, slot]
         duration[duration < 0] = FOREVER_TICKS
         out["key"][:, slot] = run_id.stream_keys(shared_ids(table), f"slot {slot}")

@@ -113,11 +113,11 @@ class Axis:
             return unit
         return np.minimum((unit * len(self.values)).astype(np.int64), len(self.values) - 1)
 
-    def at(self, places: np.ndarray, whole: bool = False) -> np.ndarray:
+    def at(self, places: np.ndarray, whole: int = 0) -> np.ndarray:
         """Return the numbers at `places`, float64 of the same shape.
 
         places: indices of listed values, or quantiles in [0, 1) of a distribution. whole: round
-        drawn numbers to integers. Listed values are not rounded.
+        drawn numbers to multiples of this integer. Listed values are not rounded.
         """
         if self.listed:
             numbers = [UNTIL_END if value == END else value for value in self.values]
@@ -129,7 +129,8 @@ class Axis:
             return ((ends - after)[np.searchsorted(after, place, side="right")] + place).astype(
                 np.float64
             )
-        low, high = (float(v) for v in self.values)
+        unit = max(whole, 1)
+        low, high = (v / unit for v in self.values)
         if self.kind == "normal":
             # Slow to import.
             from scipy.special import ndtri
@@ -144,8 +145,8 @@ class Axis:
             numbers = low + places * (high - low)
         if not whole:
             return numbers
-        least, largest = self.extent
-        return np.clip(np.rint(numbers), math.ceil(least), math.floor(largest))
+        least, largest = (end / unit for end in self.extent)
+        return np.clip(np.rint(numbers), math.ceil(least), math.floor(largest)) * unit
 
 
 def fixed_axis(value: Any) -> Axis:

@@ -157,6 +157,11 @@ class Fault(Section):
             if isinstance(axis := getattr(self, name), Axis):
                 yield name, axis
 
+    def unit(self, name: str, tick_ms: int) -> int:
+        """Return the number of which a time is a multiple: a packet, or a tick."""
+        packets = self.trigger.listed == ("packet",) and name != "period_ms"
+        return 1 if packets else tick_ms
+
     def channels(self, site: Site) -> Axis:
         """Return the channels of the fault; "" if none is named and the site has several."""
         names = tuple(channel.name for channel in site.channels)

@@ -55,13 +55,18 @@ class CampaignSection(Section):
 
     @property
     def ticks(self) -> int:
-        """Number of control cycles of a run, 1 ms each."""
+        """Number of control cycles of a run."""
+        return self.duration_ms // robots.find_robot(self.robot).period_ms
+
+    @property
+    def duration_ms(self) -> int:
+        """Duration of each run."""
         return round(self.duration_s * 1000.0)
 
     @field_validator("duration_s")
     @classmethod
     def _whole_ms(cls, duration: float) -> float:
-        # A run consists of ticks of 1 ms.
+        # `semantics` checks that a run has whole ticks.
         ticks = round(duration * 1000.0)
         if ticks < 1 or abs(duration * 1000.0 - ticks) > 1e-6 * ticks:
             raise ValueError(
@@ -180,7 +185,7 @@ class Detector(Section):
         BeforeValidator(_listed, json_schema_input_type=OneOrMore[_UpTo8]),
         Field(min_length=1),
     ] = (1,)
-    """number of consecutive ms above the threshold that raise an alarm, 1 to 8"""
+    """number of consecutive ticks above the threshold that raise an alarm, 1 to 8"""
     threshold: Annotated[_Numbers, Field(max_length=MOST_THRESHOLDS)] = (1.0,)
     """scores above which an alarm is raised; all are evaluated in the same run"""
 
@@ -250,7 +255,7 @@ class OwnCheck(Section):
     threshold: float = Field(default=1.0, ge=0.0, le=1e6)
     """score above which the check trips; its parameter is checks.threshold.NAME"""
     consecutive: int = Field(default=1, ge=1, le=8)
-    """number of consecutive ms above the threshold before the check trips"""
+    """number of consecutive ticks above the threshold before the check trips"""
 
     @property
     def part(self) -> OwnSource:
@@ -298,13 +303,13 @@ class Outcomes(Section):
 
     jump: Literal["code", "text"] = "code"
     """code: the measured tip moves more than jump_step_mm in two consecutive packets, and that of
-    the golden run does not; text: the true tip moves more than large_jump_mm within 2 ms"""
+    the golden run does not; text: the true tip moves more than large_jump_mm within two ticks"""
     cue: int = Field(default=0, ge=0)
     """number of the haptic set for the verdict, from 0"""
     jump_step_mm: float = Field(default=0.1, gt=0.0, le=1000.0)
     """for rule code: motion of the measured tip per packet, mm"""
     large_jump_mm: float = Field(default=1.0, gt=0.0, le=1000.0)
-    """for rule text: motion of the true tip within 2 ms, mm"""
+    """for rule text: motion of the true tip within two ticks, mm"""
     limit_mm: float = Field(default=LIMIT_MM, gt=0.0, le=1000.0)
     """unintended motion, or error of the reported tip, above which a run has a hazard, mm"""
 

@@ -5,7 +5,7 @@ The module `bounds` checks ranges of parameters.
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from ravenjax.campaign.file.axis import END, Axis, Moment
@@ -13,9 +13,16 @@ from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Fault, Group
 from ravenjax.campaign.file.location import Complaint
 from ravenjax.errors import describe_unknown_name, format_value
-from ravenjax.numbers import paths
+from ravenjax.numbers import harm, paths
 from ravenjax.outcomes import events
-from ravenjax.vocabulary.effects import EFFECTS, NETWORK_EFFECTS, RANDOM, WITH_PERIOD, WITHOUT_VALUE
+from ravenjax.vocabulary.effects import (
+    EFFECTS,
+    NETWORK_EFFECTS,
+    RANDOM,
+    TIMES,
+    WITH_PERIOD,
+    WITHOUT_VALUE,
+)
 from ravenjax.vocabulary.legal import find_illegal_value, find_rounding, legal_values
 from ravenjax.vocabulary.sites import Channel, Site
 
@@ -60,8 +67,22 @@ def find_errors(config: CampaignConfig) -> Iterator[Complaint]:
                 ("check", c, "name"),
                 f"got {check.name!r}, the name of an arm; write another name",
             )
+    windows = ((h, harm.WINDOW_END.findall(one.when)) for h, one in enumerate(config.harm))
+    for key, times in (
+        (("campaign", "duration_s"), [config.campaign.duration_ms]),
+        (("campaign", "observe_ms"), [config.campaign.observe_ms]),
+        *((("harm", h, "when"), map(int, ends)) for h, ends in windows),
+    ):
+        yield from ((key, message) for message in _uneven(times, config.robot.period_ms))
     for g, group in enumerate(config.group):
         yield from ((("group", g, *key), message) for key, message in _group(config, group))
+
+
+def _uneven(times: Iterable[Any], tick_ms: int) -> Iterator[str]:
+    """Yield a message for each time that is not a whole number of ticks."""
+    for ms in times:
+        if tick_ms > 1 and isinstance(ms, int | float) and (left := -ms % tick_ms):
+            yield f"got {ms} ms, expected whole ticks of {tick_ms} ms, such as {ms + left} ms"
 
 
 def _group(config: CampaignConfig, group: Group) -> Iterator[Complaint]:
@@ -103,6 +124,11 @@ def _fault(config: CampaignConfig, group: Group, fault: Fault) -> Iterator[tuple
         yield "value", f"missing: effect {valued[0]!r} needs a value ({meaning})"
     if fault.value is not None and not valued:
         yield "value", f"effect {effects[0]!r} has no value: remove the key"
+    for name in TIMES:
+        axis, unit = getattr(fault, name), fault.unit(name, config.robot.period_ms)
+        # Draws of a normal distribution are rounded to ticks.
+        for message in _uneven(axis.values, unit) if axis.kind != "normal" else ():
+            yield name, message
     if "periodic" in effects and 0 in fault.period_ms.values:
         yield "period_ms", "effect 'periodic' needs a period of at least 1 ms"
     if not set(WITH_PERIOD).intersection(effects) and 0 not in fault.period_ms.values:
@@ -162,8 +188,8 @@ def _onset(config: CampaignConfig, fault: Fault) -> Iterator[tuple[str, str]]:
             yield "start_ms", describe_unknown_name("phase", phase, phases)
     listed = [ms for ms in start.listed if not isinstance(ms, Moment)]
     if max(listed, default=0) > last:
-        ticks = config.campaign.ticks
-        end = f"{ticks} ms" if last == ticks - 1 else f"{last + 1} packets"
+        length = config.campaign.duration_ms
+        end = f"{length} ms" if last == length - 1 else f"{last + 1} packets"
         yield (
             "start_ms",
             f"got {max(listed)}, expected less than {end}, the length of the run; the fault would"
@@ -239,12 +265,11 @@ def _misfit(
 
 def last_start(config: CampaignConfig, fault: Fault) -> int:
     """Return the largest `start_ms` at which a fault still acts in the run."""
-    ticks = config.campaign.ticks
     if fault.trigger.listed != ("packet",):
-        return ticks - 1
+        return config.campaign.duration_ms - 1
     axis = config.parameters.get(config.robot.packet_cycles)
     least = 1 if axis is None else min(axis.listed or axis.values)
-    return math.ceil(ticks / max(config.cycles_a_packet, least)) - 1
+    return math.ceil(config.campaign.ticks / max(config.cycles_a_packet, least)) - 1
 
 
 def random_in_itself(config: CampaignConfig, group: Group) -> bool:

@@ -1,7 +1,7 @@
 """Computes many runs again, each compared with its golden run at every seam of the tick.
 
-The robot's module adds the comparison to the tick (`prepared`, function `explained`). Runs are then
-computed like any campaign. Ten thousand runs of 3 s take seconds on two cores.
+`stages.explained` adds the comparison to the robot's tick. Runs are then computed like any
+campaign. Ten thousand runs of 3 s take seconds on two cores.
 """
 
 import dataclasses
@@ -17,6 +17,8 @@ from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.inspection.replay import PlannedCampaign
 from ravenjax.campaign.progress import OnProgress, Progress
 from ravenjax.errors import UserError, suggest_name
+from ravenjax.stages.explained import HARM, explain_program
+from ravenjax.vocabulary import seams
 
 ENGINES = ("simd", "xla", "cuda")
 """Engines whose runs can be compared bit by bit in every intermediate number of a tick.
@@ -25,9 +27,8 @@ Engine mjx is missing, because it computes the motion of the links by MuJoCo's a
 """
 MOST = 200_000
 """Largest number of runs that are explained together, which need about 1 GB of memory."""
-PREFIXES = ("differs:", "leaves:", "near:", "golden_near:", "near_ms:")
-HARM = "harm_ms"
-"""Names of the columns that the observer adds to a run's outcomes."""
+PREFIXES = (seams.DIFFERS, seams.LEAVES, seams.NEAR, seams.GOLDEN_NEAR, seams.NEAR_MS)
+"""Beginnings of the columns that the observer adds to a run's outcomes, in addition to HARM."""
 
 
 class Explained(NamedTuple):
@@ -46,12 +47,10 @@ class Explainer(PlannedCampaign):
 
     def __init__(self, config: CampaignConfig, engine: str = "auto") -> None:
         """Raises UserError if the campaign, its robot or the engine does not support this."""
-        part = config.robot.part("campaign")
-        if not hasattr(part, "explained"):
+        if not config.robot.seams:
             raise UserError(
-                f"robot {config.campaign.robot!r} does not support explanations of its runs. Use"
-                " robot raven2, or implement `explained` in the robot's part `campaign`. The time"
-                " series of single runs are available with `ravenjax trace`"
+                f"robot {config.campaign.robot!r} declares no seams at which its runs could be"
+                " compared. The time series of single runs are available with `ravenjax trace`"
             )
         if engine != "auto" and engine not in ENGINES:
             raise UserError(
@@ -60,7 +59,8 @@ class Explainer(PlannedCampaign):
                 f" result, write --engine simd{suggest_name(engine, ENGINES)}"
             )
         super().__init__(config, engine)
-        self._plan = dataclasses.replace(self.plan, program=part.explained(self.plan.program))
+        program = explain_program(self.plan.program, config.robot)
+        self._plan = dataclasses.replace(self.plan, program=program)
 
     def faulty(self) -> np.ndarray:
         """Indices of the runs with a fault."""

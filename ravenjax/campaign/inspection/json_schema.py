@@ -30,7 +30,8 @@ TABLE = "Parameters"
 def campaign_schema(robot: Robot) -> Schema:
     """Return the JSON Schema of a campaign file for that robot."""
     whole = of_model(robot, config_class_of(robot))
-    _allow_hazards_in_groups(whole)
+    if robot.hazards:
+        _allow_hazards_in_groups(whole, expansion.hazard_words(robot))
     return whole
 
 
@@ -46,7 +47,7 @@ def of_model(robot: Robot, model: type[BaseModel]) -> Schema:
         _restrict_words(fault["arm"], robot.arms)
         _restrict_words(fault["start_ms"], robot.phases)
     if entry := definitions.get("Entry", {}).get("properties"):
-        _restrict_words(entry["hazards"], expansion.hazard_words())
+        _restrict_words(entry["hazards"], expansion.hazard_words(robot))
     for table in (whole, *definitions.values()):
         for key in PATHS:
             if key in table.get("properties", ()):
@@ -151,16 +152,16 @@ _REST: Schema = {"anyOf": [{"$ref": "#/$defs/ParameterValue"}, {"$ref": "#/$defs
 # --- groups that name hazards
 
 
-def _allow_hazards_in_groups(schema_of_file: Schema) -> None:
+def _allow_hazards_in_groups(schema_of_file: Schema, names: list[str]) -> None:
     """Let a group name hazards of the library instead of faults, in place.
 
     Such a group may contain only the keys in `expansion.KEYS`.
     """
     definitions = schema_of_file["$defs"]
     group, fault = definitions["Group"], definitions["Fault"]["properties"]
-    words = {"type": "string", "enum": expansion.hazard_words()}
-    names = {"anyOf": [words, {"type": "array", "items": words, "minItems": 1}]}
-    keys: Schema = {expansion.KEY: names}
+    words = {"type": "string", "enum": names}
+    choice = {"anyOf": [words, {"type": "array", "items": words, "minItems": 1}]}
+    keys: Schema = {expansion.KEY: choice}
     keys |= {key: copy.deepcopy(fault[key]) for key in expansion.OVERRIDES}
     for key, schema in keys.items():
         schema["description"] = f"only in a group that names hazards: {expansion.KEYS[key]}"

@@ -179,7 +179,7 @@ def _of_folder(
         f"{record.done} of {record.runs} runs of campaign {record.campaign}; if this campaign is"
         " the same, `ravenjax run` continues it"
     )
-    campaign = config.campaign.name, engine, config.campaign.ticks
+    campaign = config.campaign.name, engine, config.campaign.duration_ms
     if not record.runs_per_s or campaign != (record.campaign, record.engine, record.duration_ms):
         return cost, estimate.BASIS, content
     left = max(0, runs - record.done)

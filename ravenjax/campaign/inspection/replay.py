@@ -14,6 +14,7 @@ from ravenjax.campaign.loading import validate_tables
 from ravenjax.campaign.plan import make_plan
 from ravenjax.engines.interface import Block
 from ravenjax.errors import UserError, format_value
+from ravenjax.stages.recorded import read_series
 from ravenjax.store import manifest, schema
 from ravenjax.store.logs.topics import Base
 
@@ -30,7 +31,8 @@ class Replay(NamedTuple):
 
     # The run's row of the result table, computed again.
     row: pd.Series
-    # Time series [ticks] or [ticks, ...] by name; `ravenjax.store.logs.time_series` lists them.
+    # Time series by name, [ms] or [ms, ...]; `ravenjax.store.logs.time_series` lists them. The
+    # numbers of a tick are those of each of its milliseconds.
     series: dict[str, np.ndarray]
     # Outcomes of the golden run, as the engine returned them.
     golden: dict[str, Any]
@@ -81,15 +83,15 @@ class Replayer(PlannedCampaign):
         program = self.plan.program
         self._lanes = 1 if self.backend.name in ("simd", "cuda") else LANES
         self._tracer = self.backend.tracer(program, self._lanes)
-        self._robot = config.robot.part("campaign")
-        self._bases = getattr(self._robot, "bases", lambda _: {})(program.setup)
+        find_bases = getattr(config.robot.part("campaign"), "bases", lambda _: {})
+        self._bases = find_bases(program.setup)
 
     def replay(self, run: Any) -> Replay:
         """Compute one run again; see `index` for `run`. Raises UserError."""
         row, program = self.index(run), self.plan.program
         varied, harmless = self.plan.lanes([row], self._lanes, harmless=True)
         _, faults = self.plan.lanes([row], self._lanes)
-        end = int(self.plan.ends[row])
+        end, tick_ms = int(self.plan.ends[row]), self.plan.tick_ms
         ends = np.full(self._lanes, end)
         golden, result, signals = self._tracer.run(
             Block(varied, harmless, None, ends=ends),
@@ -100,14 +102,15 @@ class Replayer(PlannedCampaign):
             memory_windows.take_rows(one.outcomes, slice(1)) for one in (result, golden)
         )
         if program.ends:
-            own[schema.OBSERVED] = self.plan.ends[[row]]
-        series = self._robot.series(program.setup, signals, np.asarray(golden.reference)[:, :, 0])
+            own[schema.OBSERVED] = self.plan.ends[[row]] * tick_ms
+        reference = np.asarray(golden.reference)[:, :, 0]
+        series = read_series(self.config.robot, program, signals, reference)
         columns = outcomes.result_columns(
             self.config, self.plan.rows.iloc[row : row + 1], own, fault_free
         )
         return Replay(
             row=pd.DataFrame(columns).iloc[0],
-            series=memory_windows.take_rows(series, slice(end)),
+            series=memory_windows.take_rows(series, np.arange(end * tick_ms) // tick_ms),
             golden={name: values[0].item() for name, values in fault_free.items()},
             bases=self._bases,
             engine=self.engine,

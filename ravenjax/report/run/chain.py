@@ -16,11 +16,16 @@ import pandas as pd
 from ravenjax.outcomes import verdict
 from ravenjax.report import wording
 from ravenjax.vocabulary.robot import Robot
-from ravenjax.vocabulary.seams import Crossing, list_crossings
+from ravenjax.vocabulary.seams import (
+    DIFFERS,
+    GOLDEN_NEAR,
+    LEAVES,
+    NEAR,
+    NEAR_MS,
+    Crossing,
+    list_crossings,
+)
 
-DIFFERS, LEAVES = "differs:", "leaves:"
-NEAR, GOLDEN_NEAR, NEAR_MS = "near:", "golden_near:", "near_ms:"
-"""Prefixes of the columns of explained runs, as `campaign.inspection.explain` names them."""
 NEVER = np.iinfo(np.int32).max
 """Replaces -1, which means never, where the earliest of several times is computed."""
 HARMS = {

@@ -182,7 +182,7 @@ def jump_rows(runs: Runs) -> list[dict[str, Any]]:
     rules = {
         "jump_code": f"reported tip: steps over {step:g} mm on two packets in a row",
         "jump_tip": f"true tip: steps over {step:g} mm in two ticks in a row",
-        "jump_text": f"true tip: over {large:g} mm within 2 ms",
+        "jump_text": f"true tip: over {large:g} mm within two ticks",
     }
     rows = []
     for name, words in rules.items():

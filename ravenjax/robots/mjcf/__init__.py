@@ -7,6 +7,7 @@ import dataclasses
 import functools
 import math
 import re
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +22,7 @@ from ravenjax.vocabulary.checks import Check
 from ravenjax.vocabulary.robot import Robot
 from ravenjax.vocabulary.seams import Seam, SeamChannel
 from ravenjax.vocabulary.signals import Signal
-from ravenjax.vocabulary.sites import ARM, PARAMETER, Channel, Site
-
-TICK_S = 1e-3
+from ravenjax.vocabulary.sites import ARM, PARAMETER, Channel, ChannelRange, Site
 
 _TABLES = resources.read_tables(__file__, "declaration.toml")
 SITES = _TABLES["sites"]
@@ -41,7 +40,9 @@ class Arm:
     """
 
     mechanism: Mechanism
-    options: str  # options of the model that a tick replaces, in words
+    period_ms: int  # of the controller
+    steps: int  # time steps of the model in each period
+    integrator: str  # of the model, if a tick replaces it
     tip: str  # name of its site
     kinds: tuple[str, ...]  # position, velocity or motor; "": no actuator
     home: Vec  # of the first keyframe, or of the model
@@ -99,6 +100,16 @@ def _read(file: Path, changed_ns: int, name: str, package: str) -> ArmRobot:
         site: Site(site, site, site != PARAMETER, channels(site), where)
         for site, (_, where) in SITES.items()
     }
+
+    limits = {"torque": arm.force, "actuator": arm.force}
+    spans = (
+        ChannelRange(site.name, "arm", joint, channel.unit, low[k], low[k], high[k], high[k])
+        for site in sites.values()
+        for low, high in [limits.get(site.name, (arm.lower, arm.upper))]
+        for channel in site.channels
+        for k, joint in enumerate(joints)
+        if joint == channel.name
+    )
     return ArmRobot(
         name=name,
         title=file.name,
@@ -114,18 +125,21 @@ def _read(file: Path, changed_ns: int, name: str, package: str) -> ArmRobot:
         seams={
             name: Seam(
                 *(name, name, True),
-                tuple(SeamChannel(c.name, c.unit, "", c.path) for c in site.channels),
+                tuple(SeamChannel(c.name, c.unit, name, (name, *c.path)) for c in site.channels),
                 site.where,
             )
             for name, site in sites.items()
             if site.channels
         },
+        ranges={one[:3]: one for one in spans if math.isfinite(one.high - one.low)},
+        series=_TABLES["series"],
         signals=(
             signal("jpos", "encoder", "jpos_d"),
             signal("jpos_d", "command"),
             signal("tau_d", "torque"),
         ),
         files=files,
+        period_ms=arm.period_ms,
         arm=arm,
     )
 
@@ -135,7 +149,7 @@ def _arm(model: mujoco.MjModel) -> tuple[Arm, tuple[str, ...]]:
     if not sites:
         raise UserError('expected a site at the tip, such as <site name="tip"/> in the last body')
     tip = "tip" if "tip" in sites else sites[-1]
-    mechanism = dataclasses.replace(read_mechanism(model, tip), timestep=TICK_S)
+    mechanism = read_mechanism(model, tip)
     numbers = [link.number for link in mechanism.links]
     names = [re.sub(r"\W", "_", link.joint) or f"joint{link.number}" for link in mechanism.links]
     if not numbers or len({*names}) < len(names):
@@ -163,12 +177,35 @@ def _arm(model: mujoco.MjModel) -> tuple[Arm, tuple[str, ...]]:
             force[:, k] = np.clip(sorted(model.actuator_forcerange[a] * gear), *force[:, k])
     vectors = [Vec(column.tolist()) for column in (home, *reach, gain, offset, stiffness, damping)]
     bounds = [(Vec(low.tolist()), Vec(high.tolist())) for low, high in (control, force)]
-    step, integrator = model.opt.timestep, mujoco.mjtIntegrator(model.opt.integrator)
-    options = [f"time step of {step * 1e3:g} ms"] * (step != TICK_S)
-    if integrator != mujoco.mjtIntegrator.mjINT_IMPLICITFAST:
-        options.append(f"integrator {integrator.name.removeprefix('mjINT_')}")
-    own = mechanism, " and ".join(options), tip, tuple(kinds)
+    integrator = mujoco.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_")
+    integrator = integrator if integrator != "IMPLICITFAST" else ""
+    own = mechanism, *_period(model), integrator, tip, tuple(kinds)
     return Arm(*own, *vectors, *bounds), tuple(names)
+
+
+LONGEST_MS = 100
+"""Longest period of a controller."""
+
+
+def _period(model: mujoco.MjModel) -> tuple[int, int]:
+    """Return the controller's period, ms, and its number of time steps of the model.
+
+    The period is the model's number `period_ms`. Without this number, the period is the shortest
+    whole number of milliseconds that consists of whole time steps. Raises UserError.
+    """
+    step_ms = model.opt.timestep * 1e3
+    period = float(Fraction(step_ms).limit_denominator(LONGEST_MS).numerator)
+    if "period_ms" in (model.numeric(k).name for k in range(model.nnumeric)):
+        period = float(model.numeric("period_ms").data[0])
+    steps = round(period / step_ms)
+    if period % 1 or not 1 <= period <= LONGEST_MS or abs(steps * step_ms / period - 1) > 1e-5:
+        raise UserError(
+            f"got a period of {period:g} ms and time steps of {step_ms:g} ms, expected a period of"
+            f" whole milliseconds, at most {LONGEST_MS}, that consists of whole time steps. Write"
+            ' another <option timestep="0.001"/>, or, for example, <custom><numeric'
+            ' name="period_ms" data="2"/></custom>'
+        )
+    return int(period), steps
 
 
 def _driven(model: mujoco.MjModel, a: int, numbers: list[int], kinds: list[str]) -> int:

@@ -26,9 +26,8 @@ from ravenjax.robots.mjcf import loop
 from ravenjax.robots.mjcf.loop import UNLIMITED, ArmSetup, Params
 from ravenjax.stages import detectors
 from ravenjax.stages.acted import add_action as acted
-from ravenjax.stages.explained import explain_program
 
-__all__ = ["Config", "Params", "acted", "explained", "prepare", "series"]
+__all__ = ["Config", "Params", "acted", "prepare"]
 
 
 class Operator(Section):
@@ -77,6 +76,7 @@ class Config(CampaignConfig):
         yield "tip", f"site {robot.arm.tip}, at {place} m in the home position"
         operator = self.operator
         sines = f"sines of {operator.amplitude:g} of the ranges, {operator.hz:g} Hz at the mean"
+        yield "tick", f"{robot.period_ms} ms, time steps of the model: {robot.arm.steps}"
         yield "operator", f"tip through {len(operator.tip)} places" if operator.tip else sines
 
     def complaints(self) -> Iterator[Complaint]:
@@ -110,11 +110,11 @@ class Config(CampaignConfig):
         for joint in self._without_gain("velocity", "motor"):
             yield ("parameters", f"kp.{joint}"), "no gain: nothing holds the joint at its set point"
         arm: Any = self.robot
-        if arm.arm.options:
+        if arm.arm.integrator:
             yield (
                 ("campaign", "robot"),
-                f"the model has {arm.arm.options}; this has no effect, because an arm moves in"
-                " steps of 1 ms with the integrator implicitfast",
+                f"the model has integrator {arm.arm.integrator}; this has no effect, because an arm"
+                " moves with the integrator implicitfast",
             )
 
     def _set(self) -> set[str]:
@@ -171,7 +171,7 @@ def _sines(operator: Operator, robot: Any, ticks: int) -> tuple[np.ndarray, ...]
     """Return the set points of each joint, float32 [ticks]."""
     arm = robot.arm
     rng = np.random.default_rng(operator.seed)
-    time_s = np.arange(ticks) / 1e3
+    time_s = np.arange(ticks) * robot.period_ms / 1e3
     ramp = np.clip(time_s / RAMP_S, 0, 1)
     ramp = ramp**2 * (3 - 2 * ramp)
     columns = []
@@ -207,7 +207,7 @@ def _along(operator: Operator, robot: Any, ticks: int) -> tuple[np.ndarray, ...]
         path = CubicSpline(rows[:, 0], rows[:, 1:], bc_type="clamped")
     except ValueError as error:
         raise UserError(f"operator.tip, times and places: {error}") from None
-    path = path(np.clip(np.arange(ticks) / 1e3, *rows[[0, -1], 0]))
+    path = path(np.clip(np.arange(ticks) * robot.period_ms / 1e3, *rows[[0, -1], 0]))
 
     model = mujoco.MjModel.from_xml_path(robot.files[0])
     data, site = mujoco.MjData(model), model.site(arm.tip).id
@@ -234,36 +234,8 @@ def _along(operator: Operator, robot: Any, ticks: int) -> tuple[np.ndarray, ...]
     apart = np.sqrt(sum((x - y) ** 2 for x, y in zip(tip, path.T, strict=True)))
     if apart[tick := apart.argmax()] > TOLERANCE_M:
         raise UserError(
-            f"operator.tip: the tip cannot reach {path[tick].round(4).tolist()} m at {tick} ms: it"
+            f"operator.tip: the tip cannot reach {path[tick].round(4).tolist()} m at"
+            f" {tick * robot.period_ms} ms: it"
             f" stays {apart[tick] * 1e3:.3g} mm away, with each joint in its range"
         )
     return columns
-
-
-def series(
-    setup: ArmSetup, signals: dict[str, Any], golden: np.ndarray | None = None
-) -> dict[str, np.ndarray]:
-    """Return the time series of a run; `store.logs.time_series` describes them."""
-    arm = {signal.field: signals[signal.layer][0] for signal in setup.robot.signals}
-    arm |= {name: values for name, values in signals.items() if isinstance(values, Vec)}
-    out = {f"arm/{name}": np.stack(values, axis=-1) for name, values in arm.items()}
-    if golden is not None:
-        out["arm/golden_tip"] = golden[:, :3]
-    out["arm/tip_error_mm"] = signals["tip_error_mm"]
-    return {"runlevel": signals["runlevel"], **out}
-
-
-def explained(program: Any) -> Any:
-    """Return a program of the same runs that is compared number by number.
-
-    Normal ranges are those of the model's joints and actuators.
-    """
-    arm, setup = program.setup.robot.arm, program.setup
-    spans = []
-    for place in loop.list_numbers(setup):
-        forces = place.seam.name in ("torque", "actuator")
-        low, high = arm.force if forces else (arm.lower, arm.upper)
-        k = place.channel.path[-1]
-        bounded = k != "lost" and np.isfinite(high[k] - low[k])
-        spans.append((low[k], high[k]) if bounded else None)
-    return explain_program(program, len(setup.robot.checks), spans)

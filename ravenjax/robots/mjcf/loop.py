@@ -1,4 +1,4 @@
-"""One millisecond of an arm from an MJCF file: packet, sense, check, control, move, watch.
+"""One tick of an arm from an MJCF file: packet, sense, check, control, move, watch.
 
 The set points of the operator arrive in packets and are clipped to the joints' ranges. The
 controller is the model's own actuators, with the torques that hold the arm against gravity added. A
@@ -17,7 +17,7 @@ from operator import or_
 from typing import Any, Literal
 
 from ravenjax.faults import fault
-from ravenjax.faults.injection import Injector, channel_paths, read_channel
+from ravenjax.faults.injection import Injector, channel_paths
 from ravenjax.mechanics import mechanism
 from ravenjax.numbers import cast_to_real, describe_fields, jnp, setup
 from ravenjax.numbers.algebra import minus, mul, plus
@@ -25,7 +25,7 @@ from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, where
 from ravenjax.parts import part
 from ravenjax.robots.mjcf import Arm
 from ravenjax.stages import check, detectors, haptics, monitor
-from ravenjax.vocabulary.seams import Crossing, list_crossings
+from ravenjax.stages.monitor import series_length as series_length
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,6 +40,11 @@ class ArmSetup(setup.Setup):
     def joints(self) -> tuple[str, ...]:  # type: ignore[override]
         """Names of the joints, in order."""
         return self.robot.joints
+
+    @property
+    def period_ms(self) -> int:  # type: ignore[override]
+        """Duration of a tick."""
+        return self.robot.period_ms
 
 
 UNLIMITED = 1e9
@@ -130,9 +135,10 @@ def advance(
 ) -> tuple[State, tuple[Scalar, ...], dict[str, Any]]:
     """Compute one tick; see `ravenjax.engines.interface.Loop`."""
     arm = setup.robot.arm
+    ms = arm.period_ms
     clocks = fault.TriggerClocks(now, now + 1, now)
     opened = fault.open_windows(setup, faults, state.faults, clocks)
-    inject = Injector(setup, channel_paths(setup.robot, setup), faults, opened, clocks)
+    inject = make_injector(setup, faults, opened, clocks)
     usual, params = params, inject.strike_parameters(params)
 
     plan = Vec(cast_to_real(setup, column[now]) for column in motion)
@@ -148,10 +154,10 @@ def advance(
         command = where(holds, good, command)
     margins = (
         _least(params.tracking - (command - reported).map(jnp.abs)),
-        _least(params.velocity - ((reported - state.reported) * 1e3).map(jnp.abs)),
-        params.watchdog - cast_to_real(setup, silent),
-        params.sensor_ms - cast_to_real(setup, differ),
-        params.effort_ms - cast_to_real(setup, state.strained),
+        _least(params.velocity - ((reported - state.reported) * (1e3 / ms)).map(jnp.abs)),
+        params.watchdog - cast_to_real(setup, silent * ms),
+        params.sensor_ms - cast_to_real(setup, differ * ms),
+        params.effort_ms - cast_to_real(setup, state.strained * ms),
         _least((*(goal - params.lower), *(params.upper - goal))),
     )
     *stops, clips = (~(margin >= 0.0) for margin in margins)
@@ -160,26 +166,27 @@ def advance(
 
     torque = _control(arm, params, params.gravity, reported, state.jvel, command, state.command)
     torque = where(stopped, torque * 0.0, torque)
-    # How much of the damping of an actuator is left depends on the fault: none if it overwrites.
+    # How much of an actuator's gains is left depends on the fault: none if it overwrites.
     _, more = _drive(copy.copy(inject), arm, torque + 1.0)
     driven, exerted = _drive(inject, arm, torque)
-    damped = Vec(
-        jnp.where(x == t, d, d * jnp.clip(y - x, 0.0, 1.0))
-        for x, t, y, d in zip(exerted, torque, more, _gains(arm, params)[2], strict=True)
+    left = Vec(
+        jnp.where(x == t, 1.0, jnp.clip(y - x, 0.0, 1.0))
+        for x, t, y in zip(exerted, torque, more, strict=True)
     )
     step = mechanism.step if setup.link_dynamics == "unrolled" else mechanism.step_by_mjx
-    jpos, jvel = step(arm.mechanism, state.jpos, state.jvel, exerted, damped)
-    slower = state.jvel * params.coasting
+    jpos, jvel = _move(step, arm, params, (state.jpos, state.jvel), exerted, left)
+    slower = state.jvel * params.coasting**ms
     jvel = where(stopped, slower, jvel)
-    jpos = where(stopped, state.jpos + slower * 1e-3, jpos)
+    jpos = where(stopped, state.jpos + slower * (1e-3 * ms), jpos)
 
     wanted, before = (_clip(x, usual.lower, usual.upper) for x in (plan, state.plan))
     ideal = _clip(_control(arm, usual, 1.0, *state.model, wanted, before), *arm.force)
-    follows = mechanism.step(arm.mechanism, *state.model, ideal, _gains(arm, usual)[2])
+    follows = _move(mechanism.step, arm, usual, state.model, ideal, 1.0)
     tip, seen, model = (
         mechanism.tip_position(arm.mechanism, joints) for joints in (jpos, reported, follows[0])
     )
-    seen_way, model_way = ((a - b) * 1e3 for a, b in zip((seen, model), state.tips, strict=True))
+    rate = 1e3 / ms
+    seen_way, model_way = ((a - b) * rate for a, b in zip((seen, model), state.tips, strict=True))
     cue, pull = haptics.step(
         *(setup, params.haptics, state.haptics),
         haptics.HapticSignal(model, model_way, seen, seen_way),
@@ -190,7 +197,7 @@ def advance(
         *((tip,), (seen * 1e6,), (model,), (-infinite,), infinite, nothing),
         *(always, running, always, now),
     )
-    reference = monitor.Reference((Vec(golden[:3]),), (Vec(golden[3:6]),))
+    reference = monitor.reference_from(setup, golden)
     view = {"tick": now, "jpos": reported, "jpos_d": command, "tau_d": driven}
     watching = detectors.WatchSignal(running, now, (part.View("the end", view),))
     histories = zip(state.checks, (*stops, clips), margins, strict=True)
@@ -205,19 +212,23 @@ def advance(
         live=state.live + as_int(running),
     )
     seams = packet, reported, second, command, driven, exerted
-    signals = {
-        **{name: (signal,) for name, signal in zip(setup.robot.seams, seams, strict=True)},
-        "runlevel": as_int(running),
+    of_arm = {
+        **dict(zip(setup.robot.seams, seams, strict=True)),
         "link_jpos": jpos,
         "link_jvel": jvel,
         "tip": tip,
         "position": seen,
         "model_position": model,
         "model_jpos": follows[0],
-        "cue_force": pull.force,
-        "tip_error_mm": pull.distance * 1e3,
+        "haptics": pull,
     }
-    return new, (*tip, *(seen * 1e6)), signals
+    signals = {name: (signal,) for name, signal in of_arm.items()} | {
+        "runlevel": as_int(running),
+        "live": running,
+        "fault_active": tuple(slot.active for slot in inject.state.slots),
+        "detectors": new.detectors,
+    }
+    return new, monitor.reference_series((tip,), (seen * 1e6,)), signals
 
 
 def _drive(inject: Injector, arm: Arm, torque: Vec) -> tuple[Vec, Vec]:
@@ -227,6 +238,24 @@ def _drive(inject: Injector, arm: Arm, torque: Vec) -> tuple[Vec, Vec]:
     return driven, exerted
 
 
+def _move(
+    step: Any, arm: Arm, params: Params, before: tuple[Vec, Vec], force: Vec, left: Vec | float
+) -> tuple[Vec, Vec]:
+    """Return positions and velocities after a tick.
+
+    force: of the actuators at the start of the tick. In each step, a servo changes its force with
+    position and velocity, as in MuJoCo. left: share of the gains of servos, 0 to 1.
+    """
+    _, *gains = _gains(arm, params)
+    stiffness, damping = (gain.map(mul, left) for gain in gains)
+    after = step(arm.mechanism, *before, force, damping)
+    for _ in range(arm.steps - 1):
+        way, faster = map(minus, after, before)
+        less = plus(stiffness.map(mul, way), damping.map(mul, faster))
+        after = step(arm.mechanism, *after, minus(force, less), damping)
+    return after
+
+
 def _control(
     arm: Arm, params: Params, gravity: Scalar, jpos: Vec, jvel: Vec, command: Vec, before: Vec
 ) -> Vec:
@@ -234,7 +263,7 @@ def _control(
     control = Vec(
         c
         if kind == "position"
-        else (c - q) * kp + ((c - b) * 1e3 if kind == "velocity" else v * -kd)
+        else (c - q) * kp + ((c - b) * (1e3 / arm.period_ms) if kind == "velocity" else v * -kd)
         for kind, q, v, c, b, kp, kd in zip(
             arm.kinds, jpos, jvel, command, before, params.kp, params.kd, strict=True
         )
@@ -272,11 +301,6 @@ def _count(before: Scalar, numbers: Vec, limits: Vec) -> Scalar:
     return jnp.where(within, 0, before + 1)
 
 
-def series_length(setup: ArmSetup) -> int:
-    """Return the number of values that a run is compared by."""
-    return 6
-
-
 def check_histories(setup: ArmSetup, state: State) -> dict[str, check.CheckHistory]:
     """Return every check by its name in columns."""
     return dict(zip(setup.robot.checks, state.checks, strict=True))
@@ -290,15 +314,14 @@ def outcomes(setup: ArmSetup, params: Params, state: State) -> dict[str, Scalar]
     return out | haptics.outcomes(setup, (state.haptics,)) | monitor.outcomes(setup, state.monitor)
 
 
-def list_numbers(setup: ArmSetup) -> tuple[Crossing, ...]:
-    """Return every number that crosses a seam, in order."""
-    return list_crossings(setup.robot.seams, setup.arms)
+def make_injector(setup: ArmSetup, faults: Any, state: Any, clock: Any) -> Injector:
+    """See `ravenjax.engines.interface.Loop`."""
+    return Injector(setup, channel_paths(setup.robot, setup), faults, state, clock)
 
 
-def crossing_numbers(setup: ArmSetup, signals: dict[str, Any]) -> list[tuple[Scalar, bool]]:
-    """Return (number, whether it exists in this tick) in the order of `list_numbers`."""
-    paths = [(place.seam.name, place.channel.path[1:]) for place in list_numbers(setup)]
-    return [(read_channel(signals[seam][0], path), True) for seam, path in paths]
+def name_signals(setup: ArmSetup, signals: dict[str, Any]) -> dict[str, Any]:
+    """Return every signal by its name."""
+    return signals
 
 
 ACTIONS = ("stop", "hold")

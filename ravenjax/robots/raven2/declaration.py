@@ -1,5 +1,7 @@
 """The Raven-II's declaration as records, read from `declaration.toml`, without JAX."""
 
+import csv
+from pathlib import Path
 from typing import Any
 
 from ravenjax.bundled import resources
@@ -9,7 +11,7 @@ from ravenjax.vocabulary.checks import Check
 from ravenjax.vocabulary.robot import Robot
 from ravenjax.vocabulary.seams import Seam, SeamChannel
 from ravenjax.vocabulary.signals import Signal
-from ravenjax.vocabulary.sites import ARM, Channel, Field, Site
+from ravenjax.vocabulary.sites import ARM, Channel, ChannelRange, Field, Site
 
 _TABLES = resources.read_tables(__file__, "declaration.toml")
 _NAMES = {
@@ -56,6 +58,7 @@ def _seam(name: str, table: dict[str, Any]) -> Seam:
         for group in table.pop("channels")
         for channel, unit, path in _channels(group)
     )
+    table["present"] = tuple(table.get("present", ()))
     return Seam(name, channels=channels, **_DEFAULTS | table)
 
 
@@ -72,6 +75,11 @@ def _signal(name: str, table: dict[str, Any]) -> Signal:
     )
 
 
+RANGES = Path(__file__).with_name("normal_ranges.csv")
+"""Normal range of each fault channel, in runs of every generated motion at teleoperation scales
+0.05 and 0.1, in which no check trips.
+"""
+
 LAYERS: dict[str, str] = _TABLES["layers"]
 """Name of each layer, in the robot's order."""
 
@@ -83,6 +91,17 @@ SITES = {name: _site(name, table) for name, table in _TABLES["sites"].items()}
 
 SEAMS = {name: _seam(name, table) for name, table in _TABLES["seams"].items()}
 """Every seam, in the order of the tick."""
+
+
+def _ranges() -> dict[tuple[str, str, str], ChannelRange]:
+    # Reads the ranges that were measured in fault-free runs (analysis/normal_ranges/measure.py).
+    with open(RANGES, encoding="utf-8", newline="") as file:
+        _, *rows = csv.reader(file)
+    return {
+        (site, arm, channel): ChannelRange(site, arm, channel, unit, *map(float, numbers))
+        for site, arm, channel, unit, *numbers in rows
+    }
+
 
 _ROBOT: dict[str, Any] = {
     key: tuple(x) if isinstance(x, list) else x for key, x in _TABLES["robot"].items()
@@ -100,6 +119,9 @@ ROBOT = Robot(
     phases=_TABLES["phases"],
     check_seams=_TABLES["check_seams"],
     seams=SEAMS,
+    ranges=_ranges(),
+    series=_TABLES["series"],
+    hazards=str(Path(__file__).with_name("hazards")),
     signals=tuple(_signal(name, table) for name, table in _TABLES["signals"].items()),
     **_ROBOT,
 )

@@ -26,6 +26,7 @@ from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.engine import SimdEngine, SimdKernel
 from ravenjax.engines.interface import Block
 from ravenjax.outcomes import events
+from ravenjax.stages.recorded import read_series
 
 sync_api = pytest.importorskip(
     "playwright.sync_api", reason="playwright is not installed (pip install playwright)"
@@ -235,9 +236,7 @@ def test_a_replay_is_the_trace_of_the_run(page, config, ready, description):
     )
     golden = kernel.run(Block(varied, harmless, None), ready.columns)
     _, signals = kernel.run_signals(Block(varied, faults, golden.reference), ready.columns)
-    series = config.robot.part("campaign").series(
-        ready.program.setup, signals, golden.reference[:, :, 0]
-    )
+    series = read_series(config.robot, ready.program, signals, golden.reference[:, :, 0])
     told = page.evaluate(
         """async (fault) => {
           const { faulty, golden, period_ms, outcome } = await engine.replay(engine.question(), fault);

@@ -12,8 +12,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from ravenjax.analyses.explorer import figure
 from ravenjax.robots.raven2.arms import ARMS
+from ravenjax.robots.raven2.campaign import figure
 from ravenjax.robots.raven2.dynamics import arm_model, body_shapes
 
 ROOT = Path(__file__).resolve().parents[3]

@@ -15,12 +15,12 @@ from ravenjax.engines import selection
 from ravenjax.engines.interface import Block
 from ravenjax.errors import UserError
 from ravenjax.faults.injection import read_channel
-from ravenjax.hazards import ranges
 from ravenjax.numbers.vec import Vec
 from ravenjax.report.run.chain import list_signals as signals_of
-from ravenjax.robots.raven2.declaration import SEAMS, SITES
+from ravenjax.robots.raven2.declaration import ROBOT, SEAMS, SITES
 from ravenjax.robots.raven2.geometry.mapping import quat_from_matrix
 from ravenjax.robots.raven2.loop import run
+from ravenjax.stages.explained import explain_program
 from ravenjax.vocabulary.seams import list_crossings
 from ravenjax.vocabulary.sites import ARM
 
@@ -125,7 +125,7 @@ def offline(signals, golden, arms):
         differs = first((bits(own[place.name]) != bits(usual[place.name])) & there)
         leaves = -1
         if place.channel.site:
-            span = ranges.normal_range(place.channel.site, place.channel.name, place.arm)
+            span = ROBOT.normal_range(place.channel.site, place.channel.name, place.arm)
             low, high = (
                 np.float32(end)
                 for end in (span.low - 5e-6 * abs(span.low), span.high + 5e-6 * abs(span.high))
@@ -142,7 +142,7 @@ def offline(signals, golden, arms):
 def traces(config, rows):
     """(signals, golden run's signals) of each row: whole traces by the ordinary tick."""
     ready = plan.make_plan(config)
-    program = config.robot.part("campaign").explained(ready.program)
+    program = explain_program(ready.program, config.robot)
     tracer = selection.select_engine("simd", program.setup.precision).tracer(
         dataclasses.replace(program, module=run.__name__), 1
     )

@@ -47,11 +47,11 @@ def test_the_fit_finds_the_operator_who_made_the_numbers() -> None:
     people = People(tuple(MEANS), mean, 0.02 * mean)
     every = fit.operators(made_up(MEANS))
     best = fit.fit(every, people)
-    ratios = every.ratios(people, "CLM-10")[best.best]
+    ratios = every.ratios(people, "CLM-10")[best]
     np.testing.assert_allclose(ratios, mean[3] / mean[0], rtol=0.02)
-    np.testing.assert_allclose(every.numbers[best.best][1:3], (6.0, 1.0), rtol=0.15)
+    np.testing.assert_allclose(every.numbers[best][1:3], (6.0, 1.0), rtol=0.15)
     worse = people._replace(mean=mean * [1.0, 1.0, 1.1, 1.0] ** (np.arange(4)[:, None] > 0))
-    assert every.numbers[fit.fit(every, worse).best][2] < every.numbers[best.best][2]
+    assert every.numbers[fit.fit(every, worse)][2] < every.numbers[best][2]
 
 
 def test_only_the_normal_condition_and_the_lowest_severities_are_kept(tmp_path: Path) -> None:

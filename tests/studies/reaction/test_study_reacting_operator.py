@@ -88,9 +88,7 @@ def test_a_contrast_counts_what_was_avoided_and_what_was_caused() -> None:
         *[(MOVED, {**MOVED, **ACTED})] * 3,
         *[({}, {})] * 9,  # nothing was felt
     )
-    found = reacting_operator.contrast_of(
-        reacting_operator.paired(table, RELEASE), reacting_operator.excursion(10.0)
-    )
+    found = reacting_operator.contrast_of(reacting_operator.paired(table, RELEASE), 10.0)
     assert (found.n, found.avoided.k, found.caused, found.acted) == (20, 6, 2, 11)
     assert (found.without, found.with_, found.kinds.count) == (9, 5, 1)
     assert found.avoided[:3] == pytest.approx((6, 9, 6 / 9))

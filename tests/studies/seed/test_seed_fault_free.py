@@ -44,7 +44,7 @@ def test_findings_follow_from_the_segments(monkeypatch, settings):
     lines = {line.quantity: line for line in findings.lines}
     mean = lines["mean tip error of all segments"]
     assert mean.predicted.value == pytest.approx(1.0) and mean.passed and mean.target == "A6"
-    assert mean.published.value == pytest.approx(0.8) and "robot slow 1.12 mm" in mean.reason
+    assert mean.published.value == pytest.approx(0.8)
     slope = lines["mean tip error, slope over the scale"]
     assert slope.predicted.value == pytest.approx(8.0) and slope.published.value == pytest.approx(
         7.2
@@ -56,7 +56,6 @@ def test_findings_follow_from_the_segments(monkeypatch, settings):
     cues = lines["fault-free segments with noise in which the cue fires"]
     assert cues.predicted.value == 4 * len(MOTIONS) and cues.band is None
     assert lines["peak tip error, scale 0.2"].predicted.value == pytest.approx(3.0)
-    assert "above the 3.00 to 3.00 mm" in lines["peak tip error, scale 0.2"].reason
     rows = {row[0]: row for row in findings.tables[0].rows}
     assert rows["robot slow"][5].startswith("1.12") and rows["set B"][6] == "no"
 

@@ -20,7 +20,7 @@ MARGINS = (1.0, 1.1, 1.25, 1.5, 2.0, 3.0, 5.0, 8.0)
 PROPOSED = MARGINS.index(1.25)
 """Index of the margin with which a set is selected. Afterwards the margin is calibrated."""
 CONSECUTIVE = (1, 4)
-"""Numbers of consecutive ms above the threshold that raise an alarm. Each is another candidate."""
+"""Numbers of ticks in a row above the threshold that raise an alarm. Each is another candidate."""
 
 
 class Question(NamedTuple):
@@ -61,20 +61,18 @@ class Candidate(NamedTuple):
     """One check that a robot could have."""
 
     score: Score
-    consecutive: int  # number of consecutive ms above the threshold that raise an alarm
+    consecutive: int  # number of consecutive ticks above the threshold that raise an alarm
 
     @property
     def name(self) -> str:
-        """Return the name as a word: mvel_rate, mvel_rate_4ms."""
-        return (
-            self.score.name if self.consecutive == 1 else f"{self.score.name}_{self.consecutive}ms"
-        )
+        """Return the name as a word: mvel_rate, mvel_rate_4ticks."""
+        return self.score.name + (f"_{self.consecutive}ticks" if self.consecutive > 1 else "")
 
     @property
     def words(self) -> str:
         """Describe what the check observes."""
         return self.score.words + (
-            f", in {self.consecutive} consecutive ms" if self.consecutive > 1 else ""
+            f", in {self.consecutive} consecutive ticks" if self.consecutive > 1 else ""
         )
 
 

@@ -148,7 +148,7 @@ def candidate_table(one: Counterfactual) -> list[dict[str, object]]:
             "signal": part.score.signal,
             "against": part.score.against,
             "layer": part.score.layer,
-            "consecutive_ms": part.consecutive,
+            "consecutive_ticks": part.consecutive,
             "looks_at": part.words,
             "scales": "; ".join(
                 f"{label} {scale!r} {unit}".strip()

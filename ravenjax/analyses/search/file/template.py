@@ -128,10 +128,12 @@ class Template:
         for i, (slot, name) in enumerate(self.inputs):
             axis = self.axis(i)
             places = axis.places(unit[:, i])
-            values[:, i] = np.where(whole[:, i], axis.at(places, whole=True), axis.at(places))
-            if slot != PARAMETER and name != "value" and not axis.listed:
+            is_time = slot != PARAMETER and name != "value"
+            step = self.config.robot.period_ms if is_time else 1
+            values[:, i] = np.where(whole[:, i], axis.at(places, whole=step), axis.at(places))
+            if is_time and not axis.listed:
                 values[:, i] = np.maximum(
-                    values[:, i], 1 if name in ("duration_ms", "period_ms") else 0
+                    values[:, i], step if name in ("duration_ms", "period_ms") else 0
                 )
         return values
 

@@ -13,11 +13,10 @@ _HOMES = {
     "acted": "campaign.program:add_action",
     "bases": "campaign.trace:arm_bases",
     "clocks": "campaign.pedal:trigger_clocks",
-    "explained": "campaign.program:explain_program",
+    "describe_figure": "campaign.figure:describe_figure",
+    "more_series": "campaign.trace:more_series",
     "phases": "campaign.operation:phase_intervals",
     "prepare": "campaign.program:prepare_campaign",
-    "series": "campaign.trace:trace_series",
-    "watched": "campaign.program:watch_signals",
 }
 
 

@@ -1,6 +1,5 @@
 """Turns a validated campaign into a Raven's tick: static choices, parameters, operator's motion."""
 
-import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -8,22 +7,19 @@ import numpy as np
 
 from ravenjax.campaign.prepared import Prepared, shared_choices, shared_parameters
 from ravenjax.engines.interface import TickProgram
-from ravenjax.hazards import ranges
 from ravenjax.numbers import paths, replace
 from ravenjax.numbers.setup import Injection, Precision
 from ravenjax.robots.raven2.campaign import hands
 from ravenjax.robots.raven2.campaign.config import RavenConfig
 from ravenjax.robots.raven2.console import reaction
 from ravenjax.robots.raven2.console.motion import Motion
-from ravenjax.robots.raven2.declaration import CHECKS
-from ravenjax.robots.raven2.loop import run, user_files, watched
+from ravenjax.robots.raven2.loop import run, user_files
 from ravenjax.robots.raven2.loop.records import TickParams
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import overdrive
-from ravenjax.stages import acted, explained
+from ravenjax.stages import acted
 from ravenjax.vocabulary import packets
 from ravenjax.vocabulary.reactions import ACTIONS
-from ravenjax.vocabulary.seams import Crossing
 
 NOISE_KEY = "plant.noise_key"
 """Parameter that a campaign with noise sets from each run's id.
@@ -142,15 +138,6 @@ def _values_of_file(config: RavenConfig) -> dict[str, Any]:
 # --- observers ---
 
 
-ROUNDED = 5e-6
-"""Relative margin of both ends of a normal range, whose file has six digits."""
-
-
-def watch_signals(program: TickProgram) -> TickProgram:
-    """Return a program of the same runs that outputs only the states of detectors."""
-    return dataclasses.replace(program, module=watched.__name__)
-
-
 def add_action(program: TickProgram) -> tuple[TickProgram, dict[str, int]]:
     """Return a program of the same runs with a slot for an action, and the number of each action.
 
@@ -163,16 +150,3 @@ def add_action(program: TickProgram) -> tuple[TickProgram, dict[str, int]]:
     if setup.hands is not None:
         del numbers["pedal"]
     return program, numbers
-
-
-def explain_program(program: TickProgram) -> TickProgram:
-    """Return a program of the same runs that compares every signal with the golden run."""
-    spans = [_normal_range(place) for place in run.list_numbers(program.setup)]
-    return explained.explain_program(program, len(CHECKS) + len(program.setup.checks), spans)
-
-
-def _normal_range(place: Crossing) -> tuple[float, float] | None:
-    if not place.channel.site:
-        return None
-    measured = ranges.normal_range(place.channel.site, place.channel.name, place.arm)
-    return measured.low - ROUNDED * abs(measured.low), measured.high + ROUNDED * abs(measured.high)

@@ -109,6 +109,8 @@ class TickSignals:
     depth: PerArm[Scalar]  # m below the tissue's surface, negative above
     tip_distance: Scalar  # m between the tips; infinite with one arm
     fault_active: tuple[Scalar, ...]  # bool, one per slot
+    live: Scalar  # bool, pedal-down without software E-stop
+    detectors: Any = None  # detectors.DetectorsState; None: there are no detectors
 
 
 @record

@@ -8,7 +8,7 @@ from typing import Any
 
 from ravenjax.bundled import resources
 from ravenjax.faults import fault
-from ravenjax.faults.injection import injects_faults, read_channel
+from ravenjax.faults.injection import injects_faults
 from ravenjax.numbers import (
     Scalar,
     Vec,
@@ -22,9 +22,9 @@ from ravenjax.numbers import (
 )
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.console import operator, reaction
-from ravenjax.robots.raven2.declaration import SEAMS
 from ravenjax.robots.raven2.geometry.mapping import quat_from_matrix
 from ravenjax.robots.raven2.loop import control, observers, user_files
+from ravenjax.robots.raven2.loop.injector import RavenInjector
 from ravenjax.robots.raven2.loop.optional import find_stages
 from ravenjax.robots.raven2.loop.records import (
     Input,
@@ -41,10 +41,10 @@ from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import PerArm, RavenSetup, map_arms
 from ravenjax.robots.raven2.stages import plc, usb
 from ravenjax.stages import check, detectors, hand, haptics, monitor
+from ravenjax.stages.monitor import reference_from as reference_from
+from ravenjax.stages.monitor import series_length as series_length
 from ravenjax.vocabulary.checks import OWN
 from ravenjax.vocabulary.reactions import RELEASE
-from ravenjax.vocabulary.seams import Crossing, list_crossings
-from ravenjax.vocabulary.sites import ARM
 
 
 def params(
@@ -136,8 +136,7 @@ def measured_tips(setup: RavenSetup, signals: control.ControlSignals) -> PerArm[
 
 def reference_series(setup: RavenSetup, signals: TickSignals) -> tuple[Scalar, ...]:
     """Return the numbers of a fault-free tick with which its faulty runs are compared."""
-    rows = zip(signals.tip, measured_tips(setup, signals.control), strict=True)
-    return tuple(x for tip, pos in rows for x in (*tip, *pos))
+    return monitor.reference_series(signals.tip, measured_tips(setup, signals.control))
 
 
 def advance(
@@ -156,17 +155,6 @@ def advance(
     return state, reference_series(setup, signals), signals
 
 
-def series_length(setup: RavenSetup) -> int:
-    """Return the length of `reference_series`."""
-    return 6 * len(setup.arms)
-
-
-def reference_from(setup: RavenSetup, series: Any) -> monitor.Reference:
-    """Return the golden run in a tick from its `reference_series`."""
-    rows = [Vec(series[i + j] for j in range(3)) for i in range(0, series_length(setup), 3)]
-    return monitor.Reference(tip=tuple(rows[0::2]), pos=tuple(rows[1::2]))
-
-
 def check_histories(setup: RavenSetup, state: TickState) -> dict[str, check.CheckHistory]:
     """Return name of a check in columns -> its history over all arms, users' checks first."""
     user_checks = zip(setup.checks, state.files.histories, strict=True)
@@ -181,33 +169,18 @@ def check_histories(setup: RavenSetup, state: TickState) -> dict[str, check.Chec
 _CHECKS = resources.read_tables(__file__, "checks.toml")
 
 
-def list_numbers(setup: RavenSetup) -> tuple[Crossing, ...]:
-    """Return every number that crosses a seam, in order."""
-    return list_crossings(SEAMS, setup.arms)
-
-
-def crossing_numbers(setup: RavenSetup, signals: TickSignals) -> list[tuple[Scalar, Scalar]]:
-    """Return (number, whether it exists in this tick) in the order of `list_numbers`."""
-    arms, packet = signals.control.arms, signals.control.packet
-    assert packet is not None
-    rotations: dict[str, Any] = {}
+def name_signals(setup: RavenSetup, signals: TickSignals) -> dict[str, Any]:
+    """Return every signal by its name, and rotations as quaternions and as rows of numbers."""
+    out = dict(vars(signals))
     for name in ("pos", "pos_d"):
-        poses = [getattr(arm, name).rotation for arm in arms]
-        rotations[f"{name}_quaternion"] = [
-            quat_from_matrix(widen_numbers(setup, pose)) for pose in poses
-        ]
-        rotations[f"{name}_matrix"] = [[x for row in pose for x in row] for pose in poses]
-    numbers = []
-    for crossing in list_numbers(setup):
-        first, *path = (
-            setup.arms.index(crossing.arm) if step == ARM else step  # type: ignore[arg-type]
-            for step in crossing.channel.path
-        )
-        number = read_channel((rotations | vars(signals))[str(first)], tuple(path))
-        is_packet = crossing.seam.name in ("packet_header", "packet")
-        numbers.append((number, packet.received != 0 if is_packet else True))
-    return numbers
+        poses = [getattr(arm, name).rotation for arm in signals.control.arms]
+        out[f"{name}_quaternion"] = [quat_from_matrix(widen_numbers(setup, pose)) for pose in poses]
+        out[f"{name}_matrix"] = [[x for row in pose for x in row] for pose in poses]
+    return out
 
+
+make_injector = RavenInjector
+"""See `ravenjax.engines.interface.Loop`."""
 
 ACTIONS = ("pedal", "estop", "stop", "hold")
 """Names of the actions that `ravenjax deadline` tries; see `stages.acted`."""

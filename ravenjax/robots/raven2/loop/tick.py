@@ -95,6 +95,7 @@ def advance_tick(
         depth=observed.depth,
         tip_distance=observed.distance,
         fault_active=tuple(slot.active for slot in inject.state.slots),
+        live=observed.live,
     )
     down = software.runlevel == run_levels.PEDAL_DOWN
     hands = operator.mark_sent(console.hands, fresh)
@@ -128,7 +129,7 @@ def advance_tick(
         delivered=jnp.where(arrives, packet.sequence - 1, state.delivered),
         monitor=replace(monitor, finite=finite.step(monitor.finite, numbers, now)),
     )
-    return state, signals
+    return state, replace(signals, detectors=stages.get("detectors"))
 
 
 def _wait_for_packet(

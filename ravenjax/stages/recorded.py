@@ -1,0 +1,52 @@
+"""Converts the signals of a run's ticks to time series, for every robot.
+
+`Robot.series` names a path for each series. Its first word is a signal of the loop's
+`name_signals`. The word ARM stands for the arm; such a series exists for each arm. Signals are in
+SI units; a series whose name ends in _mm is in mm. A series without a signal is left out.
+`store.logs.time_series` describes the series.
+"""
+
+import itertools
+from typing import Any, cast
+
+import numpy as np
+
+from ravenjax.vocabulary.robot import Robot
+from ravenjax.vocabulary.sites import ARM
+
+
+def read_series(
+    robot: Robot, program: Any, signals: Any, golden: np.ndarray | None = None
+) -> dict[str, np.ndarray]:
+    """Return the time series of a run, arrays [ticks, ...], such as runlevel and gold/jpos.
+
+    program: the campaign's `engines.interface.TickProgram`. signals: all signals of the run's
+    ticks. golden: `stages.monitor.reference_series` of the golden run, [ticks, numbers].
+    """
+    setup = program.setup
+    named = program.loop.name_signals(setup, signals)
+    out = {f"fault{slot}_active": values for slot, values in enumerate(named["fault_active"])}
+    owners = [("", -1), *((f"{arm}/", i) for i, arm in enumerate(setup.arms))]
+    for (owner, arm), (name, path) in itertools.product(owners, robot.series.items()):
+        if (ARM in path) == bool(owner):
+            first, *rest = path.split(".")
+            value = named[first]
+            for step in rest:
+                value = value[arm] if step == ARM else cast(Any, getattr(value, step, None))
+            if value is not None:
+                out[owner + name] = stack(value) * 1e3 if name.endswith("_mm") else stack(value)
+    for arm in setup.arms:
+        # The signal is the direction of the force.
+        out[f"{arm}/haptic_force"] = out[f"{arm}/haptic_force"] * out[f"{arm}/cue_force"][:, :1]
+    out |= getattr(robot.part("campaign"), "more_series", lambda *_: {})(setup, named, out)
+    if golden is not None:
+        tips = golden.reshape(len(golden), len(setup.arms), 2, 3)
+        out |= {f"{arm}/golden_tip": tips[:, i, 0] for i, arm in enumerate(setup.arms)}
+    return {name: np.asarray(values) for name, values in out.items()}
+
+
+def stack(numbers: Any) -> np.ndarray:
+    """Return nested tuples of arrays [ticks] as one array [ticks, ...]."""
+    if isinstance(numbers, tuple | list):
+        return np.stack([stack(part) for part in numbers], axis=1)
+    return np.asarray(numbers)
