@@ -27,8 +27,7 @@ class WindowLimits(NamedTuple):
     lanes: int  # largest number of lanes of a block
     blocks: int
     golden_runs: int
-    # Largest number of lanes of a block whose runs have different golden runs.
-    alone: int
+    alone: int  # largest number of lanes of a block whose runs have different golden runs
 
 
 def cut_into_windows(

@@ -33,10 +33,8 @@ class Plan:
     config: CampaignConfig
     rows: pd.DataFrame  # the fault table, one row per run
     program: TickProgram
-    # The operator's motion, in the robot's own type.
-    motion: Any
-    # Summary of a recorded motion; None for a generated motion.
-    operator: MotionSummary | None
+    motion: Any  # the operator's motion, in the robot's own type
+    operator: MotionSummary | None  # summary of a recorded motion; None for a generated motion
     columns: tuple[np.ndarray, ...]  # the motion's columns, float32 [ticks]
     # Parameters that are keys of random numbers, and their purpose. Runs have different keys.
     keys: Mapping[str, str]

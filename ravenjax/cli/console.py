@@ -60,8 +60,7 @@ AsJson = Annotated[
 class Listing(NamedTuple):
     """A table that a command prints. In JSON it is a list of objects."""
 
-    # Key of the list in JSON.
-    name: str
+    name: str  # key of the list in JSON
     title: str
     # Headings of the columns. In JSON, "what it asks" becomes the key what_it_asks.
     columns: tuple[str, ...]

@@ -58,8 +58,7 @@ class DetectorRecord(NamedTuple):
     name: str
     kind: str  # see ravenjax.vocabulary.detectors
     fusion: str
-    # Number of consecutive milliseconds above the threshold that raise an alarm.
-    consecutive: int
+    consecutive: int  # number of consecutive milliseconds above the threshold that raise an alarm
     thresholds: tuple[float, ...]  # in the unit of the score
     stops: bool = False  # an alarm at the first threshold presses the E-stop
 
@@ -70,52 +69,40 @@ class Manifest(BaseModel):
     model_config = ConfigDict(extra="ignore", ser_json_inf_nan="constants")
 
     schema_version: int = schema.VERSION
-    # Name of the campaign.
-    campaign: str
-    # The campaign with all defaults.
-    config: dict[str, Any]
+    campaign: str  # name of the campaign
+    config: dict[str, Any]  # the campaign with all defaults
     # sha256 of `config` and of every run id. A recording is included by its content, not its path.
     config_hash: str
     seed: int
-    # Rows of the fault table.
-    runs: Row
+    runs: Row  # rows of the fault table
     duration_ms: int
-    # Counts and names on which the columns of the table depend.
-    shape: schema.Shape
+    shape: schema.Shape  # counts and names on which the columns of the table depend
     cues: tuple[CueRecord, ...] = ()
     detectors: tuple[DetectorRecord, ...] = ()
-    # Summary of a recorded motion of the operator.
-    operator: MotionSummary | None = None
-    # Number of the haptic set that the column `verdict` uses.
-    verdict_cue: int = 0
+    operator: MotionSummary | None = None  # summary of a recorded motion of the operator
+    verdict_cue: int = 0  # number of the haptic set that the column `verdict` uses
     # Column of the campaign's rule for jumps.
     verdict_jump: str = Field(default="jump_code", pattern="^jump_[a-z]+$")
-    # Unintended motion above which a run has a hazard, mm.
-    limit_mm: float = LIMIT_MM
+    limit_mm: float = LIMIT_MM  # unintended motion above which a run has a hazard, mm
     engine: str
-    # Device that computed the runs, as text.
-    device: str
+    device: str  # device that computed the runs, as text
     versions: dict[str, str] = Field(default_factory=lambda: package_versions())
     # sha256 of the source files on which outcomes depend.
     code_hash: str = Field(default_factory=lambda: code_hash())
     started: str = Field(default_factory=lambda: utc_now())
     finished: str | None = None
-    # Command line of the last start, if there was one.
-    command: tuple[str, ...] = ()
-    # Settings without effect, and notes of all starts.
-    notices: tuple[str, ...] = ()
+    command: tuple[str, ...] = ()  # command line of the last start, if there was one
+    notices: tuple[str, ...] = ()  # settings without effect, and notes of all starts
     # Shard of the campaign in this folder, such as 2/7; None: the whole campaign.
     shard: str | None = None
     # Row ranges (first, last inclusive) that this folder should contain; None: all rows.
     rows: tuple[tuple[Row, Row], ...] | None = None
-    # Number of starts of the command, including starts after interruptions.
-    starts: int = 1
+    starts: int = 1  # number of starts of the command, including starts after interruptions
     # Of the last start: time of compilation (s), time of computation (s), runs per second.
     compile_s: float | None = None
     run_s: float | None = None
     runs_per_s: float | None = None
-    # Finished parts, stored in parts.jsonl.
-    parts: tuple[Part, ...] = ()
+    parts: tuple[Part, ...] = ()  # finished parts, stored in parts.jsonl
 
     @property
     def robot(self) -> Robot:

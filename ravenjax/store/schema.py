@@ -58,10 +58,8 @@ class Shape:
     parameters: tuple[str, ...] = ()  # paths of the varied parameters
     reacts: bool = False  # the operator may react to the cue
     hand_yields: bool = False  # the cue's force moves the operator's hand
-    # The table has columns of the load of the robot's cables.
-    cables: bool = False
-    # The table has columns of the contact force of instruments.
-    contact: bool = False
+    cables: bool = False  # the table has columns of the load of the robot's cables
+    contact: bool = False  # the table has columns of the contact force of instruments
     detectors: tuple[int, ...] = ()  # number of thresholds of each detector
     harms: tuple[str, ...] = ()  # names of harms that the campaign defines
     observes: bool = False  # runs end some time after their last fault

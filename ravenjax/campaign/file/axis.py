@@ -158,8 +158,7 @@ class OneValue(NamedTuple):
     """Defines the possible values of a key, and which tables may replace a value."""
 
     expected: str  # the possible values as text, for messages
-    # Returns the value; raises ValueError for an invalid one.
-    parsed: Callable[[Any], Any]
+    parsed: Callable[[Any], Any]  # returns the value; raises ValueError for an invalid one
     schema: dict[str, Any]  # JSON Schema
     forms: tuple[str, ...] = ("uniform", "loguniform", "normal", "choice", LIST)
     least: float = -math.inf

@@ -40,11 +40,9 @@ class CostFactors(NamedTuple):
 
     runs: int  # number of runs to compute
     ticks: int  # length of each run, ms
-    # Golden runs that the runs are compared with.
-    golden_runs: int
+    golden_runs: int  # golden runs that the runs are compared with
     arms: int = 1
-    # Fault sites, summed over arms.
-    sites: int = 1
+    sites: int = 1  # fault sites, summed over arms
     slots: int = 1  # largest number of faults in a run
     cues: int = 1  # number of haptic sets
     thresholds: int = 0  # number of thresholds, summed over detectors
@@ -55,10 +53,8 @@ class CostFactors(NamedTuple):
 class CostEstimate(NamedTuple):
     """Expected time and memory."""
 
-    # Time from the command to the first run, s.
-    start_s: float
-    # Time of computing and storing all runs, without the report, s.
-    run_s: float
+    start_s: float  # time from the command to the first run, s
+    run_s: float  # time of computing and storing all runs, without the report, s
     memory_mib: float  # at most
 
 

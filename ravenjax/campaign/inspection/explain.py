@@ -34,8 +34,7 @@ PREFIXES = (seams.DIFFERS, seams.LEAVES, seams.NEAR, seams.GOLDEN_NEAR, seams.NE
 class Explained(NamedTuple):
     """Explained runs, one row each in both tables, in the order in which they were given."""
 
-    # The runs' rows of the result table, computed again.
-    results: pd.DataFrame
+    results: pd.DataFrame  # the runs' rows of the result table, computed again
     # Columns run_id, index and harm_ms, and one column for each combination of a prefix in PREFIXES
     # and a number or check of the robot; times in ms.
     ticks: pd.DataFrame

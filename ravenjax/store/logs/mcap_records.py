@@ -47,8 +47,7 @@ class Scan:
     # Positions of chunks, and of messages outside chunks.
     places: list[int] = field(default_factory=list)
     complete: bool = False  # the file has a footer and the magic bytes at its end
-    # Number of bytes in damaged records, and after the last complete record.
-    lost_bytes: int = 0
+    lost_bytes: int = 0  # number of bytes in damaged records, and after the last complete record
 
     def messages(self, topics: Collection[str] = ()) -> Iterator[Message]:
         """Yield the messages of these topics, or all messages, in the order of the file."""

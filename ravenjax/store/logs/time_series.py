@@ -38,12 +38,10 @@ class TimeSeries(NamedTuple):
     """Description of one time series."""
 
     name: str  # without the arm
-    # Unit; if it differs between joints, the unit of a revolute joint.
-    unit: str
+    unit: str  # unit; if it differs between joints, the unit of a revolute joint
     meaning: str
     axes: tuple[str, ...] = ()  # axes in addition to time
-    # Unit of a prismatic joint, if it differs.
-    linear_unit: str = ""
+    linear_unit: str = ""  # unit of a prismatic joint, if it differs
 
 
 def _series_of(owner: str) -> dict[str, TimeSeries]:

@@ -47,12 +47,9 @@ class ReplayOptions:
     slow_down: float = 1.0  # duration of the replayed motion relative to the recorded one
     # Longest permitted gap between two samples in the replayed part, s.
     max_gap_s: float = MAX_GAP_S
-    # Treatment of implausible jumps of a tip.
-    spikes: Spikes = "refuse"
-    # Console profile of a packet stream: "auto", a name or a file.
-    console: str = "auto"
-    # What the hands do if the recording is shorter than the run.
-    at_end: AtEnd = "refuse"
+    spikes: Spikes = "refuse"  # treatment of implausible jumps of a tip
+    console: str = "auto"  # console profile of a packet stream: "auto", a name or a file
+    at_end: AtEnd = "refuse"  # what the hands do if the recording is shorter than the run
 
     # Dictionaries among the options cannot be hashed, but their text can.
     def __hash__(self) -> int:

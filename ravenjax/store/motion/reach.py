@@ -61,8 +61,7 @@ class ArmReach(NamedTuple):
 
     jpos: np.ndarray  # [T, A, 7] rad and m
     inside: np.ndarray  # [T, A] whether the pose is reachable within the joint limits
-    # [T] whether some joint jumps between this row and the row before.
-    leaps: np.ndarray
+    leaps: np.ndarray  # [T] whether some joint jumps between this row and the row before
 
     def first_bad(self, begin: int, end: int) -> int | None:
         """Return the first row that prevents a replay of the rows `begin` to `end` - 1."""

@@ -45,8 +45,7 @@ class HandRecording:
     poses: Poses  # tip poses at 1 kHz, filtered if the options say so
     unfiltered: np.ndarray  # [rows, A, 3] m, positions before the low-pass filter
     pedal: np.ndarray | None  # [rows] 1 down, 0 up
-    # [rows] False in gaps and jumps that the options do not permit.
-    covered: np.ndarray
+    covered: np.ndarray  # [rows] False in gaps and jumps that the options do not permit
     # Rows after such gaps and jumps, at which a new continuous stretch begins.
     cuts: tuple[int, ...]
     spikes: tuple[Spike, ...]

@@ -32,8 +32,7 @@ class Spike(NamedTuple):
 
     arm: str
     row: int  # first sample after the jump
-    # Number of samples until the tip jumps back; 0: it does not.
-    rows: int
+    rows: int  # number of samples until the tip jumps back; 0: it does not
     time_s: float  # time of the first sample after the jump
     size_mm: float  # largest distance from the sample before the jump
     begin_s: float  # time of the sample before the jump

@@ -55,8 +55,7 @@ class MotionSummary(BaseModel):
     gaps: int  # number of time steps longer than three median steps
     longest_gap: tuple[int, float, float] | None  # row before the gap, begin, length in s
     spikes: tuple[str, ...]  # description of each jump of a tip
-    # Stretches that cannot be replayed, the longest first.
-    outside: tuple[tuple[float, float], ...]
+    outside: tuple[tuple[float, float], ...]  # stretches that cannot be replayed, the longest first
     outside_share: float  # share of the recording
     window_s: tuple[float, float]  # the replayed part
     campaign_s: float  # length of the motion
@@ -65,8 +64,7 @@ class MotionSummary(BaseModel):
     turns: int  # number of reversals of the replay direction after the recording's end
     pedal: str  # "recorded", or "down": constantly down
     pedal_down: float  # share of the campaign with the pedal down
-    # Teleoperation scale at which the tip moves as recorded.
-    scale: float
+    scale: float  # teleoperation scale at which the tip moves as recorded
     # Least and greatest teleoperation scale in a campaign that varies it.
     scales: tuple[float, float] | None = None
     arms: tuple[ArmSummary, ...]
@@ -95,8 +93,7 @@ class TipCourse(NamedTuple):
     recorded: np.ndarray  # [T, 3] positions of all samples of the file
     # [ticks] time in the recording that is replayed in each ms of the campaign.
     replayed_s: np.ndarray
-    # [ticks, 3] replayed positions; empty if nothing can be replayed.
-    replayed: np.ndarray
+    replayed: np.ndarray  # [ticks, 3] replayed positions; empty if nothing can be replayed
     outside: tuple[tuple[float, float], ...]  # stretches that the arm cannot reach
     gaps: tuple[tuple[float, float], ...]  # stretches without samples
     spikes: tuple[float, ...]

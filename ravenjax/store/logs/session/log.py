@@ -133,8 +133,7 @@ class SessionLog:
     rows: np.ndarray  # float32 [T, numbers that were read]
     events: list[dict[str, Any]]
     complete: bool  # True if the file was closed normally and is not truncated
-    # Number of damaged bytes, and of bytes in an incomplete chunk at the end.
-    lost_bytes: int
+    lost_bytes: int  # number of damaged bytes, and of bytes in an incomplete chunk at the end
 
 
 def read_session_log(path: Path, keeps: Callable[[str], bool] = lambda name: True) -> SessionLog:
