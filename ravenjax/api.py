@@ -80,12 +80,8 @@ def simulate(campaign: AnyCampaign, run: str | int = 0, engine: str = "auto") ->
         "engine": again.engine,
         "version": manifest.package_versions()["ravenjax"],
     }
-    return time_series.series_dataset(
-        again.series,
-        attributes,
-        [cue.threshold_m * 1e3 for cue in config.haptics.cues()],
-        config.robot,
-    )
+    thresholds_mm = [cue.threshold_m * 1e3 for cue in config.haptics.cues()]
+    return time_series.series_dataset(again.series, attributes, thresholds_mm, config.robot)
 
 
 def explain(
@@ -139,14 +135,10 @@ def counterfactual(
     config = load_source(folder) if folder else _config(campaign)
     found = finding.find_checks(config, question, engine)
     files = [] if out is None else output.write_files(found, Path(out))
-    table = pd.read_csv(
-        io.StringIO(downloads.format_csv(output.candidate_table(found))),
-        keep_default_na=False,
-        na_values=[""],
-    )
-    table.attrs.update(
-        {"sentences": output.finding_sentences(found), "files": [str(path) for path in files]}
-    )
+    text = io.StringIO(downloads.format_csv(output.candidate_table(found)))
+    table = pd.read_csv(text, keep_default_na=False, na_values=[""])
+    table.attrs["sentences"] = output.finding_sentences(found)
+    table.attrs["files"] = [str(path) for path in files]
     return table
 
 
@@ -173,16 +165,9 @@ def calibrate_monitor(
     """
     from ravenjax.analyses.monitors import calibrate, writing
 
+    rate, config = false_alarms_per_hour, _config(campaign)
     request = calibrate.Request(
-        _config(campaign),
-        signals,
-        segments,
-        false_alarms_per_hour,
-        confidence,
-        length_s,
-        robots,
-        motions,
-        seed,
+        config, signals, segments, rate, confidence, length_s, robots, motions, seed
     )
     calibrate.calibrate_monitor(request, Path(out), hours, engine)
     return writing.read_monitor(Path(out))[1]
@@ -205,9 +190,8 @@ def check_monitor(
     from ravenjax.analyses.monitors import checking
 
     several = [sources] if isinstance(sources, str | Path) else sources
-    return checking.check_exchangeability(
-        Path(folder), [Path(source) for source in several], level, seed
-    )
+    paths = [Path(source) for source in several]
+    return checking.check_exchangeability(Path(folder), paths, level, seed)
 
 
 def _folder(campaign: Any) -> Path | None:

@@ -43,18 +43,15 @@ Words = Annotated[list[str] | None, Parameter(consume_multiple=True, negative=""
 Switch = Annotated[bool, Parameter(negative="")]
 Engine = Annotated[str, Parameter(help="auto, cuda, simd, xla or mjx")]
 SameEngine = Annotated[str, Parameter(help="auto is the engine that computed the campaign")]
-ResultFolder = Annotated[Path, Parameter(help="Result folder that `ravenjax run` wrote.")]
+Folder = Annotated[Path, Parameter(help="Result folder that `ravenjax run` wrote.")]
 RunIds = Annotated[
-    str, Parameter(help="The run_id of each run, the first letters of it, or the run's index.")
+    str, Parameter(help="The run_id of each run, its first letters, or the run's index.")
 ]
 Ranking = Annotated[
-    str,
-    Parameter(help="order of the worst runs: unintended, loss, report, tissue, cue or response"),
+    str, Parameter(help="order of worst runs: unintended, loss, report, tissue, cue or response")
 ]
 
-AsJson = Annotated[
-    bool, Parameter(name="--json", negative="", help="print only JSON on standard output")
-]
+Json = Annotated[bool, Parameter(name="--json", negative="", help="print only JSON")]
 
 
 class Listing(NamedTuple):

@@ -9,20 +9,20 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson, Count, Listing, ResultFolder, Switch
+from ravenjax.cli.console import Count, Folder, Json, Listing, Switch
 
 HEADINGS = ("run", "site", "fault from, ms", "harm from, ms", "detected, ms", "detected")
 """Headings of the list of harmful runs."""
 
 
 def coverage(
-    folder: ResultFolder,
+    folder: Folder,
     *,
     of: Annotated[str | None, Parameter(name="--runs")] = None,
     pairs: Switch = False,
     most: Count = None,
     out: Path | None = None,
-    as_json: AsJson = False,
+    as_json: Json = False,
 ) -> None:
     """Measure which share of the harmful faults each check detects: its diagnostic coverage.
 
@@ -56,9 +56,8 @@ def coverage(
         else:
             found = checks.measure_coverage(runs, read_deadlines(folder))
             if of is not None:
-                listing = Listing(
-                    "runs", f"Harmful runs: {of}", HEADINGS, found.list_runs(of, runs)
-                )
+                rows = found.list_runs(of, runs)
+                listing = Listing("runs", f"Harmful runs: {of}", HEADINGS, rows)
                 return console.print_tables([listing], as_json)
     files.require_writable(out_folder)
     if isinstance(found, double_faults.DoubleFaults):

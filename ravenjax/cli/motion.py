@@ -188,10 +188,8 @@ def calibrate(
     )
     for note in logged.log.notes:
         console.print_text(note)
-    wanted = parameters.select_unknowns(
-        logged.log.joints, [word.strip() for word in ask.split(",")]
-    )
-    calibrated = logged.calibrated(robot.params(setup, arm, SET), wanted)
+    asked = parameters.select_unknowns(logged.log.joints, [word.strip() for word in ask.split(",")])
+    calibrated = logged.calibrated(robot.params(setup, arm, SET), asked)
     models = {"before": calibrated.base, "calibrated": calibrated.robot}
     where = ("in the first half, which was fitted", "in the second half, which was not fitted")
     for place, part in zip(where, logged.halves, strict=True):
@@ -207,11 +205,9 @@ def calibrate(
     ]
     if text := console.render_template("doubts.j2", integrated=integrated, fit=calibrated):
         console.print_text(text)
-    values = parameters.values_by_path(
-        calibrated.base, calibrated.unknowns, calibrated.draws(draws)
-    )
+    drawn = parameters.values_by_path(calibrated.base, calibrated.unknowns, calibrated.draws(draws))
     out.parent.mkdir(parents=True, exist_ok=True)
-    write_text(out, parameters.format_robot_file(values, arm, SET, log))
+    write_text(out, parameters.format_robot_file(drawn, arm, SET, log))
     pictures = out.with_suffix(".svg"), out.with_name(f"{out.stem}_parameters.svg")
     whole = logged.log.compared(0, len(logged.log.desired))
     replayed = logged.replay(whole, [calibrated.robot])[0]

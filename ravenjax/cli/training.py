@@ -13,7 +13,7 @@ from ravenjax.cli import console
 from ravenjax.cli.console import Overrides, Switch, load_module
 
 Crtk = Literal["ros1", "ros2"] | None
-ConsoleProfile = Annotated[str, Parameter("--console")]
+Profile = Annotated[str, Parameter("--console")]
 Seed = Annotated[int | None, Parameter(validator=validators.Number(gte=0, lt=2**31))]
 Port = Annotated[int, Parameter(validator=validators.Number(gte=0, lte=65535))]
 
@@ -43,7 +43,7 @@ def train(
     token: str | None = None,
     instructor_token: str | None = None,
     itp_port: int | None = None,
-    console_profile: ConsoleProfile = "raven",
+    console_profile: Profile = "raven",
     console_host: str | None = None,
     robot: str | None = None,
     crtk: Crtk = None,
@@ -77,9 +77,7 @@ def train(
     from ravenjax.errors import UserError
 
     if not (page or headless or script or crtk) and itp_port is None:
-        raise UserError(
-            "nobody moves the robot: without the page give --script, --itp-port or --crtk"
-        )
+        raise UserError("nobody moves the robot: add --page, --script, --itp-port or --crtk")
     with _exit_with_message(), interruption.held_back(), contextlib.ExitStack() as stack:
         helpers = None
         if not headless:
@@ -144,12 +142,9 @@ def _exit_with_message() -> Iterator[None]:
         try:
             yield
         except (KeyboardInterrupt, SystemExit) as stop:
-            console.print_text(
-                "stopped; if a session had begun, its recording is kept", console.err
-            )
-            raise SystemExit(
-                stop.code if isinstance(stop, SystemExit) else 128 + signal.SIGINT
-            ) from None
+            console.print_text("stopped; if a session began, its recording is kept", console.err)
+            code = stop.code if isinstance(stop, SystemExit) else 128 + signal.SIGINT
+            raise SystemExit(code) from None
 
 
 def robot(
@@ -162,7 +157,7 @@ def robot(
     joint_port: Port = 36002,
     token: str | None = None,
     console_host: str | None = None,
-    console_profile: ConsoleProfile = "raven",
+    console_profile: Profile = "raven",
     crtk: Crtk = None,
 ) -> None:
     """Run the control software and the virtual robot as a process that any ITP console can move.
@@ -194,9 +189,7 @@ def robot(
     process.run_robot(chosen, options, seed, joint_port, console.print_text)
 
 
-def play(
-    packets: Path, *, to: str = "127.0.0.1:36000", console_profile: ConsoleProfile = "auto"
-) -> None:
+def play(packets: Path, *, to: str = "127.0.0.1:36000", console_profile: Profile = "auto") -> None:
     """Send recorded packets of a console to a robot or a session, at the recorded times.
 
     Before the first packet the pedal is up for 0.4 s, because a robot accepts a pressed pedal only

@@ -117,9 +117,7 @@ class Manifest(BaseModel):
         """The campaign's settings on which the definitions of outcomes depend."""
         threshold = self.cues[self.verdict_cue].threshold_mm if self.cues else PUBLISHED_CUE_MM
         built_in = built_in_column(self.shape.own_checks, self.shape.stops)
-        stopping = tuple(
-            (number, one.name) for number, one in enumerate(self.detectors) if one.stops
-        )
+        stopping = tuple((i, one.name) for i, one in enumerate(self.detectors) if one.stops)
         own = [one for one in self.config.get("harm", ()) if one["counts"] != "watch"]
         return Rules(
             *(self.verdict_cue, threshold, self.verdict_jump, self.limit_mm, built_in, stopping),
@@ -156,10 +154,8 @@ class Manifest(BaseModel):
         fields = self.model_dump(
             include={"config", "config_hash", "seed", "engine", "device", "versions", "shard"}
         )
-        return fields | {
-            "code": self.code_hash[:16],
-            "config": by_content(self.config, self.operator),
-        }
+        config = by_content(self.config, self.operator)
+        return fields | {"code": self.code_hash[:16], "config": config}
 
     def differences(self, other: Manifest, word: str = "requested") -> list[str]:
         """Return the differences from `other` that affect outcomes, one line each.
@@ -195,11 +191,8 @@ def find_changes(first: dict[str, Any], second: dict[str, Any]) -> list[Change]:
     """Return every value in which two nested tables differ, by path."""
     one, other = _flat(first), _flat(second)
     names = sorted(one.keys() | other.keys())
-    return [
-        Change(name, one.get(name), other.get(name))
-        for name in names
-        if one.get(name) != other.get(name)
-    ]
+    changes = [Change(name, one.get(name), other.get(name)) for name in names]
+    return [change for change in changes if change.first != change.second]
 
 
 def read_manifest(folder: Path) -> Manifest:

@@ -78,11 +78,8 @@ def find_illegal_value(
 
 def find_rounding(channel: Channel, effect: str, value: float) -> str | None:
     """Return an error message if single precision would change a whole number, else None."""
-    if (
-        channel.kind in ("float", "bool")
-        or not EFFECTS[effect].of_its_type
-        or not abs(value) < 2**31
-    ):
+    rounds = channel.kind not in ("float", "bool") and EFFECTS[effect].of_its_type
+    if not rounds or not abs(value) < 2**31:
         return None
     nearest = np.float32(value)
     if float(nearest) == value:

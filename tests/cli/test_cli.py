@@ -30,7 +30,7 @@ def test_help_and_version_import_nothing_slow():
         (["run", "quick.toml", "--chunk", "0"], ['Invalid value "0" for --chunk']),
         (
             ["train", "first_steps", "--no-page"],
-            ["nobody moves the robot: without the page give --script"],
+            ["nobody moves the robot: add --page, --script"],
         ),
         (["rn"], ['Did you mean "run"']),
         (["faults", "usb_ou"], ["unknown word 'usb_ou', expected a layer", "'usb_out'?"]),

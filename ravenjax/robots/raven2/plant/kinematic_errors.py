@@ -118,16 +118,13 @@ _RANGES = (
     (0.32, 0.40),
     (-45 * _DEG, 45 * _DEG),
     (0.0, 40 * _DEG),
+    # The jaws keep one angle.
+    (45 * _DEG, 45 * _DEG),
+    (45 * _DEG, 45 * _DEG),
 )
-"""Ranges of shoulder to wrist, rad and m: the workspace of recording `camera_poses_left_arm`."""
+"""Ranges of joints, rad and m: the workspace of recording `camera_poses_left_arm`."""
 POSES = tuple(
-    Vec(
-        (
-            *(ends[i] for ends, i in zip(_RANGES, (a, b, c, a ^ b, b ^ c), strict=True)),
-            45 * _DEG,
-            45 * _DEG,
-        )
-    )
+    Vec(ends[i] for ends, i in zip(_RANGES, (a, b, c, a ^ b, b ^ c, 0, 0), strict=True))
     for a, b, c in itertools.product((0, 1), repeat=3)
 )
 """Eight of the 32 corners of the ranges. Any two joints have all four combinations of ends."""
@@ -150,17 +147,15 @@ def fit_registration(arm: str, true: list[Vec]) -> Registration:
         )
         correction = Vec(dot(Vec(row), residual) for row in solve)
         turn = mapping.matrix_from_quat(Vec((*(Vec(correction[:3]) * 0.5), 1.0)))
-        frame = Registration(
-            matmul(turn, frame.rotation), matvec(turn, frame.translation) + correction[3:]
-        )
+        translation = matvec(turn, frame.translation) + correction[3:]
+        frame = Registration(matmul(turn, frame.rotation), translation)
     return frame
 
 
 def _no_motion() -> Registration:
     zero, one = jnp.float32(0.0), jnp.float32(1.0)
-    return Registration(
-        matrix((one, zero, zero), (zero, one, zero), (zero, zero, one)), Vec((zero,) * 3)
-    )
+    rows = matrix((one, zero, zero), (zero, one, zero), (zero, zero, one))
+    return Registration(rows, Vec((zero,) * 3))
 
 
 @functools.cache
