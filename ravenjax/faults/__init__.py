@@ -47,7 +47,8 @@ _UNUSED_VALUES = {"value": 0, "every": 0, "period": 1, "key": 0}
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Fault:
-    """A fault: its effect on a signal, and when it acts. With JAX a pytree with static effect.
+    """A fault: its effect on a signal, and when it acts. In JAX it is a pytree, whose field
+    `effect` is static.
 
     effect: as in a campaign's `[[group.fault]]`. The only network effect is "delay": the signal
     of `value` ticks ago. value: value of the effect, in the signal's unit.

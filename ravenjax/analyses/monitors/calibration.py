@@ -136,8 +136,8 @@ def calibrate_thresholds(
     has_scales = uses.scale & np.isfinite(peaks.score).all(axis=1)
     if not has_scales.any():
         raise UserError(
-            "scales cannot be computed: each operation that determines scales had an infinite or"
-            " NaN number. Let the campaign draw other robots"
+            "the scales of the monitor's signals cannot be computed: a signal became infinite or"
+            " NaN in every operation that determines scales. Change campaign.seed or [parameters]"
         )
     shape = (-1, len(terms), segments.count)
     scales = threshold.signal_scales(peaks.score[has_scales].reshape(shape))

@@ -264,7 +264,7 @@ class Entry(Section):
         # Refuses keys that exclude each other, and a fault window of unknown time.
         if bool(self.hazards) == bool(self.fault):
             raise ValueError(
-                'expected either hazards = ["B27"] (ids, layers, "all") or [[hazard.fault]]'
+                'expected hazards, a list of ids and layers such as "B27", or [[hazard.fault]]'
             )
         if any(fault.start_ms.phases for fault in self.fault):
             raise ValueError(
