@@ -491,8 +491,8 @@ def _columns() -> Iterator[str]:
     yield "# Result columns"
     yield _WRITTEN
     yield (
-        f"The result table has one row per run and schema version {schema.VERSION}. `<k>` counts"
-        " fault slots, haptic sets (in the order of `cues` in manifest.json) or thresholds of a"
+        f"The result table has one row per run. Its schema version is {schema.VERSION}. `<k>`"
+        " counts fault slots, haptic sets (in the order of `cues` in manifest.json) or thresholds of a"
         " detector, from 0. `<d>` counts detectors in the order of `detectors`. Times count from"
         " the start of the run; -1 means never. The prefix `golden_` marks columns of the run's"
         " [golden run](../glossary.md). `results/README.md` describes the result folder."

@@ -182,7 +182,7 @@ def timed(run: Callable[[], np.ndarray], repeats: int = 3) -> tuple[np.ndarray, 
 
 def agreement(slopes: np.ndarray, other: np.ndarray) -> str:
     """Return the least and the median cosine between slopes [k, T, 7] in the encoder's counts."""
-    a, b = ((x / fit.FINEST).reshape(len(x), -1) for x in (slopes, other))
+    a, b = ((x / fit.MIN_NOISE).reshape(len(x), -1) for x in (slopes, other))
     cosines = (a * b).sum(axis=1) / np.linalg.norm(a, axis=1) / np.linalg.norm(b, axis=1)
     return f"{np.median(cosines):.3f} ({cosines.min():.2f})"
 

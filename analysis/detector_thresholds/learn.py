@@ -69,7 +69,7 @@ def main() -> None:
         f"{len(pooled)} steps of {len(MOTIONS)} motions, {PERCENTILE} percentile; in brackets the"
         " largest"
     )
-    for j, (joint, kept) in enumerate(detectors.LEARNED.items()):
+    for j, (joint, kept) in enumerate(detectors.LEARNED_STEPS.items()):
         largest = pooled[:, :, j].max(axis=0)
         told = ", ".join(
             f"{value:.3g} ({top:.3g})" for value, top in zip(learned[:, j], largest, strict=True)

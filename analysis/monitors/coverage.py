@@ -98,11 +98,11 @@ def coverage(whole: OperationScores, one_each: bool, seed: int) -> Coverage:
     """
     population, fresh = halves(whole)
     if one_each:
-        population = population.one_each()
+        population = population.first_operations()
     rng, rows = np.random.default_rng(seed), []
     for _ in range(CALIBRATIONS):
         some = drawn(population, rng)
-        limit, plain = threshold.least_threshold(some, TARGET).value, naive_threshold(some)
+        limit, plain = threshold.smallest_threshold(some, TARGET).value, naive_threshold(some)
         rows.append(
             (
                 rate(population, limit),
@@ -119,7 +119,7 @@ def columns(peaks: OperationScores, scale: np.ndarray) -> np.ndarray:
     """Return joint score and each term of the first operation of each operator, [operators, 1 +
     terms].
     """
-    peak = np.nan_to_num(peaks.one_each().score, nan=np.inf)
+    peak = np.nan_to_num(peaks.first_operations().score, nan=np.inf)
     return np.column_stack([threshold.joint_scores(peak[:, :, None], scale), peak])
 
 
@@ -179,8 +179,10 @@ def main() -> None:
     learns = unit % 8 == 0
     scale = threshold.signal_scales(pools["drawn"].score[learns][:, :, None])
     same, other = columns(pools["drawn"].taken_from(unit[~learns]), scale), columns(moved, scale)
-    limit = threshold.least_threshold(halves(whole)[0], TARGET).value
-    broken_rate = alarm_rate(int((other[:, 0] > limit).sum()), float(moved.one_each().hours.sum()))
+    limit = threshold.smallest_threshold(halves(whole)[0], TARGET).value
+    broken_rate = alarm_rate(
+        int((other[:, 0] > limit).sum()), float(moved.first_operations().hours.sum())
+    )
     false, true = shifts(same, None, 1), shifts(same, other, 2)
     print(
         f"\nshift at level {LEVEL:g}, {FRESH_UNITS} fresh operators against {UNITS}: called in"

@@ -45,7 +45,7 @@ def main() -> None:
         design = OperationDesign(calibrate.varying_motions(config), ROBOTS, LENGTH_S, seed)
         wanted = split_scores(calibrate.choose_candidates(config.robot, calibrate.SIGNALS))
         count, place = max(1, round(share * options.operators)), options.folder / name
-        peaks = calibrate.operate_units(
+        peaks = calibrate.simulate_operators(
             config, design, wanted, WHOLE, place, count, options.engine, lambda *_: None
         )
         hours = len(peaks.unit) * LENGTH_S / 3600

@@ -219,15 +219,15 @@ def whole_table(campaigns: int) -> None:
             counts = [
                 np.cumsum(random.random(size) < p) for size, p in zip(sizes, rates, strict=True)
             ]
-            taken, number, stop = rule.first(), 0, False
+            taken, number, stop = rule.first_sizes(), 0, False
             while not stop:
                 k = np.array([[of[n - 1] for of, n in zip(counts, taken, strict=True)]])
-                look = rule.look(number := number + 1, taken, k, taken)
+                look = rule.decide(number := number + 1, taken, k, taken)
                 (one,), stop = look.intervals, look.stop
                 wrong = not one.low <= true <= one.high
                 missed[campaign] = wrong, missed[campaign, 1] or wrong
                 if not stop:
-                    taken = rule.following(look, k, taken)
+                    taken = rule.next_sizes(look, k, taken)
             drawn.append(taken.sum())
         at_stop, at_any = missed.mean(axis=0) * 100
         print(f"{allocation}: {np.mean(drawn):.0f} ({at_stop:.1f}, {at_any:.1f})")

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.stats.alarms.false_alarms import alarm_rate
-from ravenjax.stats.bootstrap.units import FEWEST, group_units, ratio_band
+from ravenjax.stats.bootstrap.units import MIN_UNITS, group_units, ratio_band
 from studies import study
 from studies.cells import plain
 from studies.dsn16 import recording
@@ -57,7 +57,7 @@ def rate(runs: pd.DataFrame, mm: float) -> StudyEstimate:
     exact = alarm_rate(int(counts.sum()), float(hours.sum()))
     low, high = exact.low, exact.high
     among = group_units(runs["recording"])
-    if exact.count and among.count >= FEWEST:
+    if exact.count and among.count >= MIN_UNITS:
         _, low, high = ratio_band(counts, hours, among)
     of = f"cues in {hours.sum():.2f} h of {among.count} recordings"
     return StudyEstimate(exact.per_hour, float(low), float(high), exact.count, of)

@@ -14,15 +14,15 @@ from numpy.typing import ArrayLike
 
 from ravenjax.hazards.naming import hazards_of, kind_of
 from ravenjax.report import wording
-from ravenjax.stats.bootstrap.units import FEW, FEWEST, Units, group_units, ratio_band
+from ravenjax.stats.bootstrap.units import ENOUGH_UNITS, MIN_UNITS, Units, group_units, ratio_band
 from ravenjax.stats.comparison.paired import difference_of_counts
 from ravenjax.stats.intervals import Estimate
 
 NOTE = (
     "Intervals, 95 %: bootstrap over kinds of faults (a hazard of the library with all its cases,"
-    f" or a group), families of groups apart; none with fewer than {FEWEST} kinds, and too narrow"
-    f" with fewer than {FEW}. A share is of this design's faults. It is no probability, and another"
-    " mix of faults has another share."
+    f" or a group), families of groups apart; none with fewer than {MIN_UNITS} kinds, and too"
+    f" narrow with fewer than {ENOUGH_UNITS}. A share is of this design's faults. It is no"
+    " probability, and another mix of faults has another share."
 )
 
 
@@ -47,7 +47,7 @@ def difference(first: np.ndarray, second: np.ndarray, among: Units) -> Estimate:
     """
     if not len(first):
         return Estimate(math.nan, math.nan, math.nan)
-    if among.count >= FEWEST and (first == second).all():
+    if among.count >= MIN_UNITS and (first == second).all():
         return difference_of_counts(0, 0, among.count)
     return ratio_band(first.astype(float) - second, 1.0, among)
 
@@ -55,7 +55,7 @@ def difference(first: np.ndarray, second: np.ndarray, among: Units) -> Estimate:
 def count(among: Units) -> str:
     """Write 52 kinds; 7 kinds, few."""
     words = wording.count_noun(among.count, "kind")
-    return f"{words}, few" if among.count < FEW else words
+    return f"{words}, few" if among.count < ENOUGH_UNITS else words
 
 
 def _each(group: ArrayLike, word: Callable[[str], str]) -> np.ndarray:

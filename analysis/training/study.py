@@ -234,7 +234,9 @@ class ComparedOutcome(NamedTuple):
 
 def _response_ms(hazard: HazardRow) -> float | None:
     """Return the time to the response, infinite without one; None if none was right."""
-    return None if hazard.right_response == "continue" else hazard.after.get("response", math.inf)
+    if hazard.right_response == "continue":
+        return None
+    return hazard.times_after_activation.get("response", math.inf)
 
 
 RIGHT = ComparedOutcome("right response", "%", 0, 1, lambda hazard: 100.0 * hazard.response_ok)
@@ -242,7 +244,9 @@ TIME = ComparedOutcome("time to a response", "ms", 0, -1, _response_ms)
 OUTCOMES = (
     RIGHT,
     TIME,
-    ComparedOutcome("largest unintended motion", "mm", 1, -1, lambda hazard: hazard.farthest_mm),
+    ComparedOutcome(
+        *("largest unintended motion", "mm", 1, -1), lambda hazard: hazard.peak_unintended_mm
+    ),
     ComparedOutcome(
         *("deepest in the tissue", "mm", 1, -1),
         lambda hazard: None if hazard.deepest_mm is None else max(0.0, hazard.deepest_mm),

@@ -30,7 +30,7 @@ FALSE_CUES = "false cues"
 EVENTS = {name.replace("_", " "): name for name in comparison.RATES} | {"evading": "evades"}
 """Maps an event of a margin in percentage points to the name of its rate in a comparison."""
 _MARGIN = re.compile(
-    r"\s*(?P<event>[a-z ]+?)\s*(?P<change>[+-]\d+(\.\d+)?)\s*(?P<unit>points|/h)\s*"
+    r"\s*(?P<event>[a-z ]+?)\s*(?P<limit>[+-]\d+(\.\d+)?)\s*(?P<unit>points|/h)\s*"
 )
 Verdict = Literal["pass", "fail", "undecided"]
 
@@ -39,11 +39,11 @@ class Margin(NamedTuple):
     """The largest accepted rise (positive) or fall (negative) of an event's rate."""
 
     event: str
-    change: float  # percentage points, or per hour
-    unit: str
+    limit: float  # percentage points, or per hour
+    unit: str  # "points" or "/h"
 
     def __str__(self) -> str:
-        return f"{self.event} {self.change:+g}{'/h' if self.unit == '/h' else ' points'}"
+        return f"{self.event} {self.limit:+g}{'/h' if self.unit == '/h' else ' points'}"
 
 
 class Judgement(NamedTuple):
@@ -58,11 +58,12 @@ class Judgement(NamedTuple):
 
     @property
     def measured(self) -> str:
-        """The change with its interval, as text."""
-        bounds = "no interval, because the faults are enumerated"
+        """The change as text, with its unit if that is percentage points, and its interval."""
+        interval = "no interval, because the faults are enumerated"
         if math.isfinite(self.change.low):
-            bounds = f"95 % interval {self.change.low:+,.4g} to {self.change.high:+,.4g}"
-        return f"{self.change.value:+,.4g}{' points' * (self.margin.unit != '/h')} ({bounds})"
+            interval = f"95 % interval {self.change.low:+,.4g} to {self.change.high:+,.4g}"
+        unit = "" if self.margin.unit == "/h" else " points"
+        return f"{self.change.value:+,.4g}{unit} ({interval})"
 
 
 class Gate(NamedTuple):
@@ -75,11 +76,16 @@ class Gate(NamedTuple):
     def exit_code(self) -> int:
         """Exit code: 1 if a margin is exceeded, else 2 if a verdict is undecided, else 0."""
         verdicts = {judgement.verdict for judgement in self.judgements}
-        return 1 if "fail" in verdicts else 2 if "undecided" in verdicts else 0
+        if "fail" in verdicts:
+            return 1
+        return 2 if "undecided" in verdicts else 0
 
 
 def parse_margin(text: str) -> Margin:
-    """Parse a margin such as "evades +0.5 points". Raise UserError for any other form."""
+    """Return the margin of the text, such as "evades +0.5 points" or "false cues +2/h".
+
+    Raise UserError for any other form, an unknown event, or an event with a wrong unit.
+    """
     example = (
         "expected an event, a signed number and a unit, such as"
         f' "evades +0.5 points" or "{FALSE_CUES} +2/h"'
@@ -87,7 +93,7 @@ def parse_margin(text: str) -> Margin:
     found = _MARGIN.fullmatch(text)
     if found is None:
         raise UserError(f"--margin {text!r}: {example}")
-    margin = Margin(found["event"], float(found["change"]), found["unit"])
+    margin = Margin(found["event"], float(found["limit"]), found["unit"])
     events = (FALSE_CUES,) if margin.unit == "/h" else tuple(EVENTS)
     if margin.event not in events:
         raise UserError(
@@ -98,10 +104,10 @@ def parse_margin(text: str) -> Margin:
 
 
 def judge_folders(first: Path, second: Path, margins: Sequence[Margin], most: int = 10) -> Gate:
-    """Judge whether the results in `second` are worse than those in `first` by more than margins.
+    """Compare the results in folder `second` with the results in folder `first`, and judge the
+    change of each margin's event. most: largest number of changed runs to list.
 
-    most: largest number of changed runs to list. Raise UserError for results that cannot be
-    compared, and StoreError.
+    Raise UserError for results that cannot be compared, and StoreError for unreadable folders.
     """
     compared = comparison.compare_folders(first, second, most)
     if not compared.pairs.compared:
@@ -112,26 +118,42 @@ def judge_folders(first: Path, second: Path, margins: Sequence[Margin], most: in
         # Judges the change of one event, or of false cues per hour, against its margin.
         if margin.unit == "/h":
             before, after = _false_cues(first), _false_cues(second)
-            sides = [f"{x.per_hour:.3g}/h ({x.count} in {x.hours:.2g} h)" for x in (before, after)]
-            change = independent_difference(*(Estimate(*x[2:]) for x in (after, before)))
+            first_text, second_text = _format_alarms(before), _format_alarms(after)
+            change = independent_difference(
+                Estimate(after.per_hour, after.low, after.high),
+                Estimate(before.per_hour, before.low, before.high),
+            )
         else:
             rate = rates[EVENTS[margin.event]]
-            sides = [wording.format_percent(side.value) for side in (rate.first, rate.second)]
-            change = Estimate(*(100 * number for number in rate.difference))
-        return Judgement(margin, sides[0], sides[1], change, judge_change(change, margin.change))
+            first_text = wording.format_percent(rate.first.value)
+            second_text = wording.format_percent(rate.second.value)
+            # From shares to percentage points.
+            change = Estimate(*(100 * share for share in rate.difference))
+        verdict = judge_change(change, margin.limit)
+        return Judgement(margin, first_text, second_text, change, verdict)
 
     return Gate(compared, [judge(margin) for margin in margins])
 
 
-def judge_change(change: Estimate, margin: float) -> Verdict:
-    """Compare a change with its margin. The change is harmful in the direction of the margin."""
-    sign = math.copysign(1.0, margin)
+def judge_change(change: Estimate, limit: float) -> Verdict:
+    """Return "pass" if the whole interval of the change is within the limit, "fail" if no part is,
+    else "undecided".
+
+    A positive limit is the largest accepted rise, a negative one the largest accepted fall. Of a
+    change without an interval, the value is compared.
+    """
+    # With this sign, a change for the worse is positive.
+    sign = math.copysign(1.0, limit)
     low, high = sorted((sign * change.low, sign * change.high))
     if not math.isfinite(change.low):
         low = high = sign * change.value
-    if high <= abs(margin):
+    if high <= abs(limit):
         return "pass"
-    return "fail" if low > abs(margin) else "undecided"
+    return "fail" if low > abs(limit) else "undecided"
+
+
+def _format_alarms(rate: AlarmRate) -> str:
+    return f"{rate.per_hour:.3g}/h ({rate.count} in {rate.hours:.2g} h)"
 
 
 def _false_cues(folder: Path) -> AlarmRate:

@@ -74,7 +74,7 @@ def enable_cache() -> None:
         if folder is not None and not jax.config.jax_compilation_cache_dir:
             jax.config.update("jax_compilation_cache_dir", str(folder))
 
-    lazy.when_loaded(use)
+    lazy.call_when_jax_loads(use)
 
 
 def object_cache() -> MutableMapping[str, bytes] | None:

@@ -1,4 +1,6 @@
-"""The command `ravenjax coverage`: which harmful faults each check detects, and pairs of faults."""
+"""The command `ravenjax coverage`: which harmful faults each check detects, and which pairs of
+faults harm together.
+"""
 
 from __future__ import annotations
 

@@ -130,7 +130,7 @@ def doctor(*, realtime: Switch = False, seconds: float = 60.0, as_json: Json = F
 
 def _measure_realtime(seconds: float, as_json: bool) -> int:
     # Prints how punctual ticks of 1 ms are on this machine. Returns the exit status.
-    from ravenjax.train import timing
+    from ravenjax.cli import timing
 
     measured = timing.measure_timing(seconds, lambda what: console.print_text(what, console.err))
     rows = [timing.timing_row(*loop) for loop in measured.items()]

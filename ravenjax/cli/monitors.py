@@ -105,10 +105,12 @@ def operate(
         hours: simulated hours in total
         robots: number of operations of each operator; default as in the calibration
     """
-    from ravenjax.analyses.monitors.calibrate import operate_afresh
+    from ravenjax.analyses.monitors.calibrate import simulate_new_operators
 
     with _progress(as_json) as progress:
-        peaks = operate_afresh(folder, out, hours, overrides or (), robots, engine, progress)
+        peaks = simulate_new_operators(
+            folder, out, hours, overrides or (), robots, engine, progress
+        )
     if as_json:
         return console.emit_json(
             {"folder": out, "operations": len(peaks.unit), "hours": float(peaks.hours.sum())}

@@ -91,7 +91,7 @@ def train(
                 listening = pages.open_port(host, port, token, instructor_token, console.print_text)
             helpers = SessionHelpers(stack, listening)
             beginning = f"{scenario}: preparing the session; the first time takes longest"
-            helpers.wait_for(beginning, console.print_text)
+            helpers.show_progress(beginning, console.print_text)
         from ravenjax.train import launch
         from ravenjax.train import scenario as scenarios
 
@@ -100,7 +100,7 @@ def train(
         drawn_by = setting.seed if seed is None else seed
         options = launch.SessionOptions(
             scenario=setting,
-            folder=out or launch.fresh_folder(setting.name, participant, drawn_by),
+            folder=out or launch.new_folder_path(setting.name, participant, drawn_by),
             seed=drawn_by,
             participant=participant,
             group=group,
@@ -124,7 +124,7 @@ def train(
                 options, with_page=page, linger_s=linger, say=console.print_text, helpers=helpers
             )
     # The same address, so that browser windows reconnect.
-    while result.wish is not None:
+    while result.next_command is not None:
         console.print_text(f"session: {result.folder} ({result.ended})")
         options = launch.next_options(options, result)
         console.print_text(f"{options.scenario.name}: preparing the next session")

@@ -30,9 +30,9 @@ import numpy as np
 
 from ravenjax.errors import UserError, describe_unknown_name
 from ravenjax.faults.fault import FaultSlot, SlotState, open_window
-from ravenjax.faults.injection import Strike
+from ravenjax.faults.injection import FaultAction
 from ravenjax.numbers.counter_random import CHANNEL_STRIDE, random_uniform
-from ravenjax.numbers.lazy import at_once, jnp, lax, when_loaded
+from ravenjax.numbers.lazy import call_when_jax_loads, jnp, lax, run_eagerly
 from ravenjax.numbers.vec import Scalar, as_int, record, where
 from ravenjax.vocabulary.effects import EFFECT_CODES, EFFECTS, NETWORK_EFFECTS
 
@@ -41,13 +41,14 @@ __all__ = ["Fault", "State", "apply", "init", "reset"]
 ENDLESS = 2**31 - 1
 """Duration of a fault that never ends, ticks."""
 _EFFECTS = (*(name for name in EFFECTS if name not in NETWORK_EFFECTS), "delay")
-_ABSENT = {"value": 0, "every": 0, "period": 1, "key": 0}
+_UNUSED_VALUES = {"value": 0, "every": 0, "period": 1, "key": 0}
 """Values of arguments that a fault does not use."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Fault:
-    """A fault: its effect on a signal, and when it acts. With JAX a pytree with static effect.
+    """A fault: its effect on a signal, and when it acts. In JAX it is a pytree, whose field
+    `effect` is static.
 
     effect: as in a campaign's `[[group.fault]]`. The only network effect is "delay": the signal
     of `value` ticks ago. value: value of the effect, in the signal's unit.
@@ -78,32 +79,42 @@ class Fault:
     def __post_init__(self) -> None:
         if self.effect not in _EFFECTS:
             raise UserError(describe_unknown_name("effect", self.effect, _EFFECTS))
-        draws = self.probability is not None
-        for name, needed in {
-            "value": EFFECTS[self.effect].takes_value,
-            "period": self.effect == "periodic",
-            "key": self.effect == "random" or draws,
-        }.items():
-            if needed != (getattr(self, name) is not None):
-                words = f"effect {self.effect}" + " and a probability" * draws
-                raise UserError(f"a fault with {words} {'needs' if needed else 'takes no'} {name}")
-        if draws and self.every is not None:
-            raise UserError("a fault has a probability or every, not both")
-        bounds: dict[str, tuple[float, float]] = dict.fromkeys(
-            ("duration", "every", "period"), (1, ENDLESS)
-        )
-        bounds |= {"start": (0, ENDLESS), "probability": (0, 1)}
-        if self.effect in ("bit_flip", "delay"):
-            bounds["value"] = (0, 31 if self.effect == "bit_flip" else ENDLESS)
-        for name, (low, high) in bounds.items():
+        self._require_arguments()
+        times = ("duration", "every", "period")
+        limits: dict[str, tuple[float, float]] = dict.fromkeys(times, (1, ENDLESS))
+        limits |= {"start": (0, ENDLESS), "probability": (0, 1)}
+        if self.effect == "bit_flip":
+            limits["value"] = (0, 31)
+        elif self.effect == "delay":
+            limits["value"] = (0, ENDLESS)
+        for name, (low, high) in limits.items():
+            numbers = getattr(self, name)
             # Numbers that are traced or on a device are not checked.
-            if isinstance(numbers := getattr(self, name), int | float | list | tuple | np.ndarray):
+            if isinstance(numbers, int | float | list | tuple | np.ndarray):
                 for number in np.ravel(numbers).tolist():
                     if not low <= number <= high:
                         raise UserError(f"{name} is {number}, expected {low} to {high}")
 
+    def _require_arguments(self) -> None:
+        # Raises UserError for an argument that is missing, or that the fault does not use.
+        is_random = self.probability is not None
+        needs = {
+            "value": EFFECTS[self.effect].takes_value,
+            "period": self.effect == "periodic",
+            "key": self.effect == "random" or is_random,
+        }
+        for name, is_needed in needs.items():
+            is_given = getattr(self, name) is not None
+            if is_given != is_needed:
+                words = f"effect {self.effect}{' and a probability' if is_random else ''}"
+                raise UserError(
+                    f"a fault with {words} {'needs' if is_needed else 'takes no'} {name}"
+                )
+        if is_random and self.every is not None:
+            raise UserError("a fault has a probability or every, not both")
 
-when_loaded(
+
+call_when_jax_loads(
     lambda jax: jax.tree_util.register_dataclass(
         Fault,
         data_fields=[field.name for field in dataclasses.fields(Fault)[1:]],
@@ -128,19 +139,22 @@ def init(signal: Any, fault: Fault) -> State:
 
     With effect delay, `fault.value` must not be traced, because it is the length of the history.
     """
-    with at_once(signal) as signal:
-        depth = 0
+    with run_eagerly(signal) as signal:
+        longest_delay = 0
         if fault.effect == "delay":
-            depth = int(jnp.max(jnp.asarray(fault.value, dtype=jnp.int32)))
-        return _start(signal.shape, _kind_and_real(signal)[1], (signal,) * depth)
+            longest_delay = int(jnp.max(jnp.asarray(fault.value, dtype=jnp.int32)))
+        _, real = _number_types(signal)
+        return _initial_state(signal.shape, real, (signal,) * longest_delay)
 
 
 def reset(state: State, done: Any) -> State:
     """Return the state with the environments that are `done` (bool) as before their first tick."""
-    latched = state.slot.latched
-    with at_once(latched):
-        start = _start(latched.shape, latched.dtype, state.history)
-        return where(_leading("done", done, latched.shape) != 0, start, state)
+    # This array has the shape and the library of the signal, and the type of computations.
+    like_signal = state.slot.latched
+    shape = like_signal.shape
+    with run_eagerly(like_signal):
+        start = _initial_state(shape, like_signal.dtype, state.history)
+        return where(_broadcast_leading("done", done, shape) != 0, start, state)
 
 
 def apply(
@@ -152,47 +166,53 @@ def apply(
     time with which `start` is compared, such as ticks since a trigger; while it is negative, the
     fault does not act. None: ticks since the reset.
     """
-    with np.errstate(all="ignore"), at_once(signal) as signal:
-        shape, (kind, real) = signal.shape, _kind_and_real(signal)
+    with np.errstate(all="ignore"), run_eagerly(signal) as signal:
+        shape, (kind, real) = signal.shape, _number_types(signal)
 
-        def numbers(name: str, dtype: Any = jnp.int32) -> Any:
+        def argument(name: str, dtype: Any = jnp.int32) -> Any:
+            # Returns an argument of the fault as an array of the signal's shape.
             given = getattr(fault, name)
-            return _spread(name, _ABSENT[name] if given is None else given, shape, dtype)
+            return _broadcast(name, _UNUSED_VALUES[name] if given is None else given, shape, dtype)
 
-        tick = _leading("tick", tick, shape)
-        fresh = state.began < 0
-        began = jnp.where(fresh, tick, state.began)
-        reading = tick - began if clock is None else _leading("clock", clock, shape)
+        tick = _broadcast_leading("tick", tick, shape)
+        is_first_call = state.began < 0
+        began = jnp.where(is_first_call, tick, state.began)
+        reading = tick - began if clock is None else _broadcast_leading("clock", clock, shape)
         effect, history = fault.effect, state.history
         if effect == "delay":
-            past = (signal, *(jnp.where(fresh, signal, old) for old in history))
+            # A delay overwrites the signal with a signal of an earlier tick. Newest first.
+            past = (signal, *(jnp.where(is_first_call, signal, old) for old in history))
             effect, history, value = "overwrite", past[:-1], signal
             for ticks, old in enumerate(past):
-                value = jnp.where(numbers("value") == ticks, old, value)
+                value = jnp.where(argument("value") == ticks, old, value)
             value = lax.convert_element_type(value, real)
         else:
-            value = numbers("value", real)
-        place = jnp.reshape(jnp.arange(math.prod(shape)), shape)
-        key, place = (lax.convert_element_type(x, jnp.uint32) for x in (numbers("key"), place))
-        keys = key + place * jnp.uint32(CHANNEL_STRIDE)
-        at, whole = numbers("at"), map(numbers, ("start", "duration", "every", "period"))
-        slot = FaultSlot(at, at * EFFECT_CODES[effect], value, tick, *whole, key=keys)
-        since = reading - slot.start
+            value = argument("value", real)
+        # Each element has its own random numbers for the effect.
+        element = jnp.reshape(jnp.arange(math.prod(shape)), shape)
+        key = lax.convert_element_type(argument("key"), jnp.uint32)
+        element = lax.convert_element_type(element, jnp.uint32)
+        at, element_key = argument("at"), key + element * jnp.uint32(CHANNEL_STRIDE)
+        times = (argument(name) for name in ("start", "duration", "every", "period"))
+        slot = FaultSlot(at, at * EFFECT_CODES[effect], value, tick, *times, key=element_key)
+        since_start = reading - slot.start
         if fault.probability is not None:
-            goes_on = state.slot.active & (state.slot.age + 1 < slot.duration)
-            begins = random_uniform(key, tick, 1) < numbers("probability", jnp.float32)
-            drawn = jnp.where(goes_on, state.slot.age + 1, as_int(begins) - 1)
-            since = jnp.where(since < 0, -1, drawn)
-        opened = open_window(slot, state.slot, since)
+            # The time since the last random start, or -1 if the fault does not act.
+            next_age = state.slot.age + 1
+            continues = state.slot.active & (next_age < slot.duration)
+            begins = random_uniform(key, tick, 1) < argument("probability", jnp.float32)
+            since_random_start = jnp.where(continues, next_age, as_int(begins) - 1)
+            since_start = jnp.where(since_start < 0, -1, since_random_start)
+        opened = open_window(slot, state.slot, since_start)
         x = lax.convert_element_type(signal, real)
-        strike = Strike((effect,), slot, opened, x, tick, at > 0, True)
-        value, differs = strike.replacement(kind, signal)
-        activated = strike.hit & differs
-        struck = jnp.where(strike.hit, value, signal)
-        return struck, State(strike.slot_after(activated), began, history), activated
+        action = FaultAction((effect,), slot, opened, x, tick, on_channel=at > 0, present=True)
+        value, differs = action.replacement(kind, signal)
+        activated = action.acts & differs
+        faulty_signal = jnp.where(action.acts, value, signal)
+        return faulty_signal, State(action.slot_after(activated), began, history), activated
 
 
-def _kind_and_real(signal: Any) -> tuple[str, Any]:
+def _number_types(signal: Any) -> tuple[str, Any]:
     """Return the number type of a fault channel for this signal, and the type of computations."""
     name = str(signal.dtype)
     if "float" in name:
@@ -202,29 +222,29 @@ def _kind_and_real(signal: Any) -> tuple[str, Any]:
     return "int32" if "int" in name else "bool", jnp.float32
 
 
-def _start(shape: tuple[int, ...], real: Any, history: tuple[Any, ...]) -> State:
+def _initial_state(shape: tuple[int, ...], real: Any, history: tuple[Any, ...]) -> State:
     # Returns the state before the first tick: the fault does not act, and no signal is known.
     def filled(x: float, dtype: Any = jnp.int32) -> Any:
-        return _spread("", x, shape, dtype)
+        return _broadcast("", x, shape, dtype)
 
-    shut, zero, unseen = filled(0) > 0, filled(0.0, real), filled(math.nan, real)
-    slot = SlotState(shut, filled(0), zero, unseen, filled(-1), filled(0), filled(-1))
+    active, zero, unseen = filled(0) > 0, filled(0.0, real), filled(math.nan, real)
+    slot = SlotState(active, filled(0), zero, unseen, filled(-1), filled(0), filled(-1))
     return State(slot, filled(-1), history)
 
 
-def _leading(name: str, x: Any, shape: tuple[int, ...]) -> Any:
-    """Broadcast int32 numbers for the leading axes of the signal to its whole shape."""
+def _broadcast_leading(name: str, x: Any, shape: tuple[int, ...]) -> Any:
+    """Return int32 numbers for the leading axes of the signal as an array of its shape."""
     x = jnp.asarray(x, dtype=jnp.int32)
     ones = (1,) * (len(shape) - x.ndim)
-    return _spread(name, jnp.reshape(x, (*x.shape, *ones)), shape, jnp.int32)
+    return _broadcast(name, jnp.reshape(x, (*x.shape, *ones)), shape, jnp.int32)
 
 
-def _spread(name: str, x: Any, shape: tuple[int, ...], dtype: Any) -> Any:
-    # Converts an argument to an array of the signal's shape.
+def _broadcast(name: str, x: Any, shape: tuple[int, ...], dtype: Any) -> Any:
+    # Returns the argument `name` as an array of the signal's shape.
     x = jnp.asarray(x, dtype=dtype)
     try:
         return jnp.broadcast_to(x, shape)
     except (TypeError, ValueError, RuntimeError) as error:
-        own = tuple(x.shape)
-        message = f"{name} has shape {own}, expected one that broadcasts to the signal's {shape}"
+        got = tuple(x.shape)
+        message = f"{name} has shape {got}, expected one that broadcasts to the signal's {shape}"
         raise UserError(message) from error

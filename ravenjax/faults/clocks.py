@@ -28,22 +28,23 @@ class Opening(NamedTuple):
         """Return the smallest reading from `low` to `high` with an open window, or NEVER."""
         reading = np.maximum(low, self.start)
         repeats = self.every > 0
-        beyond = (reading - self.start) % np.where(repeats, self.every, NEVER)
-        later = np.where(repeats, reading + self.every - beyond, NEVER)
-        reading = np.where(beyond < self.duration, reading, later)
+        since_opening = (reading - self.start) % np.where(repeats, self.every, NEVER)
+        next_opening = np.where(repeats, reading + self.every - since_opening, NEVER)
+        reading = np.where(since_opening < self.duration, reading, next_opening)
         return np.where(reading <= high, reading, NEVER)
 
     def last(self, low: np.ndarray | int, high: np.ndarray | int) -> np.ndarray:
         """Return the largest reading from `low` to `high` with an open window, or -1."""
-        beyond = (high - self.start) % np.where(self.every > 0, self.every, NEVER)
-        reading = high - np.maximum(beyond - self.duration + 1, 0)
+        since_opening = (high - self.start) % np.where(self.every > 0, self.every, NEVER)
+        # If the window has shut before `high`, its last reading.
+        reading = high - np.maximum(since_opening - self.duration + 1, 0)
         return np.where(reading >= np.maximum(low, self.start), reading, -1)
 
 
 class Arrivals(Protocol):
     """Times at which packets arrive."""
 
-    def comes(self, rows: np.ndarray, packets: np.ndarray) -> np.ndarray:
+    def arrival_ticks(self, rows: np.ndarray, packets: np.ndarray) -> np.ndarray:
         """Return the ticks (int64) in which these packets, counted from 1, arrive in these runs.
 
         For a packet after the end of the run, the result is any later tick.
@@ -64,15 +65,16 @@ class PedalPhases(NamedTuple):
 
     def end(self, opening: Opening, ticks: int) -> np.ndarray:
         """Return the first tick after the last window of each fault; 0 if no window opens."""
-        after = np.zeros(len(opening.start), np.int64)
+        window_end = np.zeros(len(opening.start), np.int64)
         if self.later is None:
-            return np.full_like(after, ticks)
+            return np.full_like(window_end, ticks)
         for begin, end in zip(self.begins.tolist(), self.ends.tolist(), strict=True):
-            latest = min(end + self.later, ticks)
-            reading = opening.last(0, latest - begin - 1)
-            tick = np.minimum(begin + self.later + reading + 1, latest)
-            after = np.where(reading >= 0, np.maximum(after, tick), after)
-        return after
+            # The phase may begin and end up to `later` ticks late.
+            latest_end = min(end + self.later, ticks)
+            last_reading = opening.last(0, latest_end - begin - 1)
+            tick = np.minimum(begin + self.later + last_reading + 1, latest_end)
+            window_end = np.where(last_reading >= 0, np.maximum(window_end, tick), window_end)
+        return window_end
 
 
 class Clocks(NamedTuple):
@@ -82,36 +84,44 @@ class Clocks(NamedTuple):
     phases: tuple[PedalPhases, ...]
     kind: np.ndarray  # int [runs], index in `phases`
     # bool [channels], by code: True if faults on the channel may change the pedal, other than by
-    # stopping the robot
+    # stopping the robot.
     moved: np.ndarray
 
     def first_down(self, ticks: int) -> np.ndarray:
-        """Return the first tick with the pedal down in each run; `ticks` if there is none."""
-        return np.array([min((*phases.begins, ticks)) for phases in self.phases])[self.kind]
+        """Return the first tick with the pedal down in each run; `ticks`, the length of a run, if
+        there is none.
+        """
+        first_of_kind = np.array([min((*phases.begins, ticks)) for phases in self.phases])
+        return first_of_kind[self.kind]
 
     def packet_end(self, rows: np.ndarray, opening: Opening, ticks: int) -> np.ndarray:
-        """Return the first tick after the last window on the packet clock; 0: no window opens."""
+        """Return the first tick after each fault's last window on the packet clock; 0: none opens.
+
+        rows: runs of the faults. opening: their windows. ticks: length of a run.
+        """
         if self.arrivals is None:
             return np.full(len(rows), ticks, np.int64)
         repeats = opening.every > 0
-        newest = np.full(len(rows), ticks, np.int64)  # no packet number is higher
+        # No packet number is higher than `ticks`. Only windows that repeat need the newest number.
+        newest = np.full(len(rows), ticks, np.int64)
         if repeats.any():
             newest[repeats] = self.arrivals.newest(rows[repeats])
-        last = opening.last(1, newest)
-        # after the run's end if there is no such packet
-        first = np.minimum(opening.first(1, newest), newest + 1)
-        opens = (last > 0) & (self.arrivals.comes(rows, first) < ticks)
-        return np.where(
-            opens, np.minimum(self.arrivals.comes(rows, np.maximum(last, 0) + 1), ticks), 0
-        )
+        last_packet = opening.last(1, newest)
+        # Without such a packet, the next one after the end of the run.
+        first_packet = np.minimum(opening.first(1, newest), newest + 1)
+        opens = (last_packet > 0) & (self.arrivals.arrival_ticks(rows, first_packet) < ticks)
+        # The window shuts when the packet after the last one arrives.
+        shut_tick = self.arrivals.arrival_ticks(rows, np.maximum(last_packet, 0) + 1)
+        return np.where(opens, np.minimum(shut_tick, ticks), 0)
 
     def pedal_end(self, rows: np.ndarray, opening: Opening, ticks: int) -> np.ndarray:
-        """Return the first tick after the last window on the pedal clock; 0: no window opens.
+        """Return the first tick after each fault's last window on the pedal clock; 0: none opens.
 
-        The result is valid for runs in which no fault changes the pedal.
+        Arguments: see `packet_end`. Valid only for runs in which no fault changes the pedal.
         """
-        after = np.zeros(len(rows), np.int64)
+        window_end = np.zeros(len(rows), np.int64)
         for kind, phases in enumerate(self.phases):
-            mine = self.kind[rows] == kind
-            after[mine] = phases.end(Opening(*(column[mine] for column in opening)), ticks)
-        return after
+            of_kind = self.kind[rows] == kind
+            kind_opening = Opening(*(column[of_kind] for column in opening))
+            window_end[of_kind] = phases.end(kind_opening, ticks)
+        return window_end

@@ -50,26 +50,27 @@ class FaultState:
 
 
 def outcomes(state: FaultState) -> dict[str, Scalar]:
-    """Return when and how often each fault changed its channel, as columns of the result table."""
-    out: dict[str, Scalar] = {}
-    first, ticks = jnp.int32(-1), jnp.int32(0)
+    """Return the outcome columns of faults: the first and the last tick in which each changed its
+    channel (-1: never), the number of such ticks, and the first tick and the sum of all faults.
+    """
+    columns: dict[str, Scalar] = {}
+    first, total = jnp.int32(-1), jnp.int32(0)
     for k, slot in enumerate(state.slots):
-        out[f"applied{k}_first_ms"] = slot.first_tick
-        out[f"applied{k}_last_ms"] = slot.last_tick
-        out[f"applied{k}_ticks"] = slot.changed_ticks
-        earlier = (slot.first_tick >= 0) & ((first < 0) | (slot.first_tick < first))
-        first = jnp.where(earlier, slot.first_tick, first)
-        ticks = ticks + slot.changed_ticks
-    return out | {"first_active_ms": first, "active_ticks": ticks}
+        columns[f"applied{k}_first_ms"] = slot.first_tick
+        columns[f"applied{k}_last_ms"] = slot.last_tick
+        columns[f"applied{k}_ticks"] = slot.changed_ticks
+        is_earlier = (slot.first_tick >= 0) & ((first < 0) | (slot.first_tick < first))
+        first = jnp.where(is_earlier, slot.first_tick, first)
+        total = total + slot.changed_ticks
+    return columns | {"first_active_ms": first, "active_ticks": total}
 
 
 def init(setup: Setup) -> FaultState:
     """Return the state before the first tick."""
     zero = jnp.asarray(0.0, setup.precision.real)
     unseen = jnp.asarray(jnp.nan, setup.precision.real)
-    slot = SlotState(
-        jnp.bool_(False), jnp.int32(0), zero, unseen, jnp.int32(-1), jnp.int32(0), jnp.int32(-1)
-    )
+    never = jnp.int32(-1)
+    slot = SlotState(jnp.bool_(False), jnp.int32(0), zero, unseen, never, jnp.int32(0), never)
     return FaultState((slot,) * setup.injection.slots)
 
 
@@ -85,36 +86,40 @@ class TriggerClocks:
     pedal: Scalar  # ticks since pedal-down was entered; negative: not in pedal-down
 
 
-def _slot(setup: Setup, fault: FaultSlot, state: SlotState, clock: TriggerClocks) -> SlotState:
-    # Updates whether the slot's fault acts, from the clock of its trigger: time, packets or pedal.
-    used = setup.injection.triggers
+def _open_slot(setup: Setup, fault: FaultSlot, state: SlotState, clock: TriggerClocks) -> SlotState:
+    # Returns the slot's state with its window as in this tick, by the clock of its trigger.
+    triggers = setup.injection.triggers
     readings = {"time": clock.tick, "packet": clock.packet, "pedal": clock.pedal}
-    reading = readings[used[0]]
-    for name in used[1:]:
+    reading = readings[triggers[0]]
+    for name in triggers[1:]:
         reading = jnp.where(fault.trigger == TRIGGER_CODES[name], readings[name], reading)
-    since = reading - fault.start
-    if "pedal" in used:
-        shut = (fault.trigger == TRIGGER_CODES["pedal"]) & (clock.pedal < 0)
-        since = jnp.where(shut, -1, since)
-    return open_window(fault, state, since)
+    since_start = reading - fault.start
+    if "pedal" in triggers:
+        pedal_is_up = (fault.trigger == TRIGGER_CODES["pedal"]) & (clock.pedal < 0)
+        since_start = jnp.where(pedal_is_up, -1, since_start)
+    return open_window(fault, state, since_start)
 
 
-def open_window(fault: FaultSlot, state: SlotState, since: Scalar) -> SlotState:
-    """Update whether the fault of a slot acts in this tick, and for how many ticks it has acted.
+def open_window(fault: FaultSlot, state: SlotState, since_start: Scalar) -> SlotState:
+    """Return the slot's state: whether its window is open in this tick, and for how many ticks.
 
-    since: int32, the clock's reading minus the start of the fault; negative: before the start.
+    since_start: int32, the clock's reading minus the start of the fault; negative: before it.
     """
     repeats = fault.every > 0
-    cycle = jnp.where(repeats, lax.rem(since, jnp.where(repeats, fault.every, 1)), since)
-    active = (fault.code > 0) & (since >= 0) & (cycle < fault.duration)
-    age = jnp.where(active & state.active & (cycle > 0), state.age + 1, 0)
+    since_opening = jnp.where(
+        repeats, lax.rem(since_start, jnp.where(repeats, fault.every, 1)), since_start
+    )
+    active = (fault.code > 0) & (since_start >= 0) & (since_opening < fault.duration)
+    # A window that opens again begins with age 0.
+    age = jnp.where(active & state.active & (since_opening > 0), state.age + 1, 0)
     return replace(state, active=active, age=age)
 
 
 def open_windows(
     setup: Setup, faults: Faults, state: FaultState, clock: TriggerClocks
 ) -> FaultState:
-    """Update which faults act in this tick. Call this once per tick, before any fault site.
+    """Return the state with the windows of all faults as in this tick. Call this once per tick,
+    before any fault site.
 
     Start and duration are on the trigger's clock. A fault that counts packets acts in all ticks of
     a packet.
@@ -123,5 +128,8 @@ def open_windows(
     if not setup.injection.triggers:
         return state
     return FaultState(
-        tuple(_slot(setup, f, s, clock) for f, s in zip(faults.slots, state.slots, strict=True))
+        tuple(
+            _open_slot(setup, fault, slot, clock)
+            for fault, slot in zip(faults.slots, state.slots, strict=True)
+        )
     )

@@ -27,8 +27,10 @@ def flip_bit(x: Scalar, fault: FaultSlot) -> Scalar:
     return x ^ (1 << (to_int32(fault.value) & 31))
 
 
-def _affected(effect: str, x: Scalar, fault: FaultSlot, slot: SlotState, tick: Scalar) -> Scalar:
-    """Return the float that replaces `x` under an effect.
+def _apply_effect(
+    effect: str, x: Scalar, fault: FaultSlot, slot: SlotState, tick: Scalar
+) -> Scalar:
+    """Return the float that replaces the float `x` under an effect.
 
     For whole numbers under effect bit_flip, `flip_bit` is used instead.
     """
@@ -44,8 +46,8 @@ def _affected(effect: str, x: Scalar, fault: FaultSlot, slot: SlotState, tick: S
         case "drift":
             return x + fault.value * lax.convert_element_type(slot.age + 1, x.dtype)
         case "stuck":
-            # A fault that acts from the first tick has no earlier value, so it keeps the number of
-            # the first tick.
+            # A fault that acts from the first tick has no earlier value, which is NaN, so it keeps
+            # the number of the first tick. A comparison with NaN is false.
             return jnp.where(slot.before == slot.before, slot.before, x)
         case "bit_flip":
             pattern = lax.bitcast_convert_type(lax.convert_element_type(x, jnp.float32), jnp.int32)
@@ -60,17 +62,17 @@ def _affected(effect: str, x: Scalar, fault: FaultSlot, slot: SlotState, tick: S
             return fault.value * (2.0 * uniform - 1.0)
         case "lose":
             # Remaining ticks of the current loss, stored in `latched`; 0: no loss.
-            before = jnp.where(slot.age == 0, 0.0, jnp.maximum(slot.latched - 1.0, 0.0))
+            remaining = jnp.where(slot.age == 0, 0.0, jnp.maximum(slot.latched - 1.0, 0.0))
             length = lax.convert_element_type(fault.period, x.dtype)
-            return jnp.where(random_uniform(fault.key, tick, 0) < fault.value, length, before)
+            return jnp.where(random_uniform(fault.key, tick, 0) < fault.value, length, remaining)
     assert effect == "toggle"
     return jnp.where((slot.age & 1) == 0, fault.value, 0.0)
 
 
-class Strike:
+class FaultAction:
     """The action of one fault on one number in one tick.
 
-    hit: bool, True if the fault acts in this tick, on a channel of this site, which is present.
+    acts: bool, True if the fault acts in this tick, on a channel of this site, which is present.
     """
 
     def __init__(
@@ -80,32 +82,30 @@ class Strike:
         slot: SlotState,
         x: Scalar,
         tick: Scalar,
-        here: Scalar,
+        on_channel: Scalar,
         present: Scalar,
     ) -> None:
         """Compute the float that replaces `x`. effects: all effects that occur at the site.
 
-        here: bool, the fault's channel is one of the site. present: bool, the signal exists.
+        on_channel: bool, the fault's channel belongs to the site. present: bool, the signal exists.
         """
         first, *others = effects
-        y = _affected(first, x, fault, slot, tick)
+        y = _apply_effect(first, x, fault, slot, tick)
         for name in others:
-            y = jnp.where(
-                fault.effect == EFFECT_CODES[name], _affected(name, x, fault, slot, tick), y
-            )
+            is_effect = fault.effect == EFFECT_CODES[name]
+            y = jnp.where(is_effect, _apply_effect(name, x, fault, slot, tick), y)
         self._y = lax.convert_element_type(y, x.dtype)
-        self.hit = slot.active & here & present
+        self.acts = slot.active & on_channel & present
         self._flips = fault.effect == EFFECT_CODES["bit_flip"]
         self._latches = slot.age == 0
         if "lose" in effects:
             self._latches = self._latches | (fault.effect == EFFECT_CODES["lose"])
         self._may_flip = "bit_flip" in effects
-        self._fault, self._slot, self._x, self._tick, self._here = fault, slot, x, tick, here
+        self._fault, self._slot, self._x, self._tick = fault, slot, x, tick
+        self._on_channel = on_channel
 
     def replacement(self, kind: str, number: Scalar) -> tuple[Scalar, Scalar]:
-        """Return the number that replaces `number` in a channel of this type, and whether they
-        differ in a bit.
-        """
+        """Return the number that replaces `number`, and whether the two differ in a bit."""
         value = _store(kind, self._y, number)
         differs = value != number
         if self._may_flip and kind == "float":
@@ -114,7 +114,7 @@ class Strike:
             differs = differs | self._flips
         elif self._may_flip:
             bits = flip_bit(lax.convert_element_type(number, jnp.int32), self._fault)
-            bits = _fitted(kind, bits)
+            bits = _fit_width(kind, bits)
             value = jnp.where(self._flips, lax.convert_element_type(bits, number.dtype), value)
             differs = value != number
         return value, differs
@@ -122,12 +122,13 @@ class Strike:
     def slot_after(self, changed: Scalar) -> SlotState:
         """Return the slot's state after this tick. changed: bool, the fault changed a bit."""
         slot, tick = self._slot, self._tick
+        latched = jnp.where(self.acts & self._latches, self._y, slot.latched)
+        # Before the window, or if no value was stored yet, which is then NaN.
+        stores_value = self._on_channel & (~slot.active | (slot.before != slot.before))
         return replace(
             slot,
-            latched=jnp.where(self.hit & self._latches, self._y, slot.latched),
-            before=jnp.where(
-                self._here & (~slot.active | (slot.before != slot.before)), self._x, slot.before
-            ),
+            latched=latched,
+            before=jnp.where(stores_value, self._x, slot.before),
             first_tick=first_tick(tick, changed, slot.first_tick),
             last_tick=jnp.where(changed, tick, slot.last_tick),
             changed_ticks=slot.changed_ticks + as_int(changed),
@@ -144,7 +145,7 @@ Target = tuple[Path, str]
 
 
 def channel_keys(setup: Setup) -> tuple[ChannelKey, ...]:
-    """Return all channels with faults. The code of a fault is the index of its channel plus 1."""
+    """Return all channels with faults. A fault's channel code is the index in this list plus 1."""
     return tuple(
         (use.site, arm, channel) for use in setup.injection.sites for arm, channel in use.channels
     )
@@ -158,7 +159,7 @@ def read_channel(signal: Any, path: Path) -> Scalar:
 
 
 def write_channel(signal: Any, path: Path, value: Scalar) -> Any:
-    """Return a copy of a site's signal with `value` at `path`."""
+    """Return a copy of a site's signal with `value` at `path`, names of fields and indices."""
     if not path:
         return value
     step, rest = path[0], path[1:]
@@ -170,18 +171,21 @@ def write_channel(signal: Any, path: Path, value: Scalar) -> Any:
 
 
 def _store(kind: str, y: Scalar, old: Scalar) -> Scalar:
-    """Convert `y` (float) to the channel's type. A number beyond int32 becomes -2147483648."""
+    """Return `y` (float) in the type of the number `old`. Beyond int32 it becomes -2147483648."""
     if kind == "float":
         return lax.convert_element_type(y, old.dtype)
     if kind == "bool":
         return lax.convert_element_type(y != 0.0, old.dtype)
-    return lax.convert_element_type(_fitted(kind, to_int32(y)), old.dtype)
+    return lax.convert_element_type(_fit_width(kind, to_int32(y)), old.dtype)
 
 
-def _fitted(kind: str, whole: Scalar) -> Scalar:
+def _fit_width(kind: str, whole: Scalar) -> Scalar:
+    # Returns an int32 as the number that a channel of this type can store.
     if kind == "int16":
         return wrap16(whole)
-    return jnp.minimum(jnp.maximum(whole, -32768), 32767) if kind == "int16 saturated" else whole
+    if kind == "int16 saturated":
+        return jnp.minimum(jnp.maximum(whole, -32768), 32767)
+    return whole
 
 
 @dataclasses.dataclass(eq=False)
@@ -189,32 +193,34 @@ class Injector:
     """Injects faults in one tick: call it with each site and its signal, in order."""
 
     setup: Any  # a setup of the robot's class
-    # Path in its site's signal and kind of each channel of `channel_keys`; the kinds are "int16",
-    # "int16 saturated", "int32", "float" and "bool".
+    # For each channel of `channel_keys`: its path in the signal of its site, and its number type,
+    # which is "int16", "int16 saturated", "int32", "float" or "bool".
     paths: Mapping[ChannelKey, Target]
     faults: Faults
     state: FaultState
     clock: TriggerClocks
 
-    def strikes(self, *sites: str) -> bool:
+    def injects_at(self, *sites: str) -> bool:
         """Return whether the campaign injects faults at any of these sites."""
         return injects_faults(self.setup, *sites)
 
-    def strike_parameters(self, params: Any) -> Any:
-        """Return the parameters of the tick after faults: each channel is the path of a number."""
+    def inject_parameters(self, params: Any) -> Any:
+        """Return parameters with their faults. A channel of this site is a full path."""
         keys = [key for key in channel_keys(self.setup) if key[0] == PARAMETER]
-        given = [paths.named_numbers(params, self.setup, name)[name] for _, _, name in keys]
-        numbers = Vec(map(jnp.asarray, given))
+        numbers = Vec(
+            jnp.asarray(paths.named_numbers(params, self.setup, path)[path]) for _, _, path in keys
+        )
         for i, (key, number) in enumerate(zip(keys, numbers, strict=True)):
-            # The kind of a parameter's number is known only here.
+            # The type of a parameter's number is known only here.
             kind = "float" if jnp.issubdtype(number.dtype, jnp.floating) else "int32"
             self.paths = {**self.paths, key: ((i,), kind)}
-        for key, number in zip(keys, self(PARAMETER, numbers), strict=True):
-            params = paths.assign_numbers(params, self.setup, key[2], number)
+        faulty_numbers = self(PARAMETER, numbers)
+        for (_, _, path), number in zip(keys, faulty_numbers, strict=True):
+            params = paths.assign_numbers(params, self.setup, path, number)
         return params
 
     def __call__(self, site: str, signal: Any, present: Scalar = True) -> Any:
-        """Return the signal of a site with its faults. present: bool, the signal exists."""
+        """Return a site's signal with its faults. present: bool, the signal exists in this tick."""
         keys = channel_keys(self.setup)
         for use in self.setup.injection.sites:
             if use.site != site:
@@ -222,11 +228,11 @@ class Injector:
             targets = [(i + 1, *self.paths[key]) for i, key in enumerate(keys) if key[0] == site]
             slots = list(self.state.slots)
             for i, fault in enumerate(self.faults.slots):
-                slots[i], signal = self._strike(use, targets, fault, slots[i], signal, present)
+                slots[i], signal = self._inject_slot(use, targets, fault, slots[i], signal, present)
             self.state = FaultState(tuple(slots))
         return signal
 
-    def _strike(
+    def _inject_slot(
         self,
         use: SiteUse,
         targets: list[tuple[int, Path, str]],
@@ -235,25 +241,26 @@ class Injector:
         signal: Any,
         present: Scalar,
     ) -> tuple[SlotState, Any]:
-        """Apply one fault slot at one site. Return the slot's state and the signal.
+        """Apply the fault of one slot at one site. Return the slot's state and the signal.
 
-        targets: (code, path, number type) of the site's channels.
+        targets: (code, path, number type) of each of the site's channels.
         """
-        real, tick = self.setup.precision.real, self.clock.tick
+        real = self.setup.precision.real
         numbers = [jnp.asarray(read_channel(signal, path)) for _, path, _ in targets]
-        aims = [fault.code == code for code, _, _ in targets]
+        is_target = [fault.code == code for code, _, _ in targets]
+        # The number of the fault's channel, and whether this channel belongs to the site.
         x = lax.convert_element_type(numbers[0], real)
-        here = aims[0]
-        for aim, number in zip(aims[1:], numbers[1:], strict=True):
-            x = jnp.where(aim, lax.convert_element_type(number, real), x)
-            here = here | aim
-        strike = Strike(use.effects, fault, slot, x, tick, here, present)
+        on_channel = is_target[0]
+        for selected, number in zip(is_target[1:], numbers[1:], strict=True):
+            x = jnp.where(selected, lax.convert_element_type(number, real), x)
+            on_channel = on_channel | selected
+        action = FaultAction(use.effects, fault, slot, x, self.clock.tick, on_channel, present)
         changed = jnp.bool_(False)
-        for aim, number, (_, path, kind) in zip(aims, numbers, targets, strict=True):
-            value, differs = strike.replacement(kind, number)
-            changed = changed | (strike.hit & aim & differs)
-            signal = write_channel(signal, path, jnp.where(strike.hit & aim, value, number))
-        return strike.slot_after(changed), signal
+        for selected, number, (_, path, kind) in zip(is_target, numbers, targets, strict=True):
+            value, differs = action.replacement(kind, number)
+            changed = changed | (action.acts & selected & differs)
+            signal = write_channel(signal, path, jnp.where(action.acts & selected, value, number))
+        return action.slot_after(changed), signal
 
 
 def injects_faults(setup: Setup, *sites: str) -> bool:
@@ -264,9 +271,11 @@ def injects_faults(setup: Setup, *sites: str) -> bool:
 @functools.cache
 def channel_paths(robot: Robot, setup: Setup) -> dict[ChannelKey, Target]:
     """Return path and number type of each channel with faults, except of parameters."""
-    table = {}
-    for site, arm, name in (key for key in channel_keys(setup) if key[0] != PARAMETER):
+    targets = {}
+    for site, arm, name in channel_keys(setup):
+        if site == PARAMETER:
+            continue
         channel = robot.sites[site].channel(name)
         path = tuple(setup.arms.index(arm) if step == ARM else step for step in channel.path)
-        table[site, arm, name] = (path, channel.kind)
-    return table
+        targets[site, arm, name] = (path, channel.kind)
+    return targets

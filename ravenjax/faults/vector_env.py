@@ -36,35 +36,44 @@ class FaultyVectorEnv(VectorWrapper):
     def reset(
         self, *, seed: Any = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Reset all environments, or those of `options["reset_mask"]`."""
+        """Reset all environments, or the environments that `options["reset_mask"]` marks."""
         observations, info = self.env.reset(seed=seed, options=options)
-        self._tick = self._tick if seed is None else 0
-        self._reset((options or {}).get("reset_mask", True))
-        observations, masks = self._strike("observations", observations)
-        return observations, {**info, "faults": {"actions": [], "observations": masks}}
+        # Random numbers depend on the tick, so that they are the same again after the same seed.
+        if seed is not None:
+            self._tick = 0
+        self._reset_faults((options or {}).get("reset_mask", True))
+        observations, changed = self._inject("observations", observations)
+        return observations, {**info, "faults": {"actions": [], "observations": changed}}
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Compute one step with faulty actions, and inject faults into its observations."""
+        """Compute one step with faulty actions, and inject faults into its observations.
+
+        If the environments reset themselves at the end of an episode, the faults are reset too.
+        """
         self._tick += 1
-        actions, acted = self._strike("actions", actions)
+        actions, changed_actions = self._inject("actions", actions)
         observations, reward, terminated, truncated, info = self.env.step(actions)
-        ended, self._done = self._done, terminated | truncated
+        done_before, self._done = self._done, terminated | truncated
         mode = self.env.metadata.get("autoreset_mode", AutoresetMode.NEXT_STEP)
-        if mode is not AutoresetMode.DISABLED:
-            self._reset(self._done if mode is AutoresetMode.SAME_STEP else ended)
-        observations, observed = self._strike("observations", observations)
-        info = {**info, "faults": {"actions": acted, "observations": observed}}
-        return observations, reward, terminated, truncated, info
+        if mode is AutoresetMode.SAME_STEP:
+            self._reset_faults(self._done)
+        # An environment whose episode ended in the step before has reset itself in this step.
+        elif mode is not AutoresetMode.DISABLED:
+            self._reset_faults(done_before)
+        observations, changed_observations = self._inject("observations", observations)
+        changed = {"actions": changed_actions, "observations": changed_observations}
+        return observations, reward, terminated, truncated, {**info, "faults": changed}
 
-    def _reset(self, done: Any) -> None:
-        self._states = {key: faults.reset(one, done) for key, one in self._states.items()}
+    def _reset_faults(self, done: Any) -> None:
+        self._states = {key: faults.reset(state, done) for key, state in self._states.items()}
 
-    def _strike(self, side: str, signal: Any) -> tuple[Any, list[Any]]:
-        # Applies the faults of actions or observations. Returns the signal, and for each fault
-        # which elements it changed.
-        masks = []
-        for key, fault in enumerate(self._faults[side]):
-            state = self._states.get((side, key)) or faults.init(signal, fault)
-            signal, self._states[side, key], mask = faults.apply(signal, state, self._tick, fault)
-            masks.append(mask)
-        return signal, masks
+    def _inject(self, side: str, signal: Any) -> tuple[Any, list[Any]]:
+        # Applies the faults of a side, "actions" or "observations". Returns the signal, and for
+        # each fault which elements it changed.
+        changed_elements = []
+        for number, fault in enumerate(self._faults[side]):
+            key = (side, number)
+            state = self._states.get(key) or faults.init(signal, fault)
+            signal, self._states[key], changed = faults.apply(signal, state, self._tick, fault)
+            changed_elements.append(changed)
+        return signal, changed_elements

@@ -57,11 +57,13 @@ class Constraint:
     solimp: tuple[float, ...]
     invweight: float
 
-    def wanted(self, position: Scalar, velocity: Scalar, timestep: float) -> tuple[Scalar, Scalar]:
-        """Return the acceleration that the constraint aims at, and its regularisation.
+    def reference(
+        self, position: Scalar, velocity: Scalar, timestep: float
+    ) -> tuple[Scalar, Scalar]:
+        """Return the acceleration at which the constraint aims, and its regularisation, by the
+        formulas of MuJoCo's solver parameters solref and solimp.
 
-        position, velocity: deviation from the constraint. The formulas are those of MuJoCo's solver
-        parameters solref and solimp.
+        position, velocity: deviation from the constraint, and its derivative. timestep: s.
         """
         low, high, width, middle, power = self.solimp
         x, exponent = jnp.minimum(jnp.abs(position) / width, 1.0), round(power)
@@ -85,20 +87,20 @@ class Mechanism:
     stiffness: Vec
     rest: Vec  # positions at which the springs are relaxed
     constraints: tuple[Constraint, ...]
-    carrier: int  # link that carries the tip; -1: the base
+    carrier: int  # index of the link that carries the tip; -1: the base
     tip: Vec  # in the frame of that link, m
     # The model without actuators and ranges of joints, for `step_by_mjx`.
     model: mujoco.MjModel
 
 
 def read_mechanism(model: mujoco.MjModel, tip: str) -> Mechanism:
-    """Return the moving parts of a model whose base is fixed. tip: name of a site.
+    """Return the mechanism of a model whose base is fixed. tip: name of a site, the tip.
 
-    Raises UserError if the model has features that are not supported: free and ball joints,
+    Raise UserError if the model has features that are not supported: free and ball joints,
     tendons, contacts, equality constraints other than joint polynomials, drag and gravity
     compensation.
     """
-    _require_known(model)
+    _require_supported(model)
     links = rigid_tree.read_tree(model, "world")
     joints = [link.number for link in links]
     index_of = {joint: k for k, joint in enumerate(joints)} | {-1: -1}
@@ -108,46 +110,54 @@ def read_mechanism(model: mujoco.MjModel, tip: str) -> Mechanism:
     carrier = index_of[int(model.body_jntadr[body] + model.body_jntnum[body] - 1)] if body else -1
     home_positions = Vec(link.reference for link in links)
     tip_at_home = Vec(data.site(tip).xpos.tolist())
-    dofs, weight = model.jnt_dofadr, model.dof_invweight0
-    losses = [
-        Constraint(
-            *(index_of[joint], float(model.dof_frictionloss[k]), -1, (0.0,)),
-            *(tuple(model.dof_solref[k]), tuple(model.dof_solimp[k]), float(weight[k])),
-        )
-        for joint in joints
-        if model.dof_frictionloss[k := dofs[joint]]
-    ]
-    couplings = []
-    for k in np.flatnonzero(model.eq_active0):
-        pair = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
-        weight_sum = float(sum(weight[dofs[joint]] for joint in pair if joint >= 0))
-        soft = tuple(model.eq_solref[k]), tuple(model.eq_solimp[k]), weight_sum
-        polynomial = tuple(model.eq_data[k, : 5 if pair[1] >= 0 else 1].tolist())
-        couplings.append(Constraint(index_of[pair[0]], 0.0, index_of[pair[1]], polynomial, *soft))
-    bare = copy.copy(model)
-    bare.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    bare.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT
-    bare.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION
+    passive_model = copy.copy(model)
+    passive_model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    passive_model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT
+    passive_model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION
     return Mechanism(
-        links,
-        float(model.opt.timestep),
-        Vec(model.opt.gravity.tolist()),
-        Vec(model.dof_damping[dofs[joints]].tolist()),
-        Vec(model.jnt_stiffness[joints].tolist()),
-        Vec(model.qpos_spring[model.jnt_qposadr[joints]].tolist()),
-        (*losses, *couplings),
-        carrier,
-        rigid_program.point_in_link(links, home_positions, carrier, tip_at_home),
-        bare,
+        links=links,
+        timestep=float(model.opt.timestep),
+        gravity=Vec(model.opt.gravity.tolist()),
+        damping=Vec(model.dof_damping[model.jnt_dofadr[joints]].tolist()),
+        stiffness=Vec(model.jnt_stiffness[joints].tolist()),
+        rest=Vec(model.qpos_spring[model.jnt_qposadr[joints]].tolist()),
+        constraints=_read_constraints(model, joints, index_of),
+        carrier=carrier,
+        tip=rigid_program.point_in_link(links, home_positions, carrier, tip_at_home),
+        model=passive_model,
     )
 
 
-def _require_known(model: mujoco.MjModel) -> None:
-    # Refuses models with features that this module would ignore.
+def _read_constraints(
+    model: mujoco.MjModel, joints: list[int], index_of: dict[int, int]
+) -> tuple[Constraint, ...]:
+    """Return the friction losses and couplings of the joints. index_of: joint -> index of link."""
+    dofs, weight = model.jnt_dofadr, model.dof_invweight0
+    constraints = []
+    for joint in joints:
+        dof = dofs[joint]
+        if model.dof_frictionloss[dof]:
+            limit = float(model.dof_frictionloss[dof])
+            soft = tuple(model.dof_solref[dof]), tuple(model.dof_solimp[dof]), float(weight[dof])
+            constraints.append(Constraint(index_of[joint], limit, -1, (0.0,), *soft))
+    for k in np.flatnonzero(model.eq_active0):
+        follower, leader = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
+        # Without a leader, the joint is held at a constant position.
+        coefficients = 5 if leader >= 0 else 1
+        polynomial = tuple(model.eq_data[k, :coefficients].tolist())
+        weight_sum = float(sum(weight[dofs[j]] for j in (follower, leader) if j >= 0))
+        soft = tuple(model.eq_solref[k]), tuple(model.eq_solimp[k]), weight_sum
+        constraints.append(Constraint(index_of[follower], 0.0, index_of[leader], polynomial, *soft))
+    return tuple(constraints)
+
+
+def _require_supported(model: mujoco.MjModel) -> None:
+    # Raises UserError for a model with features that this module would ignore.
     hinges, slides = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
     touching = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT
     solid = touching & (model.geom_contype | model.geom_conaffinity > 0)
-    unknown = {
+    # Kind of element -> what is not supported, and which elements have it.
+    unsupported = {
         "joint": ("free or ball joints", ~np.isin(model.jnt_type, (hinges, slides))),
         "tendon": ("tendons", np.ones(model.ntendon, bool)),
         "equality": (
@@ -158,10 +168,12 @@ def _require_known(model: mujoco.MjModel) -> None:
         "body": ("bodies with gravity compensation", model.body_gravcomp != 0.0),
     }
     found = []
-    for kind, (what, which) in unknown.items():
-        names = [getattr(model, kind)(int(i)).name or f"number {i}" for i in np.flatnonzero(which)]
+    for kind, (feature, has_feature) in unsupported.items():
+        numbers = np.flatnonzero(has_feature).tolist()
+        names = [getattr(model, kind)(number).name or f"number {number}" for number in numbers]
         if names:
-            found.append(f"{what} ({', '.join(names[:3])}{', ...' if len(names) > 3 else ''})")
+            more = ", ..." if len(names) > 3 else ""
+            found.append(f"{feature} ({', '.join(names[:3])}{more})")
     if model.opt.density or model.opt.viscosity:
         found.append("a medium with density or viscosity")
     if model.jnt_stiffnesspoly.any() or model.dof_dampingpoly.any():
@@ -178,11 +190,12 @@ def _require_known(model: mujoco.MjModel) -> None:
 
 @functools.lru_cache(maxsize=64)
 def _program(mechanism: Mechanism, known: tuple[float | None, ...]) -> Program:
+    # Returns the program of mass matrix and bias. known: values of inputs that are constant.
     return rigid_program.mass_matrix_and_bias(mechanism.links, known)
 
 
 def tip_position(mechanism: Mechanism, qpos: Vec) -> Vec:
-    """Return the tip in the frame of the base, m."""
+    """Return the position of the tip in the frame of the base, m."""
     links, carrier, tip = mechanism.links, mechanism.carrier, mechanism.tip
     return rigid_program.carried_point(links, qpos, carrier, tip)
 
@@ -197,7 +210,7 @@ def gravity_torque(mechanism: Mechanism, qpos: Vec) -> Vec:
 def step(
     mechanism: Mechanism, qpos: Vec, qvel: Vec, torque: Vec, velocity_gain: Vec | None = None
 ) -> tuple[Vec, Vec]:
-    """Return positions and velocities a time step later.
+    """Return positions and velocities a time step later, by MuJoCo's integrator implicitfast.
 
     torque: torques of motors or controller at this state, Nm or N. velocity_gain: decrease of the
     torque for each rad/s or m/s, not negative; None: 0.
@@ -210,34 +223,37 @@ def step(
     force = minus(minus(minus(torque, Vec(bias)), springs), mechanism.damping.map(mul, qvel))
     mass = tuple(map(Vec, rows))
     force = plus(force, _constraint_force(mechanism, qpos, qvel, mass, force))
-    slope = mechanism.damping if velocity_gain is None else plus(mechanism.damping, velocity_gain)
-    for k, rate in enumerate(slope):
-        rows[k][k] = add(rows[k][k], mul(h, rate))
-    after = qvel + scale(h, solve_spd(tuple(map(Vec, rows)), force))
-    return qpos + scale(h, after), after
+    # The step is implicit: forces that depend on velocity are added to the mass matrix.
+    damping = mechanism.damping if velocity_gain is None else plus(mechanism.damping, velocity_gain)
+    for k, coefficient in enumerate(damping):
+        rows[k][k] = add(rows[k][k], mul(h, coefficient))
+    next_qvel = qvel + scale(h, solve_spd(tuple(map(Vec, rows)), force))
+    return qpos + scale(h, next_qvel), next_qvel
 
 
 def step_by_mjx(
     mechanism: Mechanism, qpos: Vec, qvel: Vec, torque: Vec, velocity_gain: Vec
 ) -> tuple[Vec, Vec]:
-    """Return what `step` returns, by a step of MuJoCo MJX, which solves the constraints, too."""
+    """Return what `step` returns, computed by MuJoCo MJX, which also solves the constraints."""
+    # MJX subtracts the gain times the velocity with the damping, so it is added here.
     applied = plus(torque, velocity_gain.map(mul, qvel))
     damping = jnp.array(plus(mechanism.damping, velocity_gain))
     option = {"timestep": mechanism.timestep}
-    places, speeds = advance_by_mjx(
+    next_qpos, next_qvel = advance_by_mjx(
         mechanism.model, qpos, qvel, applied, option, dof_damping=damping
     )
     dtype = jnp.result_type(*qpos)
-    return Vec(places.astype(dtype)), Vec(speeds.astype(dtype))
+    return Vec(next_qpos.astype(dtype)), Vec(next_qvel.astype(dtype))
 
 
 def advance_by_mjx(
     model: mujoco.MjModel, qpos: Vec, qvel: Vec, applied: Any, option: Any, **numbers: Any
 ) -> tuple[Any, Any]:
-    """Return positions and velocities after one `mjx.step`, arrays of at least these types.
+    """Return positions and velocities after one `mjx.step`, arrays of the type of `qpos` or wider.
 
-    applied: `qfrc_applied`, Nm or N. option, numbers: fields of `model.opt` and of the model that
-    this step replaces. A model whose integrator is implicit takes damping at the end of the step.
+    applied: `qfrc_applied`, Nm or N. option: values that replace fields of `model.opt`. numbers:
+    values that replace fields of the model. A model whose integrator is implicit takes damping at
+    the end of the step.
     """
     dtype = jnp.result_type(*qpos)
     real = functools.partial(jnp.array, dtype=dtype)
@@ -254,7 +270,10 @@ def advance_by_mjx(
 
 @functools.lru_cache(maxsize=64)
 def _put_model(model: mujoco.MjModel, dtype: str) -> tuple[Any, Any, Any]:
-    """Return `mjx`, and the model and its data for JAX, of `dtype`."""
+    """Return the module `mjx`, and the model and its data for JAX.
+
+    dtype: type of JAX's numbers, which selects the stored result.
+    """
     # The import takes half a second and prints a line for each optional backend that is missing.
     with contextlib.redirect_stdout(io.StringIO()):
         from mujoco import mjx
@@ -265,36 +284,54 @@ def _put_model(model: mujoco.MjModel, dtype: str) -> tuple[Any, Any, Any]:
 def _constraint_force(
     mechanism: Mechanism, qpos: Vec, qvel: Vec, mass: tuple[Vec, ...], force: Vec
 ) -> Vec:
-    """Return the joint forces of friction loss and couplings."""
+    """Return the joint forces of friction loss and couplings, by projected Gauss-Seidel.
+
+    mass: rows of the mass matrix. force: other joint forces.
+    """
+    # Direction in joint space, acceleration aimed at, and regularisation of each constraint.
     rows: list[tuple[Vec, Scalar, Scalar]] = []
-    for c in mechanism.constraints:
-        direction, position = Vec(float(k == c.joint) for k in range(len(qpos))), 0.0
-        if not c.limit:
-            target = slope = 0.0
-            for coefficient in reversed(c.polynomial):
-                offset = qpos[c.leader] - mechanism.links[c.leader].reference
-                slope = add(mul(slope, offset), target)
-                target = add(mul(target, offset), coefficient)
-            direction = direction.replace(c.leader, -slope) if c.leader >= 0 else direction
-            position = qpos[c.joint] - mechanism.links[c.joint].reference - target
-        rows.append((direction, *c.wanted(position, dot(direction, qvel), mechanism.timestep)))
+    for constraint in mechanism.constraints:
+        direction, position = _deviation(mechanism, constraint, qpos)
+        aim = constraint.reference(position, dot(direction, qvel), mechanism.timestep)
+        rows.append((direction, *aim))
     if not rows:
         return qpos.map(lambda _: 0.0)
     directions = Vec(direction for direction, _, _ in rows)
     free_acceleration = matvec(directions, solve_spd(mass, force))
+    # Joint accelerations by a unit force of each constraint.
     responses = [solve_spd(mass, direction) for direction in directions]
     magnitudes: list[Scalar] = [0.0] * len(rows)
+    # A single constraint is solved by the first sweep.
     for _ in range(SWEEPS if len(rows) > 1 else 1):
-        for k, (direction, acceleration, soft) in enumerate(rows):
+        for k, (direction, acceleration, softness) in enumerate(rows):
             response = [dot(direction, column) for column in responses]
             residual = (
                 free_acceleration[k]
                 - acceleration
                 + dot(Vec(response), Vec(magnitudes))
-                + soft * magnitudes[k]
+                + softness * magnitudes[k]
             )
-            magnitude = magnitudes[k] - residual / (response[k] + soft)
+            magnitude = magnitudes[k] - residual / (response[k] + softness)
             if limit := mechanism.constraints[k].limit:
                 magnitude = jnp.minimum(jnp.maximum(magnitude, -limit), limit)
             magnitudes[k] = magnitude
     return matvec(transpose(directions), Vec(magnitudes))
+
+
+def _deviation(mechanism: Mechanism, constraint: Constraint, qpos: Vec) -> tuple[Vec, Scalar]:
+    """Return the derivative of a constraint's deviation by the joint positions, and the deviation.
+    Friction loss has no deviation.
+    """
+    direction = Vec(float(k == constraint.joint) for k in range(len(qpos)))
+    if constraint.limit:
+        return direction, 0.0
+    # Horner's scheme for the polynomial and its derivative.
+    target = slope = 0.0
+    for coefficient in reversed(constraint.polynomial):
+        offset = qpos[constraint.leader] - mechanism.links[constraint.leader].reference
+        slope = add(mul(slope, offset), target)
+        target = add(mul(target, offset), coefficient)
+    if constraint.leader >= 0:
+        direction = direction.replace(constraint.leader, -slope)
+    position = qpos[constraint.joint] - mechanism.links[constraint.joint].reference - target
+    return direction, position

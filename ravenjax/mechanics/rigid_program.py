@@ -35,18 +35,20 @@ class _Body:
 
     turns: list[Turn]  # rotations to the parent frame, outermost first
     position: Vec  # position of the origin in the parent frame
-    omega: Vec
+    omega: Vec  # angular velocity
     matrix: Vec  # U
     wrench: tuple[Vec, Vec]  # moment and force of the body, for the bias
-    moments: Matrix  # J of the composite body
-    first: Vec  # h of the composite body
+    # Second moments J, first moment h and mass of the link with all links that it carries.
+    moments: Matrix
+    first: Vec
     mass: Number
 
 
 def mass_matrix_and_bias(
     links: Sequence[Link], known: tuple[float | None, ...] | None = None
 ) -> Program:
-    """Return the program from (qpos, qvel, gravity in the base frame) to (M, bias).
+    """Return a program that computes the mass matrix M and the bias torques from joint positions,
+    joint velocities and gravity (3, in the base frame).
 
     M is symmetric and is returned as its lower triangle, row by row, without armature. Entries that
     are constant for this tree are Python numbers. known: for each of the 2 n + 3 inputs its value
@@ -54,40 +56,45 @@ def mass_matrix_and_bias(
     """
     n = len(links)
     inputs = make_symbols(2 * n + 3)
-    fixed = known or (None,) * len(inputs)
+    constants = known or (None,) * len(inputs)
     values: list[Number] = [
-        symbol if x is None else x for symbol, x in zip(inputs, fixed, strict=True)
+        symbol if constant is None else constant
+        for symbol, constant in zip(inputs, constants, strict=True)
     ]
     qpos, qvel, gravity = values[:n], values[n : 2 * n], values[2 * n :]
     bodies = _kinematics(links, qpos, qvel, -Vec(gravity))
     bias = _bias(links, bodies)
     mass = _mass_matrix(links, bodies)
-    return build_program(inputs, [mass[i][j] for i in range(n) for j in range(i + 1)] + bias)
+    triangle = [mass[i][j] for i in range(n) for j in range(i + 1)]
+    return build_program(inputs, triangle + bias)
 
 
 def evaluate_program(
     program_for: Callable[[tuple[float | None, ...]], Program], inputs: Sequence[Any]
 ) -> tuple[list[list[Any]], list[Any]]:
-    """Return the rows of the mass matrix M, and the bias, from the inputs of the program.
+    """Run the program of `mass_matrix_and_bias`. Return the rows of the mass matrix, and the bias.
 
-    program_for(known) returns the program of `mass_matrix_and_bias`. Inputs that are Python numbers
-    are known.
+    program_for: returns the program for the known inputs. Inputs that are Python numbers are known.
     """
     known = tuple(float(x) if type(x) in (int, float) else None for x in inputs)
-    out = replay_program(program_for(known), inputs)
+    outputs = replay_program(program_for(known), inputs)
     n = (len(inputs) - 3) // 2
-    triangle = [out[i * (i + 1) // 2 : (i + 1) * (i + 2) // 2] for i in range(n)]
-    return [[triangle[max(i, j)][min(i, j)] for j in range(n)] for i in range(n)], out[-n:]
+    # The outputs are the rows of the lower triangle, then the bias.
+    triangle = [outputs[i * (i + 1) // 2 : (i + 1) * (i + 2) // 2] for i in range(n)]
+    rows = [[triangle[max(i, j)][min(i, j)] for j in range(n)] for i in range(n)]
+    return rows, outputs[-n:]
 
 
 def carried_point(links: Sequence[Link], qpos: Vec, index: int, point: Vec) -> Vec:
-    """Return the position of a point of link `index` in the frame of the base, m."""
+    """Return the position of a point in the frame of the base, m. `point` is given in the frame of
+    link `index`; -1: the base.
+    """
     symbols = make_symbols(len(links))
-    moved = point
     while index >= 0:
         turns, position = _pose(links[index], symbols[index])
-        moved, index = position + _rotate(turns, moved), links[index].parent
-    return Vec(replay_program(build_program(symbols, list(moved)), qpos))
+        point = position + _rotate(turns, point)
+        index = links[index].parent
+    return Vec(replay_program(build_program(symbols, list(point)), qpos))
 
 
 def point_in_link(links: Sequence[Link], qpos: Vec, index: int, point: Vec) -> Vec:
@@ -95,14 +102,17 @@ def point_in_link(links: Sequence[Link], qpos: Vec, index: int, point: Vec) -> V
     if index < 0:
         return point
     turns, position = _pose(links[index], qpos[index])
-    return _rotate_back(turns, point_in_link(links, qpos, links[index].parent, point) - position)
+    in_parent = point_in_link(links, qpos, links[index].parent, point)
+    return _rotate_back(turns, in_parent - position)
 
 
 def _pose(link: Link, q: Number) -> tuple[list[Turn], Vec]:
-    """Return the rotations of a link to its parent, and the position of its origin there."""
+    # Returns the rotations from a link's frame to its parent's, outermost first, and the position
+    # of its origin there. q: position of the joint.
     travel = q - link.reference if link.slide else 0.0
-    last = _turn(2, link.offset) if link.slide else _turn(2, link.offset, q)
-    turns = [_turn(2, link.beta), _turn(0, link.alpha), last]
+    last_turn = _turn(2, link.offset) if link.slide else _turn(2, link.offset, q)
+    turns = [_turn(2, link.beta), _turn(0, link.alpha), last_turn]
+    # A rotation by 0, with cosine 1 and sine 0, is left out.
     turns = [turn for turn in turns if turn[1:] != (1.0, 0.0)]
     return turns, Vec(link.position) + _rotate(turns, Vec((0.0, 0.0, travel)))
 
@@ -110,19 +120,21 @@ def _pose(link: Link, q: Number) -> tuple[list[Turn], Vec]:
 def _kinematics(
     links: Sequence[Link], qpos: list[Number], qvel: list[Number], upward: Vec
 ) -> list[_Body]:
-    # Computes the motion of each link from the base to the tips, in the link's frame, at qacc = 0.
+    # Returns motion and wrench of each link, from the base to the tips, without joint
+    # accelerations. upward: acceleration of the base, which stands for gravity.
     bodies: list[_Body] = []
-    # angular acceleration, acceleration of the origin, at qacc = 0
-    rates: list[tuple[Vec, Vec]] = []
+    # Angular acceleration of each link, and acceleration of its origin.
+    accelerations: list[tuple[Vec, Vec]] = []
     for link, q, rate in zip(links, qpos, qvel, strict=True):
         turns, position = _pose(link, q)
         if link.parent < 0:
             omega, alpha, accel = ZERO, ZERO, upward
         else:
             parent = bodies[link.parent]
-            alpha, accel = rates[link.parent]
+            alpha, accel = accelerations[link.parent]
             omega, accel = parent.omega, accel + _apply(parent.matrix, position)
         omega, alpha, accel = (_rotate_back(turns, v) for v in (omega, alpha, accel))
+        # The joint moves along or about z. Its Coriolis acceleration has no z component.
         if link.slide:
             accel = accel + Vec((omega[1] * rate * 2.0, -(omega[0] * rate * 2.0), 0.0))
         else:
@@ -133,13 +145,13 @@ def _kinematics(
         moments, first, mass = [row[:3] for row in inertia[:3]], Vec(inertia[3][:3]), inertia[3][3]
         force = _apply(motion, first) + accel * mass
         moment = _moment(motion, moments) + cross(first, accel)
-        rates.append((alpha, accel))
+        accelerations.append((alpha, accel))
         bodies.append(_Body(turns, position, omega, motion, (moment, force), moments, first, mass))
     return bodies
 
 
 def _bias(links: Sequence[Link], bodies: list[_Body]) -> list[Number]:
-    # Sums the wrenches from the tips to the base. Returns the part along each joint's axis.
+    # Returns the bias of each joint: the wrenches of all links it carries, along the joint's axis.
     wrenches = [body.wrench for body in bodies]
     bias: list[Number] = [0.0] * len(links)
     for index in reversed(range(len(links))):
@@ -153,7 +165,10 @@ def _bias(links: Sequence[Link], bodies: list[_Body]) -> list[Number]:
 
 
 def _mass_matrix(links: Sequence[Link], bodies: list[_Body]) -> Matrix:
-    # Computes the mass matrix from the tips to the base. Each step adds a body to its parent.
+    """Return the lower triangle of the mass matrix. From the tips to the base, each body is added
+    to its parent. A unit acceleration of its joint needs a wrench, whose parts along the joint axes
+    of all ancestors are the entries.
+    """
     n = len(links)
     inertia: Matrix = [[0.0] * n for _ in range(n)]
     for index in reversed(range(n)):
@@ -164,18 +179,17 @@ def _mass_matrix(links: Sequence[Link], bodies: list[_Body]) -> Matrix:
         else:
             moment = Vec((-J[0][2], -J[1][2], J[0][0] + J[1][1]))
             force = Vec((-h[1], h[0], 0.0))
-        below, ancestor = body, index
+        ancestor = index
         while ancestor >= 0:
             inertia[index][ancestor] = force[2] if links[ancestor].slide else moment[2]
-            moment, force = _to_parent(below, moment, force)
+            moment, force = _to_parent(bodies[ancestor], moment, force)
             ancestor = links[ancestor].parent
-            below = bodies[ancestor]
         if link.parent >= 0:
-            _join(bodies[link.parent], body)
+            _add_child(bodies[link.parent], body)
     return inertia
 
 
-def _join(parent: _Body, child: _Body) -> None:
+def _add_child(parent: _Body, child: _Body) -> None:
     # Adds the child's mass, first and second moments to the parent, in the parent's frame.
     p = child.position
     moments = child.moments
@@ -192,12 +206,15 @@ def _join(parent: _Body, child: _Body) -> None:
 
 
 def _to_parent(body: _Body, moment: Vec, force: Vec) -> tuple[Vec, Vec]:
+    # Returns a wrench on the body in the frame of its parent.
     moment, force = _rotate(body.turns, moment), _rotate(body.turns, force)
     return moment + cross(body.position, force), force
 
 
 def _turn(axis: int, offset: float, angle: Number = 0.0) -> Turn:
-    """Return the rotation by offset + angle. An offset of right angles adds no operation."""
+    """Return the rotation about an axis (0: x, 2: z) by offset + angle, rad. An offset that is a
+    multiple of a right angle adds no operation.
+    """
     quarters = round(offset / (math.pi / 2))
     if offset != quarters * (math.pi / 2):
         return axis, cos(angle + offset), sin(angle + offset)
@@ -206,6 +223,7 @@ def _turn(axis: int, offset: float, angle: Number = 0.0) -> Turn:
 
 
 def _rotate(turns: list[Turn], v: Vec) -> Vec:
+    # Returns a vector after the rotations, of which the last one is applied first.
     for axis, c, s in reversed(turns):
         x, y = (axis + 1) % 3, (axis + 2) % 3
         v = v.replace(x, c * v[x] - s * v[y]).replace(y, s * v[x] + c * v[y])
@@ -213,12 +231,14 @@ def _rotate(turns: list[Turn], v: Vec) -> Vec:
 
 
 def _rotate_back(turns: list[Turn], v: Vec) -> Vec:
+    # Returns the vector that the rotations turn into `v`.
     return _rotate([(axis, c, -s) for axis, c, s in reversed(turns)], v)
 
 
 def _turn_moments(turn: Turn, J: Matrix) -> Matrix:
-    # Rotates second moments about one axis. Rotations by 90 degrees are exact.
+    # Returns second moments after a rotation about one axis. Rotations by 90 degrees are exact.
     axis, c, s = turn
+    # The axes of the plane in which the rotation moves points.
     x, y = (axis + 1) % 3, (axis + 2) % 3
     turned = [list(row) for row in J]
     if c == 0.0:
@@ -228,9 +248,8 @@ def _turn_moments(turn: Turn, J: Matrix) -> Matrix:
         turned[x][x], turned[y][y] = J[x][x] + s * shear, J[y][y] - s * shear
         across = -(c * shear + J[x][y])
     turned[x][y] = turned[y][x] = across
-    side = c * J[axis][x] - s * J[axis][y], s * J[axis][x] + c * J[axis][y]
-    turned[axis][x], turned[axis][y] = side
-    turned[x][axis], turned[y][axis] = side
+    turned[axis][x] = turned[x][axis] = c * J[axis][x] - s * J[axis][y]
+    turned[axis][y] = turned[y][axis] = s * J[axis][x] + c * J[axis][y]
     return turned
 
 

@@ -48,11 +48,11 @@ class Link:
 def read_tree(model: mujoco.MjModel, base: str) -> tuple[Link, ...]:
     """Return the joints below body `base`, in the order of the model's degrees of freedom.
 
-    Body `base` is treated as fixed. Joint coordinates are those of the model. All joints are hinges
-    and slides.
+    Body `base` is fixed. Joint positions are as in the model. All joints are hinges or slides.
     """
     joints = _home_joints(model, model.body(base).id)
-    return _regrouped(_framed(joints))
+    _choose_frames(joints)
+    return _make_links(joints)
 
 
 @dataclasses.dataclass
@@ -68,6 +68,7 @@ class _HomeJoint:
     pseudo_inertia: np.ndarray
     reference: float
     armature: float
+    # Axis x and origin of the link's frame, which `_choose_frames` chooses.
     x: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
     origin: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
 
@@ -77,12 +78,15 @@ class _HomeJoint:
 
 
 def _home_joints(model: mujoco.MjModel, base: int) -> list[_HomeJoint]:
-    # Finds the joints below the base with their pose in the home position, in the base's frame.
+    # Returns the joints below a body at home (qpos0), in the body's frame. Bodies without a joint
+    # are added to the link that carries them.
     joints: list[_HomeJoint] = []
+    # Position and rotation of each body, and the index of the link that carries it.
     poses = {base: (np.zeros(3), np.eye(3))}
-    carrier = {base: -1}  # body -> index of the link that it moves with
+    carrier = {base: -1}
     for body in range(base + 1, model.nbody):
         parent = int(model.body_parentid[body])
+        # The body is not below the base.
         if parent not in poses:
             continue
         position, rotation = poses[parent]
@@ -123,8 +127,8 @@ def pseudo_inertia(mass: float, com: np.ndarray, central: np.ndarray) -> np.ndar
     return np.block([[moments, first], [first.T, np.array([[mass]])]])
 
 
-def _framed(joints: list[_HomeJoint]) -> list[_HomeJoint]:
-    """Choose x axis and origin of each link frame (home pose, base coordinates)."""
+def _choose_frames(joints: list[_HomeJoint]) -> None:
+    """Set the x axis and the origin of each link's frame, as the module's docstring describes."""
     for index, joint in enumerate(joints):
         parent = joints[joint.parent] if joint.parent >= 0 else None
         child = next((other for other in joints if other.parent == index), None)
@@ -136,6 +140,8 @@ def _framed(joints: list[_HomeJoint]) -> list[_HomeJoint]:
             joint.origin = _foot(joint, child.anchor, child.axis)
         else:
             joint.origin = joint.anchor
+        # The common normal to the first child's axis, if the joint is a hinge with a child. It is
+        # None if both axes are the same line.
         x_axis = None if child is None or joint.slide else _normal(joint, child.anchor, child.axis)
         if x_axis is None and parent is not None:
             x_axis = _unit(np.cross(parent.axis, joint.axis))
@@ -143,7 +149,6 @@ def _framed(joints: list[_HomeJoint]) -> list[_HomeJoint]:
         if x_axis is None or (child is None and not joint.slide):
             x_axis = _leaf_direction(joint)
         joint.x = x_axis
-    return joints
 
 
 def _foot(joint: _HomeJoint, point: np.ndarray, axis: np.ndarray) -> np.ndarray:
@@ -160,55 +165,65 @@ def _foot(joint: _HomeJoint, point: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
 
 def _normal(joint: _HomeJoint, point: np.ndarray, axis: np.ndarray) -> np.ndarray | None:
-    """Return the unit vector from the joint's axis to the line (point, axis); None: they meet."""
+    """Return the unit vector that is normal to the joint's axis and to the line through `point`
+    along `axis`. None: both are the same line.
+    """
     normal = _unit(np.cross(joint.axis, axis))
-    return _unit(_across(joint, point - joint.origin)) if normal is None else normal
+    # Parallel lines have many normals. One of them points from the origin to the other line.
+    return _unit(_perpendicular(joint, point - joint.origin)) if normal is None else normal
 
 
-def _across(joint: _HomeJoint, vector: np.ndarray) -> np.ndarray:
+def _perpendicular(joint: _HomeJoint, vector: np.ndarray) -> np.ndarray:
+    # Returns the part of the vector that is perpendicular to the joint's axis.
     return vector - joint.axis * _product(joint.axis, vector)
 
 
-def _unit(vector: np.ndarray, least: float = _PARALLEL) -> np.ndarray | None:
-    """Return the unit vector, or None if the vector is not longer than `least`."""
+def _unit(vector: np.ndarray, min_length: float = _PARALLEL) -> np.ndarray | None:
+    """Return the vector with length 1, or None if it is not longer than `min_length`."""
     length = math.hypot(*vector)
-    return vector / length if length > least else None
+    return vector / length if length > min_length else None
 
 
 def _leaf_direction(joint: _HomeJoint) -> np.ndarray:
-    """Return the x axis of a link without children: towards its centre of mass, if possible."""
+    """Return the x axis of a link without children: towards its centre of mass, or else the axis of
+    the base that is most perpendicular to the joint's axis.
+    """
     first, mass = joint.pseudo_inertia[:3, 3], joint.pseudo_inertia[3, 3]
-    for candidate in (first - mass * joint.origin, *np.eye(3)[np.argsort(np.abs(joint.axis))]):
-        direction = _unit(_across(joint, candidate), 1e-6 * max(mass, 1e-300))
+    base_axes = np.eye(3)[np.argsort(np.abs(joint.axis))]
+    for candidate in (first - mass * joint.origin, *base_axes):
+        # The first candidate is a mass times a length.
+        direction = _unit(_perpendicular(joint, candidate), 1e-6 * max(mass, 1e-300))
         if direction is not None:
             return direction
     return joint.x
 
 
-def _regrouped(joints: list[_HomeJoint]) -> tuple[Link, ...]:
-    # Moves inertia without effect on a joint's own motion to the parent. Dynamics do not change.
-    inertias = [
-        _moved(joint.rotation.T, -_product(joint.rotation.T, joint.origin), joint.pseudo_inertia)
-        for joint in joints
-    ]
+def _make_links(joints: list[_HomeJoint]) -> tuple[Link, ...]:
+    # Returns the links in their frames. Inertia without effect on a joint's own motion is moved to
+    # the parent, which does not change the dynamics.
+    inertias = []
+    for joint in joints:
+        to_link = joint.rotation.T
+        position = -_product(to_link, joint.origin)
+        inertias.append(_transform_inertia(to_link, position, joint.pseudo_inertia))
     links: list[Link] = []
     for index in reversed(range(len(joints))):
         joint, inertia = joints[index], inertias[index]
-        frame, origin = np.eye(3), np.zeros(3)
+        parent_rotation, parent_origin = np.eye(3), np.zeros(3)
         if joint.parent >= 0:
-            frame, origin = joints[joint.parent].rotation, joints[joint.parent].origin
-        rotation = _product(frame.T, joint.rotation)
-        position = _product(frame.T, joint.origin - origin)
-        to_parent = np.zeros((4, 4))
+            parent = joints[joint.parent]
+            parent_rotation, parent_origin = parent.rotation, parent.origin
+        rotation = _product(parent_rotation.T, joint.rotation)
+        position = _product(parent_rotation.T, joint.origin - parent_origin)
+        moved = np.zeros((4, 4))
         if joint.slide:
-            to_parent[:3, :3] = inertia[:3, :3]
+            moved[:3, :3] = inertia[:3, :3]
         else:
-            to_parent[2:, 2:] = inertia[2:, 2:]
+            moved[2:, 2:] = inertia[2:, 2:]
         if joint.parent >= 0:
-            inertias[joint.parent] += _moved(rotation, position, to_parent)
-        own = np.where(
-            np.abs(inertia - to_parent) < _SNAP * np.abs(inertia).max(), 0.0, inertia - to_parent
-        )
+            inertias[joint.parent] += _transform_inertia(rotation, position, moved)
+        kept = inertia - moved
+        kept = np.where(np.abs(kept) < _SNAP * np.abs(inertia).max(), 0.0, kept)
         beta, alpha, offset = _zxz(rotation)
         links.append(
             Link(
@@ -218,17 +233,20 @@ def _regrouped(joints: list[_HomeJoint]) -> tuple[Link, ...]:
                 slide=joint.slide,
                 beta=beta,
                 alpha=alpha,
-                offset=offset if joint.slide else _exact(offset - joint.reference),
+                offset=offset if joint.slide else _round_right_angle(offset - joint.reference),
                 reference=joint.reference,
                 position=tuple(float(x) if abs(x) > _SNAP else 0.0 for x in position),  # type: ignore[arg-type]
-                pseudo_inertia=own,
+                pseudo_inertia=kept,
                 armature=joint.armature,
             )
         )
     return tuple(reversed(links))
 
 
-def _moved(rotation: np.ndarray, position: np.ndarray, inertia: np.ndarray) -> np.ndarray:
+def _transform_inertia(
+    rotation: np.ndarray, position: np.ndarray, inertia: np.ndarray
+) -> np.ndarray:
+    # Returns a pseudo-inertia in another frame, to which rotation and position transform.
     transform = np.eye(4)
     transform[:3, :3], transform[:3, 3] = rotation, position
     return _product(transform, inertia, transform.T)
@@ -242,24 +260,26 @@ def _product(*factors: np.ndarray) -> np.ndarray:
 
 
 def _zxz(rotation: np.ndarray) -> tuple[float, float, float]:
-    """Return the angles of rotation = Rz(beta) Rx(alpha) Rz(gamma); right angles are exact."""
+    """Return the angles of rotation = Rz(beta) Rx(alpha) Rz(gamma), rad. Right angles are exact."""
     sine = math.hypot(rotation[0, 2], rotation[1, 2])
     alpha = math.atan2(sine, rotation[2, 2])
+    # Here alpha is 0 or pi, so beta and gamma are about parallel axes. One of them is enough.
     if sine <= _PARALLEL:
-        turn = math.atan2(rotation[1, 0] * rotation[2, 2], rotation[0, 0])  # alpha is 0 or pi
-        return 0.0, _exact(alpha), _exact(turn)
+        gamma = math.atan2(rotation[1, 0] * rotation[2, 2], rotation[0, 0])
+        return 0.0, _round_right_angle(alpha), _round_right_angle(gamma)
     beta = math.atan2(rotation[0, 2], -rotation[1, 2])
     gamma = math.atan2(rotation[2, 0], rotation[2, 1])
-    if (
-        abs(abs(beta) - math.pi) < 1e-12
-    ):  # Rz(pi) Rx(a) Rz(c) = Rx(-a) Rz(pi + c): one rotation less
-        return 0.0, _exact(-alpha), _exact(math.remainder(gamma + math.pi, 2 * math.pi))
-    return _exact(beta), _exact(alpha), _exact(gamma)
+    # Rz(pi) Rx(a) Rz(c) = Rx(-a) Rz(pi + c) needs one rotation less.
+    if abs(abs(beta) - math.pi) < 1e-12:
+        gamma = math.remainder(gamma + math.pi, 2 * math.pi)
+        return 0.0, _round_right_angle(-alpha), _round_right_angle(gamma)
+    return _round_right_angle(beta), _round_right_angle(alpha), _round_right_angle(gamma)
 
 
-def _exact(angle: float) -> float:
-    turns = round(angle / (math.pi / 2))
-    return turns * (math.pi / 2) if abs(angle - turns * (math.pi / 2)) < 1e-12 else angle
+def _round_right_angle(angle: float) -> float:
+    # Returns the nearest multiple of a right angle, if the angle differs from it by rounding only.
+    right_angle = round(angle / (math.pi / 2)) * (math.pi / 2)
+    return right_angle if abs(angle - right_angle) < 1e-12 else angle
 
 
 def _matrix(quaternion: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ The types that most modules need can be imported from here.
 
 # ruff: noqa: F401
 
-from ravenjax.numbers.lazy import at_once, jax, jnp, lax
+from ravenjax.numbers.lazy import jax, jnp, lax, run_eagerly
 from ravenjax.numbers.quantity import describe_fields
 from ravenjax.numbers.setup import (
     Precision,

@@ -11,35 +11,35 @@ from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec
 
 
-def _is(x: Scalar, value: int) -> bool:
+def _is_literal(x: Scalar, value: int) -> bool:
     """Return whether x is the Python number `value`. NumPy and JAX numbers count as data."""
     return type(x) in (int, float) and x == value
 
 
 def mul(a: Scalar, b: Scalar) -> Scalar:
     """Return a b."""
-    if _is(a, 0) or _is(b, 0):
+    if _is_literal(a, 0) or _is_literal(b, 0):
         return 0.0
     for factor, other in ((a, b), (b, a)):
-        if _is(factor, 1):
+        if _is_literal(factor, 1):
             return other
-        if _is(factor, -1):
+        if _is_literal(factor, -1):
             return -other
     return a * b
 
 
 def add(a: Scalar, b: Scalar) -> Scalar:
     """Return a + b."""
-    if _is(a, 0):
+    if _is_literal(a, 0):
         return b
-    return a if _is(b, 0) else a + b
+    return a if _is_literal(b, 0) else a + b
 
 
 def sub(a: Scalar, b: Scalar) -> Scalar:
     """Return a - b."""
-    if _is(b, 0):
+    if _is_literal(b, 0):
         return a
-    return -b if _is(a, 0) else a - b
+    return -b if _is_literal(a, 0) else a - b
 
 
 def scale(factor: Scalar, v: Vec) -> Vec:
@@ -103,9 +103,11 @@ def solve_spd(matrix: tuple[Vec, ...], right: Vec) -> Vec:
     infinities or NaN, not an error.
     """
     n = len(right)
+    # Becomes L below its diagonal, where L has ones. Its diagonal becomes D.
     lower = [list(row) for row in matrix]
     x: list[Scalar] = list(right)
     inverse: list[Scalar] = [0.0] * n
+    # Factorisation, and solution with L^T.
     for k in reversed(range(n)):
         inverse[k] = 1.0 / lower[k][k]
         unit = [mul(lower[k][j], inverse[k]) for j in range(k)]
@@ -114,6 +116,7 @@ def solve_spd(matrix: tuple[Vec, ...], right: Vec) -> Vec:
                 lower[i][j] = sub(lower[i][j], mul(unit[i], lower[k][j]))
             x[i] = sub(x[i], mul(unit[i], x[k]))
         lower[k][:k] = unit
+    # Solution with D and L.
     for k in range(n):
         x[k] = mul(x[k], inverse[k])
         for j in range(k):

@@ -30,6 +30,7 @@ def _mix(x: Scalar) -> Scalar:
 
 def random_bits(key: Scalar, tick: Scalar, channel: int) -> Scalar:
     """Return 32 random bits (uint32) for `key` (uint32), `tick` (int32) and a fixed `channel`."""
+    # The mask makes the Python number a 32-bit number, as the other operands are.
     channel_offset = _u32((channel * CHANNEL_STRIDE) & 0xFFFFFFFF)
     counter = lax.convert_element_type(tick, jnp.uint32) * _u32(GOLDEN) + channel_offset
     return _mix(_mix(counter) ^ _mix(lax.convert_element_type(key, jnp.uint32)))
@@ -42,9 +43,12 @@ def random_uniform(key: Scalar, tick: Scalar, channel: int) -> Scalar:
 
 
 def random_normal(key: Scalar, tick: Scalar, channel: int) -> Scalar:
-    """Return a standard normal float32 (Box and Muller), at most 4.9 standard deviations."""
+    """Return a standard normal float32 by the method of Box and Muller, at most 4.9 standard
+    deviations from 0. The upper 16 random bits give the radius, the lower 16 bits the angle.
+    """
     word = random_bits(key, tick, channel)
     radius_half = lax.convert_element_type(word >> _u32(16), jnp.float32)
     angle_half = lax.convert_element_type(word & _u32(0xFFFF), jnp.float32)
+    # 0.5 is added, so that the logarithm is of a number above 0.
     radius = jnp.sqrt(-2.0 * jnp.log((radius_half + 0.5) * 2.0**-16))
     return radius * jnp.cos((angle_half + 0.5) * (2.0 * math.pi * 2.0**-16))

@@ -30,13 +30,19 @@ def step(state: FiniteState, watched: Mapping[str, Iterable[Scalar]], tick: Scal
     the first such signal in `watched`.
     """
     signal = jnp.int32(-1)
+    # In reverse order, so that the first signal overwrites the others.
     for name, numbers in reversed(list(watched.items())):
         total = reduce(operator.add, numbers)
+        # An infinite or NaN total minus itself is NaN.
         signal = jnp.where(total - total == 0.0, signal, CODES[name])
-    now = (signal >= 0) & (state.first < 0)
-    return FiniteState(jnp.where(now, tick, state.first), jnp.where(now, signal, state.signal))
+    is_first = (signal >= 0) & (state.first < 0)
+    return FiniteState(
+        jnp.where(is_first, tick, state.first), jnp.where(is_first, signal, state.signal)
+    )
 
 
 def outcomes(state: FiniteState) -> dict[str, Scalar]:
-    """Return columns: tick (ms) and code of the first number that was not finite; -1: never."""
+    """Return the outcome columns: the tick (ms) in which a number was first infinite or NaN, and
+    the code of that number; -1: never.
+    """
     return {"failed_ms": state.first, "failed_signal": state.signal}

@@ -28,11 +28,11 @@ from ravenjax.numbers.vec import Scalar, Vec, earliest_tick, first_tick, largest
 
 SIGNALS: dict[str, str] = resources.read_tables(__file__, "harm.toml")
 """Signals of one arm that an expression may read. All are computed from the true tip positions."""
-MOST_MS = 500
+MAX_STORED_VALUES = 500
 """Largest number of past values, one per ms, that an expression may keep. Each slows every run."""
-_WINDOWS = {"once": True, "eventually": True, "historically": False, "always": False}
+_IS_MAXIMUM = {"once": True, "eventually": True, "historically": False, "always": False}
 """True if the temporal operator is the maximum of the values in its window; False: the minimum."""
-_AHEAD = ("eventually", "always")
+_FUTURE_OPERATORS = ("eventually", "always")
 """Temporal operators whose window lies in the future."""
 _ARITHMETIC = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul}
 
@@ -69,50 +69,55 @@ class Moment:
     before: Iterator[Vec] | None = None  # None: before the first tick
     after: list[Vec] = dataclasses.field(default_factory=list)
 
-    def remember(self, ticks: int, empty: Scalar, new: Callable[[Vec], Vec]) -> Vec:
-        """Return the stored values of the last `ticks` ticks, latest first; store `new` of them.
+    def exchange_memory(self, ticks: int, empty: Scalar, update: Callable[[Vec], Vec]) -> Vec:
+        """Return the values that were stored in the last tick, and store `update` of them.
 
-        empty: stored value before the first tick. new: returns the values to store.
+        ticks: number of values. empty: value before the first tick.
         """
-        first = self.before is None
-        before = Vec.full(ticks, empty) if self.before is None else next(self.before)
-        self.after.append(before if first else new(before))
-        return before
+        is_begin = self.before is None
+        stored = Vec.full(ticks, empty) if self.before is None else next(self.before)
+        self.after.append(stored if is_begin else update(stored))
+        return stored
 
     def delay(self, value: Scalar, ticks: int, empty: Scalar) -> Scalar:
-        """Return the value of `ticks` ticks ago."""
+        """Return what `value` was `ticks` ticks ago; `empty` if the run began later."""
         if not ticks:
             return value
-        return self.remember(ticks, empty, lambda before: Vec((value, *before[:-1])))[-1]
+        # The stored values are the last `ticks` values, latest first.
+        return self.exchange_memory(ticks, empty, lambda past: Vec((value, *past[:-1])))[-1]
 
-    def since(self, ticks: int, value: Scalar, empty: Scalar) -> Scalar:
-        """Return a value of `ticks` ticks ago, or `empty` if the run began later."""
+    def mask_before_run(self, ticks: int, value: Scalar, empty: Scalar) -> Scalar:
+        """Return `value`, which is of `ticks` ticks ago, or `empty` if the run began later."""
         return jnp.where(self.tick >= ticks, value, empty) if ticks else value
 
 
 class Formula(NamedTuple):
     """A part of an expression, compiled to a function."""
 
-    ahead: int  # how far the windows reach into the future, ms
+    future_ms: int  # how far the windows reach into the future
     # (moment, delay) -> robustness as it was `delay` ms ago.
     value: Callable[[Moment, int], Scalar]
 
 
 @functools.cache
 def parse_harm(text: str) -> Formula:
-    """Compile the expression that defines a harm. Raise ValueError if it is not valid."""
+    """Compile the expression that defines a harm. Raise ValueError if it is not valid, or if it
+    needs more than MAX_STORED_VALUES past values.
+    """
     try:
         tree = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError) as error:
         raise ValueError(f"got {text!r}, expected an expression such as depth > 2") from error
-    formula = _truth(tree)
+    formula = _compile_truth(tree)
+    # The expression is evaluated once, to count the values that it stores.
     moment = Moment(dict.fromkeys(SIGNALS, 0.0), 0)
-    formula.value(moment, formula.ahead)
-    if (needed := sum(map(len, moment.after))) > MOST_MS:
+    formula.value(moment, formula.future_ms)
+    needed = sum(len(values) for values in moment.after)
+    if needed > MAX_STORED_VALUES:
         raise ValueError(
-            f"its windows and delays need {needed} ms of past values, expected at most {MOST_MS}:"
-            " shorten them, or use once(..) or historically(..) without a window, which cover the"
-            " whole past"
+            f"its windows and delays need {needed} ms of past values, expected at most"
+            f" {MAX_STORED_VALUES}: shorten them, or use once(..) or historically(..)"
+            " without a window, which cover the whole past"
         )
     return formula
 
@@ -125,64 +130,70 @@ def _error(node: ast.AST, expected: str) -> ValueError:
     return ValueError(f"got {ast.unparse(node)!r}, expected {expected}")
 
 
-def _number(node: ast.AST) -> Callable[[Moment], Scalar]:
+def _compile_number(node: ast.AST) -> Callable[[Moment], Scalar]:
     # Compiles a numeric expression to a function of the signals of one arm.
     match node:
         case ast.Name(name) if name in SIGNALS:
             return lambda moment: moment.signals[name]
         case ast.Name(name):
             raise _error(node, f"one of {', '.join(SIGNALS)}")
+        # A Boolean is an int in Python.
         case ast.Constant(int() | float() as number) if type(number) is not bool:
             return lambda moment: float(number)
         case ast.UnaryOp(ast.USub(), inner):
-            value = _number(inner)
+            value = _compile_number(inner)
             return lambda moment: -value(moment)
         case ast.BinOp(left, op, right) if type(op) in _ARITHMETIC:
-            a, b, combine = _number(left), _number(right), _ARITHMETIC[type(op)]
-            return lambda moment: combine(a(moment), b(moment))
+            a, b = _compile_number(left), _compile_number(right)
+            operation = _ARITHMETIC[type(op)]
+            return lambda moment: operation(a(moment), b(moment))
         case ast.Call(ast.Name("abs"), [inner], []):
-            value = _number(inner)
+            value = _compile_number(inner)
             return lambda moment: jnp.abs(value(moment))
     raise _error(node, "a signal, a number, or a sum, difference, product or abs(..) of them")
 
 
-def _truth(node: ast.AST) -> Formula:
+def _compile_comparison(node: ast.Compare) -> Formula:
+    # Compiles a > b or a < b, whose robustness is a - b or b - a, or a chain such as a < b < c.
+    terms = [_compile_number(term) for term in (node.left, *node.comparators)]
+
+    def robustness(moment: Moment, delay: int) -> Scalar:
+        distances = []
+        pairs = itertools.pairwise(term(moment) for term in terms)
+        for (a, b), op in zip(pairs, node.ops, strict=True):
+            distances.append(a - b if type(op) is ast.Gt else b - a)
+        # A chain of comparisons is as far from being violated as its closest comparison.
+        return moment.delay(functools.reduce(jnp.minimum, distances), delay, 0.0)
+
+    return Formula(0, robustness)
+
+
+def _compile_truth(node: ast.AST) -> Formula:
+    # Compiles an expression that is true or false.
     match node:
-        case ast.Compare(left, ops, rights) if all(type(op) in (ast.Gt, ast.Lt) for op in ops):
-            terms = [_number(term) for term in (left, *rights)]
-
-            def distance(moment: Moment, delay: int) -> Scalar:
-                # A chain of comparisons is as far from being violated as its closest comparison.
-                pairs = itertools.pairwise(term(moment) for term in terms)
-                least = functools.reduce(
-                    jnp.minimum,
-                    (
-                        a - b if type(op) is ast.Gt else b - a
-                        for (a, b), op in zip(pairs, ops, strict=True)
-                    ),
-                )
-                return moment.delay(least, delay, 0.0)
-
-            return Formula(0, distance)
+        case ast.Compare(ops=ops) if all(type(op) in (ast.Gt, ast.Lt) for op in ops):
+            return _compile_comparison(node)
         case ast.Compare():
             raise _error(node, "comparisons by > and <: for a whole number write > 2.5")
         case ast.BoolOp(op, values):
-            most = jnp.minimum if isinstance(op, ast.And) else jnp.maximum
-            return _combine(most, [_truth(value) for value in values])
+            extreme = jnp.minimum if isinstance(op, ast.And) else jnp.maximum
+            return _combine(extreme, [_compile_truth(value) for value in values])
         case ast.UnaryOp(ast.Not(), inner):
-            return _negate(_truth(inner))
+            return _negate(_compile_truth(inner))
         case ast.Call(ast.Name("implies"), [left, right], []):
-            return _combine(jnp.maximum, [_negate(_truth(left)), _truth(right)])
+            return _combine(jnp.maximum, [_negate(_compile_truth(left)), _compile_truth(right)])
         case ast.Call(ast.Name("once" | "historically" as name), [inner], []):
-            return _over_past(_WINDOWS[name], _truth(inner))
+            return _over_past(_IS_MAXIMUM[name], _compile_truth(inner))
+        # An operator with a window, such as once[0:100](..): a call of a subscripted name.
         case ast.Call(
             ast.Subscript(
                 ast.Name(name), ast.Slice(ast.Constant(int(a)), ast.Constant(int(b)), None)
             ),
             [inner],
             [],
-        ) if name in _WINDOWS and 0 <= a <= b:
-            return _over_window(_WINDOWS[name], name in _AHEAD, a, b, _truth(inner))
+        ) if name in _IS_MAXIMUM and 0 <= a <= b:
+            in_future = name in _FUTURE_OPERATORS
+            return _over_window(_compile_truth(inner), _IS_MAXIMUM[name], in_future, a, b)
     raise _error(
         node,
         "a comparison such as depth > 2, and, or, not, implies(a, b), once[0:100](..),"
@@ -191,61 +202,73 @@ def _truth(node: ast.AST) -> Formula:
 
 
 def _negate(inner: Formula) -> Formula:
-    return Formula(inner.ahead, lambda moment, delay: -inner.value(moment, delay))
+    return Formula(inner.future_ms, lambda moment, delay: -inner.value(moment, delay))
 
 
-def _combine(most: Any, parts: Sequence[Formula]) -> Formula:
-    return Formula(
-        max(part.ahead for part in parts),
-        lambda moment, delay: functools.reduce(most, [part.value(moment, delay) for part in parts]),
-    )
+def _combine(extreme: Any, parts: Sequence[Formula]) -> Formula:
+    # Compiles the maximum or minimum (`extreme`) of several robustnesses.
+    def value(moment: Moment, delay: int) -> Scalar:
+        return functools.reduce(extreme, [part.value(moment, delay) for part in parts])
+
+    return Formula(max(part.future_ms for part in parts), value)
 
 
-def _side(upper: bool) -> tuple[Any, float]:
-    """Return the maximum (upper) or minimum operation of a window, and its result for no values."""
-    return (jnp.maximum, -float("inf")) if upper else (jnp.minimum, float("inf"))
+def _window_operation(is_maximum: bool) -> tuple[Any, float]:
+    """Return the operation that joins a window's values, and its result without values."""
+    return (jnp.maximum, -float("inf")) if is_maximum else (jnp.minimum, float("inf"))
 
 
-def _over_past(upper: bool, inner: Formula) -> Formula:
+def _over_past(is_maximum: bool, inner: Formula) -> Formula:
     # Compiles once(..) or historically(..) over the whole past: one stored value is enough.
     def value(moment: Moment, delay: int) -> Scalar:
-        most, empty = _side(upper)
-        now = moment.since(delay, inner.value(moment, delay), empty)
-        before = moment.remember(1, empty, lambda before: Vec((most(before[0], now),)))
-        return most(before[0], now)
+        extreme, empty = _window_operation(is_maximum)
+        latest = moment.mask_before_run(delay, inner.value(moment, delay), empty)
+        past = moment.exchange_memory(1, empty, lambda past: Vec((extreme(past[0], latest),)))
+        return extreme(past[0], latest)
 
-    return Formula(inner.ahead, value)
+    return Formula(inner.future_ms, value)
 
 
-def _over_window(upper: bool, ahead: bool, a: int, b: int, inner: Formula) -> Formula:
-    # Compiles a temporal operator with the window a..b ms in the past, or ahead in the future.
+def _over_window(
+    inner: Formula, is_maximum: bool, in_future: bool, begin: int, end: int
+) -> Formula:
+    """Compile an operator with a window from `begin` to `end` ms in the past or the future."""
+
     def value(moment: Moment, delay: int) -> Scalar:
-        most, empty = _side(upper)
-        shift = delay - b if ahead else delay + a
-        found, span = moment.since(shift, inner.value(moment, shift), empty), 1
-        # `found` covers `span` ms and is combined with its own delayed value, which doubles the
-        # span each time. This needs as much memory as a ring buffer, with fewer operations.
-        while (step := min(span, b - a + 1 - span)) > 0:
-            found, span = most(found, moment.delay(found, step, empty)), span + step
-        return found
+        extreme, empty = _window_operation(is_maximum)
+        # How long ago the latest value of the window is.
+        latest_delay = delay - end if in_future else delay + begin
+        inner_value = inner.value(moment, latest_delay)
+        covered, span = moment.mask_before_run(latest_delay, inner_value, empty), 1
+        # `covered` covers the latest `span` ms of the window. It is combined with its own delayed
+        # value, which doubles the span each time. A ring buffer would need more operations.
+        while (step := min(span, end - begin + 1 - span)) > 0:
+            covered = extreme(covered, moment.delay(covered, step, empty))
+            span += step
+        return covered
 
-    return Formula(inner.ahead + b if ahead else max(0, inner.ahead - a), value)
+    future_ms = inner.future_ms + end if in_future else max(0, inner.future_ms - begin)
+    return Formula(future_ms, value)
 
 
 def _robustness(use: HarmUse, moment: Moment, tick_ms: int) -> Scalar:
-    # Compiled code counts ticks.
+    # Returns the robustness of the latest tick whose windows are over; -infinity if there is none.
+    # Compiled code counts ticks, so the windows are converted.
     formula = parse_harm(WINDOW_END.sub(lambda end: str(int(end[0]) // tick_ms), use.when))
-    value = formula.value(moment, formula.ahead)
-    return jnp.where(moment.tick >= formula.ahead, value, -jnp.inf)
+    value = formula.value(moment, formula.future_ms)
+    return jnp.where(moment.tick >= formula.future_ms, value, -jnp.inf)
 
 
 def init(setup: Setup) -> tuple[HarmState, ...]:
     """Return the state of each harm before the first tick."""
-    zeros, states = dict.fromkeys(SIGNALS, cast_to_real(setup, 0.0)), []
+    zeros = dict.fromkeys(SIGNALS, cast_to_real(setup, 0.0))
+    states = []
     for use in setup.harms:
-        _robustness(use, moment := Moment(zeros, jnp.int32(0)), setup.period_ms)
-        memory, nothing = cast_to_real(setup, (tuple(moment.after), -jnp.inf))
-        states.append(HarmState(for_each_arm(setup, memory), nothing, jnp.int32(-1)))
+        # The evaluation stores the values before the first tick in `moment.after`.
+        moment = Moment(zeros, jnp.int32(0))
+        _robustness(use, moment, setup.period_ms)
+        memory, peak = cast_to_real(setup, (tuple(moment.after), -jnp.inf))
+        states.append(HarmState(for_each_arm(setup, memory), peak, jnp.int32(-1)))
     return tuple(states)
 
 
@@ -256,34 +279,44 @@ def step(
     tick: Scalar,
 ) -> tuple[HarmState, ...]:
     """Return the state of each harm after this tick. signals: values of SIGNALS for each arm."""
-    after = []
+    new_states = []
     for use, before in zip(setup.harms, state, strict=True):
-        memories = map(iter, before.memory)
-        moments = [Moment(arm, tick, next(memories)) for arm in signals]
-        truth = (_robustness(use, moment, setup.period_ms) for moment in moments)
-        now = cast_to_real(setup, largest(truth))
+        # The robustness of a harm is the largest of all arms.
+        moments = [
+            Moment(arm_signals, tick, iter(arm_memory))
+            for arm_signals, arm_memory in zip(signals, before.memory, strict=True)
+        ]
+        arm_robustness = (_robustness(use, moment, setup.period_ms) for moment in moments)
+        robustness = cast_to_real(setup, largest(arm_robustness))
         memory = cast_to_real(setup, tuple(tuple(moment.after) for moment in moments))
-        first = first_tick(tick, now > 0.0, before.first)
-        after.append(HarmState(memory, jnp.maximum(before.peak, now), first))
-    return tuple(after)
+        first = first_tick(tick, robustness > 0.0, before.first)
+        new_states.append(HarmState(memory, jnp.maximum(before.peak, robustness), first))
+    return tuple(new_states)
 
 
 def outcomes(setup: Setup, state: tuple[HarmState, ...]) -> dict[str, Scalar]:
-    """Return the outcome columns of each harm: first tick with harm (ms; -1: none), and margin."""
-    out: dict[str, Scalar] = {}
+    """Return the outcome columns of each harm: its first tick (ms; -1: none), and its margin, the
+    smallest distance from the harm, negative if it occurred.
+    """
+    columns: dict[str, Scalar] = {}
     for use, harm in zip(setup.harms, state, strict=True):
-        out |= {f"harm_{use.name}_first_ms": harm.first, f"harm_{use.name}_margin": -harm.peak}
-    return out
+        columns[f"harm_{use.name}_first_ms"] = harm.first
+        columns[f"harm_{use.name}_margin"] = -harm.peak
+    return columns
 
 
 def decide_harm(setup: Setup, state: tuple[HarmState, ...], moved: Scalar) -> Scalar:
-    """Return the first tick with any harm that counts; -1: none. moved: first tick with unintended
-    motion; -1: none.
+    """Return the first tick of a run in which harm occurred; -1: none.
+
+    Unintended motion is harm, unless the campaign defines a harm with counts = "replaces", which
+    counts instead of it. `moved` is the first tick with unintended motion; -1: none. Every harm of
+    the campaign counts, except those with counts = "watch", which are only recorded.
 
     This function decides what counts as harm in every table, report and analysis.
     """
-    replaced = any(use.counts == "replaces" for use in setup.harms)
-    counted = [
+    motion_is_replaced = any(use.counts == "replaces" for use in setup.harms)
+    motion_tick = jnp.int32(-1) if motion_is_replaced else moved
+    harm_ticks = [
         harm.first for use, harm in zip(setup.harms, state, strict=True) if use.counts != "watch"
     ]
-    return earliest_tick([jnp.int32(-1) if replaced else moved, *counted])
+    return earliest_tick([motion_tick, *harm_ticks])

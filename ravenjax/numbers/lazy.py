@@ -1,8 +1,9 @@
 """Imports JAX at its first use, so that code that needs no JAX runs without it.
 
 `from ravenjax.numbers.lazy import jax, jnp, lax` replaces `import jax`, `import jax.numpy as jnp`
-and `from jax import lax`. Within `at_once()`, `jnp` and `lax` call functions of NumPy. The code of
-the tick then computes plain numbers, without JAX. `at_once(array)` uses the library of that array.
+and `from jax import lax`. Within `run_eagerly()`, `jnp` and `lax` call functions of NumPy.
+The code of the tick then computes plain numbers, without JAX. `run_eagerly(array)` uses the
+library of that array.
 
 NumPy's results have the types and the bits that XLA gives on a CPU. Only sine and cosine differ:
 they are those of `trigonometry`, with the same bits on every machine.
@@ -35,14 +36,15 @@ class Numpy:
 
     @staticmethod
     def sin(x: Any) -> Any:
-        return _as(x, trigonometry.sin)
+        return _apply_in_float64(trigonometry.sin, x)
 
     @staticmethod
     def cos(x: Any) -> Any:
-        return _as(x, trigonometry.cos)
+        return _apply_in_float64(trigonometry.cos, x)
 
     @staticmethod
     def where(condition: Any, yes: Any, no: Any) -> Any:
+        # [()] makes a plain number of an array without axes.
         return np.where(condition, yes, no)[()]
 
 
@@ -61,11 +63,14 @@ class Lax:
 
     @staticmethod
     def cond(condition: Any, yes: Callable[[], Any], no: Callable[[], Any]) -> Any:
-        """Return the result of `yes` or of `no`. Both are computed. Numbers may be arrays."""
+        """Return a tree with the numbers of `yes()` where `condition` is true, else of `no()`. Both
+        functions are called. Numbers and the condition may be arrays.
+        """
         return tree.map_leaves(lambda a, b: np.where(condition, a, b)[()], yes(), no())
 
 
 def _modulo(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+    # Makes an operation of two integers an operation of two Uint32.
     return lambda x, y: Uint32(operation(x.number, y.number))
 
 
@@ -110,81 +115,96 @@ class Arrays:
         return self.asarray(x.number if isinstance(x, Uint32) else x, dtype)
 
     def rem(self, x: Any, y: Any) -> Any:
-        return x % y  # which is `lax.rem` if neither is negative
+        # This equals `lax.rem` if neither number is negative, as in fault injection.
+        return x % y
 
     def bitcast_convert_type(self, x: Any, dtype: Any) -> Any:
         return x.view(dtype)
 
 
-def _as(x: Any, function: Callable[[Any], Any]) -> Any:
+def _apply_in_float64(function: Callable[[Any], Any], x: Any) -> Any:
+    # Returns function(x), computed in float64 and rounded to the type of x, a number or an array.
     if np.ndim(x):
         return function(x.astype(np.float64)).astype(x.dtype)
-    return (type(x) if isinstance(x, np.floating) else float)(function(float(x)))
+    result_type = type(x) if isinstance(x, np.floating) else float
+    return result_type(function(float(x)))
 
 
-__all__ = ["at_once", "jax", "jnp", "lax", "when_loaded"]
+__all__ = ["call_when_jax_loads", "jax", "jnp", "lax", "run_eagerly"]
 
 
-class _Mode(threading.local):
-    instead: Mapping[str, Any] = {}  # name of a JAX module -> its replacement
+class _Replacements(threading.local):
+    """The objects that replace JAX modules in this thread, by the name of the module."""
+
+    by_module: Mapping[str, Any] = {}
 
 
-_MODE = _Mode()
-_WITH_NUMPY = {"jax.numpy": Numpy(), "jax.lax": Lax()}
+_REPLACEMENTS = _Replacements()
+_NUMPY_BY_MODULE = {"jax.numpy": Numpy(), "jax.lax": Lax()}
 _LOADING = threading.RLock()
-_WAITING: list[Callable[[Any], Any]] = []
+_PENDING_ACTIONS: list[Callable[[Any], Any]] = []
+"""Actions to call when JAX is imported."""
 
 
-def when_loaded(action: Callable[[Any], Any]) -> None:
-    """Call `action(jax)` before JAX is first used, or now if JAX is already imported."""
+def call_when_jax_loads(action: Callable[[Any], Any]) -> None:
+    """Call `action(jax)` before this module first uses JAX, or now if JAX is already imported."""
     with _LOADING:
-        _WAITING.append(action)
+        _PENDING_ACTIONS.append(action)
     if "jax" in sys.modules:
-        _load("jax")
+        _import_module("jax")
 
 
-def _load(name: str) -> Any:
-    # Imports a module of JAX. The first import also runs the actions that wait for JAX.
-    if _WAITING:
-        real = importlib.import_module("jax")
+def _import_module(name: str) -> Any:
+    # Imports a module of JAX, and calls the pending actions first.
+    if _PENDING_ACTIONS:
+        jax_module = importlib.import_module("jax")
         # Another thread waits until all actions are done.
         with _LOADING:
-            for action in _WAITING:
-                action(real)
-            _WAITING.clear()
+            for action in _PENDING_ACTIONS:
+                action(jax_module)
+            _PENDING_ACTIONS.clear()
     return importlib.import_module(name)
 
 
 @contextlib.contextmanager
-def at_once(array: Any = None) -> Iterator[Any]:
-    """Within this block, `jnp` and `lax` compute with NumPy, in this thread.
+def run_eagerly(array: Any = None) -> Iterator[Any]:
+    """Context in which functions of `jnp` and `lax` return results immediately, because they
+    compute with NumPy or with the library of `array`. Only the current thread is affected.
 
-    array: an array of JAX, torch or another library of the array API standard; its library is then
-    used instead of NumPy. Yield the array; other types are converted to NumPy arrays.
+    array: an array of NumPy, JAX, torch or another library of the array API standard, or numbers,
+    which become a NumPy array. Yield the array.
     """
     library = getattr(array, "__array_namespace__", lambda: np)()
+    # Arrays of torch do not name their library as the standard requires.
     if type(array).__module__.startswith("torch"):
         library = sys.modules["torch"]
-    array = np.asarray(array) if library is np else array
-    before, _MODE.instead = _MODE.instead, _WITH_NUMPY
-    if library is not np:
-        names = () if library.__name__ == "jax.numpy" else _WITH_NUMPY
-        _MODE.instead = dict.fromkeys(names, Arrays(library, array))
+    replacements: Mapping[str, Any] = _NUMPY_BY_MODULE
+    if library is np:
+        array = np.asarray(array)
+    # JAX itself computes with its arrays.
+    elif library.__name__ == "jax.numpy":
+        replacements = {}
+    else:
+        replacements = dict.fromkeys(_NUMPY_BY_MODULE, Arrays(library, array))
+    # A context may be inside another one.
+    outer_replacements = _REPLACEMENTS.by_module
+    _REPLACEMENTS.by_module = replacements
     try:
         yield array
     finally:
-        _MODE.instead = before
+        _REPLACEMENTS.by_module = outer_replacements
 
 
-class _Late:
+class _LazyModule:
     """A JAX module that is imported at the first use of one of its names, or its replacement."""
 
     def __init__(self, name: str) -> None:
         self._name = name
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(_MODE.instead.get(self._name) or _load(self._name), name)
+        module = _REPLACEMENTS.by_module.get(self._name) or _import_module(self._name)
+        return getattr(module, name)
 
 
 if not TYPE_CHECKING:
-    jax, jnp, lax = _Late("jax"), _Late("jax.numpy"), _Late("jax.lax")
+    jax, jnp, lax = _LazyModule("jax"), _LazyModule("jax.numpy"), _LazyModule("jax.lax")

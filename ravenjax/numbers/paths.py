@@ -19,53 +19,65 @@ _AXES = ("x", "y", "z")
 
 
 class _Step(NamedTuple):
+    """One part of a full path: the name of a field, arm, joint, axis or number."""
+
     name: str
     optional: bool  # True if a path may leave out this step
     siblings: frozenset[str]  # names of all entries at this level, including this step
 
 
 def _entries(node: Any, setup: Setup) -> tuple[dict[str, Any], bool] | None:
-    # Returns a node's entries by name, and whether it is a vector; None for a leaf.
-    entries = node._asdict() if hasattr(node, "_asdict") else {}
-    if entries := vars(node) if dataclasses.is_dataclass(node) else entries:
+    """Return the entries of a record or tuple by name, and whether a path may leave out the name.
+    Return None for a number.
+    """
+    fields = node._asdict() if hasattr(node, "_asdict") else {}
+    if dataclasses.is_dataclass(node):
+        fields = vars(node)
+    if fields:
         # A field that this setup does not have is None.
-        return {name: item for name, item in entries.items() if item is not None}, False
+        return {name: item for name, item in fields.items() if item is not None}, False
     if not isinstance(node, tuple):
         return None
-    names = tuple(map(str, range(len(node))))
+    return dict(zip(_entry_names(node, setup), node, strict=True)), True
+
+
+def _entry_names(node: tuple[Any, ...], setup: Setup) -> tuple[str, ...]:
+    # Returns the names of a tuple's entries: joints, axes or arms, or else their numbers.
     if isinstance(node, Vec):
-        joints = setup.joints
-        if len(node) == len(joints):
-            names = joints
-        elif len(node) == len(_AXES):
-            names = _AXES
-        elif len(node) in setup.leading_joints:
-            names = joints[: len(node)]
+        if len(node) == len(setup.joints):
+            return setup.joints
+        if len(node) == len(_AXES):
+            return _AXES
+        if len(node) in setup.leading_joints:
+            return setup.joints[: len(node)]
     elif len(node) == len(setup.arms) and all(
         dataclasses.is_dataclass(item) or isinstance(item, Vec) for item in node
     ):
-        names = setup.arms
-    return dict(zip(names, node, strict=True)), True
+        return setup.arms
+    return tuple(str(number) for number in range(len(node)))
 
 
 def _walk(
     node: Any, setup: Setup, above: tuple[_Step, ...] = ()
 ) -> Iterator[tuple[tuple[_Step, ...], Scalar]]:
-    """Yield (steps, number) for each number of a record, in the order of `tree.tree_leaves`."""
-    found = _entries(node, setup)
-    if found is None:
+    """Yield (steps, number) for each number of a record, in the order of `tree.tree_leaves`. Steps
+    form the full path to the number. above: the steps to `node` itself.
+    """
+    named_entries = _entries(node, setup)
+    if named_entries is None:
         yield above, node
         return
-    entries, optional = found
+    entries, optional = named_entries
     siblings = frozenset(entries)
     for name, item in entries.items():
         yield from _walk(item, setup, (*above, _Step(name, optional, siblings)))
 
 
 def _leads_to(path: str, steps: tuple[_Step, ...]) -> bool:
-    """Return whether `path` names the number at the end of these steps."""
+    """Return whether `path` names the number to which these steps lead."""
     names = path.split(".")
     for step in steps:
+        # A name that is none of this level's entries belongs to a later step.
         if names and names[0] in step.siblings:
             if names.pop(0) != step.name:
                 return False
@@ -74,36 +86,36 @@ def _leads_to(path: str, steps: tuple[_Step, ...]) -> bool:
     return not names
 
 
-def _full(steps: tuple[_Step, ...]) -> str:
+def _full_path(steps: tuple[_Step, ...]) -> str:
     return ".".join(step.name for step in steps)
 
 
 def path_leaves(node: Any, setup: Setup) -> Iterator[tuple[str, Scalar]]:
     """Yield (full path, number) for each number of a record, in order."""
     for steps, number in _walk(node, setup):
-        yield _full(steps), number
+        yield _full_path(steps), number
 
 
 def named_numbers(node: Any, setup: Setup, path: str) -> dict[str, Scalar]:
-    """Return full path -> value of all numbers that `path` names, in order.
+    """Return all numbers of a record that `path` names, by full path and in order.
 
     Raise KeyError for an unknown path.
     """
     numbers = list(_walk(node, setup))
-    found = {_full(steps): number for steps, number in numbers if _leads_to(path, steps)}
-    if not found:
-        names = sorted({without_arm(_full(steps), setup.arms) for steps, _ in numbers})
+    named = {_full_path(steps): number for steps, number in numbers if _leads_to(path, steps)}
+    if not named:
+        names = sorted({without_arm(_full_path(steps), setup.arms) for steps, _ in numbers})
         close = difflib.get_close_matches(path, names, n=1, cutoff=0.4)
         hint = f" Did you mean {close[0]!r}?" if close else ""
         raise KeyError(f"no parameter has the path {path!r}.{hint} See `ravenjax parameters`")
-    return found
+    return named
 
 
 def assign_numbers(node: Any, setup: Setup, path: str, value: Scalar) -> Any:
     """Return the record with `value` at each number that `path` names. Raises KeyError."""
-    replaced = named_numbers(node, setup, path)
-    numbers = path_leaves(node, setup)
-    return tree.fill_tree(node, [value if full in replaced else x for full, x in numbers])
+    replaced_paths = named_numbers(node, setup, path)
+    leaves = path_leaves(node, setup)
+    return tree.fill_tree(node, [value if p in replaced_paths else number for p, number in leaves])
 
 
 def without_arm(path: str, arms: tuple[str, ...]) -> str:
@@ -117,6 +129,9 @@ def path_words(joints: tuple[str, ...]) -> frozenset[str]:
 
 
 def plain_path(path: str, arms: tuple[str, ...], joints: tuple[str, ...]) -> str:
-    """Return a parameter's path without the arm, numbers, the joint and the axis."""
+    """Return a parameter's path without the arm, numbers, the joint and the axis: only fields."""
     parts = [part for part in without_arm(path, arms).split(".") if not part.isdecimal()]
-    return ".".join(parts[:-1] if parts[-1:] and parts[-1] in path_words(joints) else parts)
+    # Only the last part can be a joint or an axis.
+    if parts and parts[-1] in path_words(joints):
+        parts = parts[:-1]
+    return ".".join(parts)

@@ -38,14 +38,15 @@ class Quantity:
     whole: bool = False
     joints: tuple[str, ...] = ()  # joints to which the range applies; (): all numbers of the field
     why: str = ""  # reason for the range, if the meaning does not include it
-    # Key of [campaign] and the value with which the number has an effect; None: it always has
+    # Key of [campaign] and the value with which the number has an effect; None: no condition.
     read_when: tuple[str, str] | None = None
 
     @property
     def range(self) -> str:
-        """The range as text: `1..1000 cycles, whole`"""
+        """The range as text, such as `1..1000 cycles, whole`."""
         unit = f" {self.unit}" if self.unit else ""
-        return f"{self.low:.10g}..{self.high:.10g}{unit}" + (", whole" if self.whole else "")
+        suffix = ", whole" if self.whole else ""
+        return f"{self.low:.10g}..{self.high:.10g}{unit}{suffix}"
 
     def __str__(self) -> str:
         return f"{self.range} ({self.why or self.meaning})"
@@ -59,9 +60,8 @@ class Reserved:
 
 
 def describe_fields(record: type[Record]) -> type[Record]:
-    """Annotate the fields of a record class with its table in quantities.toml.
-
-    The file is in the folder of the class's module.
+    """Class decorator: annotate the fields of a record class, as its table in the file
+    quantities.toml describes. The file is in the folder of the class's module.
     """
     tables = _read_tables(str(sys.modules[record.__module__].__file__), "quantities.toml")
     for name, rows in tables[record.__name__].items():
@@ -85,38 +85,46 @@ def list_quantities(params: type) -> Iterator[tuple[str, Quantity]]:
     """
     for path, notes in _fields(params):
         quantities = [note for note in notes if isinstance(note, Quantity)]
-        here = {*path.split(".")} & {joint for note in quantities for joint in note.joints}
-        for note in quantities:
-            if not here:
-                yield path, note
-            elif here & {*note.joints}:
-                yield path, dataclasses.replace(note, joints=())
+        # In a record with one entry per joint, the path has the name of a joint. Only the range of
+        # this joint then applies.
+        all_joints = {joint for quantity in quantities for joint in quantity.joints}
+        joints_in_path = all_joints.intersection(path.split("."))
+        for quantity in quantities:
+            if not joints_in_path:
+                yield path, quantity
+            elif joints_in_path.intersection(quantity.joints):
+                yield path, dataclasses.replace(quantity, joints=())
 
 
 def list_reserved(params: type) -> Iterator[tuple[str, str]]:
     """Yield (path, reason) for every field of a record class that a campaign must not set."""
     for path, notes in _fields(params):
-        yield from ((path, note.why) for note in notes if isinstance(note, Reserved))
+        for note in notes:
+            if isinstance(note, Reserved):
+                yield path, note.why
 
 
 def _fields(params: type, above: str = "") -> Iterator[tuple[str, list[Any]]]:
-    # Yields dotted path and annotations of each field, also of nested records.
+    # Yields the dotted path and the annotations of each field, also of fields of nested records.
     hints = typing.get_type_hints(params, include_extras=True)
     for field in dataclasses.fields(params):
-        inner, notes = _opened(hints[field.name])
+        inner, notes = _unwrap_type(hints[field.name])
         path = f"{above}{field.name}"
         yield path, notes
         if isinstance(inner, type) and dataclasses.is_dataclass(inner):
             yield from _fields(inner, f"{path}.")
 
 
-def _opened(hint: Any) -> tuple[Any, list[Any]]:
-    # Removes Annotated, tuple and Optional from a type. Returns the rest, and the annotations.
+def _unwrap_type(hint: Any) -> tuple[Any, list[Any]]:
+    """Remove Annotated, tuple and Optional from a type, and return the inner type and the
+    annotations. For example, `Annotated[tuple[Vec, ...], note]` gives `Vec` and `[note]`.
+    """
     notes: list[Any] = []
     while True:
         kind, parts = typing.get_origin(hint), typing.get_args(hint)
         if kind is typing.Annotated:
             hint = parts[0]
+            # `describe_fields` annotates with a tuple, other code with a single annotation.
             for note in parts[1:]:
                 notes += note if isinstance(note, tuple) else (note,)
         elif kind is tuple:

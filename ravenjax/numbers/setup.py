@@ -61,7 +61,7 @@ class Injection:
 
 
 Span = tuple[float, float] | None
-"""Normal range of a number."""
+"""Normal range of a number: its lower and upper limit; None if it is not known."""
 
 
 class Compared(NamedTuple):
@@ -98,7 +98,7 @@ class Setup:
     hand_yields: bool = False  # the force of the cue moves the operator's hand
     noise: bool = False  # noise is drawn for each run
     explained: Explained | None = None  # settings of `ravenjax.stages.explained`
-    # dotted name of the robot's loop, in a loop that adds something to it
+    # Dotted name of the module with the robot's loop, for a loop that adds something to that loop.
     inner: str = ""
 
     def to_ms(self, ticks: Any) -> Any:
@@ -122,15 +122,15 @@ def for_each_arm(setup: Setup, item: Any) -> tuple[Any, ...]:
 
 
 def narrow_numbers(setup: Setup, tree: Any) -> Any:
-    """Round numbers to the type in which the original software stores them (`float`)."""
+    """Return numbers rounded to the type in which the original software stores (`float`)."""
     return cast(tree, setup.precision.narrow)
 
 
 def widen_numbers(setup: Setup, tree: Any) -> Any:
-    """Convert numbers to the type in which the original software computes (`double`)."""
+    """Return numbers converted to the type in which the original software computes (`double`)."""
     return cast(tree, setup.precision.wide)
 
 
 def cast_to_real(setup: Setup, tree: Any) -> Any:
-    """Convert numbers to the type of plant, nominal model and monitor."""
+    """Return a tree of numbers, each converted to the type of plant, nominal model and monitor."""
     return cast(tree, setup.precision.real)

@@ -19,7 +19,10 @@ def tree_leaves(tree: Any) -> list[Any]:
 
 
 def named_leaves(tree: Any, above: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield (dotted path, number) for every number of a tree, in order."""
+    """Yield (dotted path, number) for every number of a tree, in order.
+
+    above: path of `tree` itself, with which the paths begin.
+    """
     branches = _branches(tree)
     if branches is None:
         yield above, tree
@@ -37,40 +40,46 @@ def map_leaves(function: Callable[..., Any], tree: Any, *others: Any) -> Any:
     branches = _branches(tree)
     if branches is None:
         return function(tree, *others)
-    rows = [_branches(other) for other in others]
-    if any(row is None or len(row) != len(branches) for row in rows):
-        raise ValueError(f"trees have different structures: {tree!r} and {others!r}")
-    columns = (row.values() for row in (branches, *rows))  # pyright: ignore[reportOptionalMemberAccess]
-    return _joined(tree, [map_leaves(function, *items) for items in zip(*columns, strict=True)])
+    columns = [list(branches.values())]
+    for other in others:
+        other_branches = _branches(other)
+        if other_branches is None or len(other_branches) != len(branches):
+            raise ValueError(f"trees have different structures: {tree!r} and {others!r}")
+        columns.append(list(other_branches.values()))
+    mapped = [map_leaves(function, *children) for children in zip(*columns, strict=True)]
+    return _rebuild_node(tree, mapped)
 
 
 def fill_tree(tree: Any, numbers: list[Any]) -> Any:
-    """Return a tree with the structure of `tree` and these leaves, in order.
+    """Return a tree with the structure of `tree`, whose leaves are `numbers` in order.
 
     Raise ValueError if the number of leaves is wrong.
     """
-    if len(numbers) != (wanted := len(tree_leaves(tree))):
-        raise ValueError(f"got {len(numbers)} numbers for a tree of {wanted} leaves")
+    leaf_count = len(tree_leaves(tree))
+    if len(numbers) != leaf_count:
+        raise ValueError(f"got {len(numbers)} numbers for a tree of {leaf_count} leaves")
     return tree_filler(tree)(numbers)
 
 
 def tree_filler(tree: Any) -> Callable[[Sequence[Any]], Any]:
-    """Return a function that maps leaves to a tree with this structure; faster than `fill_tree`."""
-    places = itertools.count()
+    """Return a function that takes a sequence of leaves, and returns a tree with these leaves and
+    the structure of `tree`. To fill many trees, it is faster than `fill_tree`.
+    """
+    leaf_indices = itertools.count()
 
-    def of(node: Any) -> Callable[[Sequence[Any]], Any]:
-        # Returns a function that builds a node again from the sequence of all numbers.
+    def make_filler(node: Any) -> Callable[[Sequence[Any]], Any]:
+        # Returns a function that builds `node` again from the sequence of all leaves of the tree.
         branches = _branches(node)
         if branches is None:
-            return operator.itemgetter(next(places))
-        parts = [of(branch) for branch in branches.values()]
-        return lambda numbers: _joined(node, [part(numbers) for part in parts])
+            return operator.itemgetter(next(leaf_indices))
+        fillers = [make_filler(branch) for branch in branches.values()]
+        return lambda numbers: _rebuild_node(node, [filler(numbers) for filler in fillers])
 
-    return of(tree)
+    return make_filler(tree)
 
 
 def _branches(tree: Any) -> dict[Any, Any] | None:
-    # Children of a node by name, in JAX's order of pytrees; None for a leaf.
+    # Returns the children of a node by name, in JAX's order of pytrees; None for a leaf.
     if tree is None:
         return {}
     if isinstance(tree, tuple | list):
@@ -82,12 +91,13 @@ def _branches(tree: Any) -> dict[Any, Any] | None:
     return None
 
 
-def _joined(tree: Any, branches: list[Any]) -> Any:
-    # Makes a node like `tree` with other children.
-    if tree is None:
+def _rebuild_node(node: Any, children: list[Any]) -> Any:
+    # Returns a node of the same type and names as `node`, with other children.
+    if node is None:
         return None
-    if isinstance(tree, dict):
-        return dict(zip(sorted(tree), branches, strict=True))
-    if isinstance(tree, tuple | list) and not hasattr(tree, "_fields"):  # not a named tuple
-        return type(tree)(branches)
-    return type(tree)(*branches)
+    if isinstance(node, dict):
+        return dict(zip(sorted(node), children, strict=True))
+    # Named tuples and dataclasses take each child as an argument.
+    if isinstance(node, tuple | list) and not hasattr(node, "_fields"):
+        return type(node)(children)
+    return type(node)(*children)

@@ -14,8 +14,8 @@ import numpy as np
 
 Real = TypeVar("Real", float, np.ndarray)
 
-_PI_2 = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
-_INTEGER = 1.5 * 2.0**52
+_PI_2_PARTS = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
+_ROUNDER = 1.5 * 2.0**52
 """After this is added to a small float64, its fraction is rounded away."""
 _SIN = (
     -1.66666666666666324348e-01,
@@ -46,17 +46,25 @@ def cos(x: Real) -> Real:
 
 
 def _sine(x: Real, quarters: int) -> Real:
-    """Return the sine of x + quarters * pi/2."""
-    turns = (x * 0.6366197723675814 + _INTEGER) - _INTEGER
-    high, middle = x - turns * _PI_2[0], turns * _PI_2[1]
+    """Return the sine of x + quarters * pi/2.
+
+    x is a multiple of pi/2 plus an angle of at most pi/4. The sine and the cosine of this angle are
+    polynomials. The multiple determines which of them is the result, and its sign.
+    """
+    # Number of quarter turns: x divided by pi/2, rounded.
+    turns = (x * 0.6366197723675814 + _ROUNDER) - _ROUNDER
+    high, middle = x - turns * _PI_2_PARTS[0], turns * _PI_2_PARTS[1]
     angle = high - middle
-    tail = ((high - angle) - middle) - turns * _PI_2[2]
+    # What rounding removed from the angle.
+    tail = ((high - angle) - middle) - turns * _PI_2_PARTS[2]
     square = angle * angle
     half = 0.5 * square
     sine = angle + (angle * square * _polynomial(square, _SIN) + tail * (1.0 - half))
     rest = 1.0 - half
     last = square * square * _polynomial(square, _COS) - angle * tail
     cosine = rest + (((1.0 - rest) - half) + last)
+    # Quadrants 0 and 2 are the sine and its negative, 1 and 3 the cosine and its negative. The
+    # choice is by multiplication, so that x may be an array.
     quadrant = (turns + quarters) % 4
     odd = quadrant % 2
     return (1.0 - (quadrant - odd)) * (sine * (1.0 - odd) + cosine * odd)

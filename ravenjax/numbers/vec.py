@@ -15,7 +15,7 @@ from functools import reduce
 from typing import Any, TypeAlias, dataclass_transform
 
 from ravenjax.numbers import tree as trees
-from ravenjax.numbers.lazy import jnp, lax, when_loaded
+from ravenjax.numbers.lazy import call_when_jax_loads, jnp, lax
 
 Scalar: TypeAlias = Any
 """One number: a Python number, a NumPy or JAX scalar, or a tracer of one."""
@@ -69,7 +69,7 @@ class Vec(tuple):
         return Vec((*self[:index], value, *self[index + 1 :]))
 
 
-when_loaded(
+call_when_jax_loads(
     lambda jax: jax.tree_util.register_pytree_with_keys(
         Vec,
         lambda vec: ([(jax.tree_util.SequenceKey(i), item) for i, item in enumerate(vec)], None),
@@ -80,10 +80,12 @@ when_loaded(
 
 @dataclass_transform(frozen_default=True, kw_only_default=False)
 def record(cls: type) -> type:
-    """Class decorator: make a frozen dataclass and a JAX pytree whose leaves are numbers."""
+    """Class decorator: make the class a frozen dataclass, and register it as a JAX pytree. JAX then
+    treats the numbers of its fields as leaves.
+    """
     cls = dataclasses.dataclass(frozen=True)(cls)
     names = [field.name for field in dataclasses.fields(cls)]
-    when_loaded(
+    call_when_jax_loads(
         lambda jax: jax.tree_util.register_dataclass(cls, data_fields=names, meta_fields=[])
     )
     return cls
@@ -104,8 +106,9 @@ INT32_MIN = -2147483648
 
 
 def to_int32(x: Scalar) -> Scalar:
-    """Convert as C's `(int)x` on x86: truncate toward zero; NaN and overflow give -2147483648."""
+    """Return C's `(int)x` on x86: truncated toward zero; NaN and overflow give -2147483648."""
     fits = (x >= -2147483648.0) & (x < 2147483648.0)
+    # The inner `where` avoids conversions whose result depends on the machine.
     return jnp.where(fits, lax.convert_element_type(jnp.where(fits, x, 0.0), jnp.int32), INT32_MIN)
 
 
@@ -129,7 +132,7 @@ def if_rarely(condition: Scalar, then: Callable[[], Any], otherwise: Any) -> Any
 
 
 def where(condition: Scalar, yes: Any, no: Any) -> Any:
-    """Apply `jnp.where` to whole records: each number is that of `yes` or of `no`."""
+    """Return the record `yes` if the condition is true, else `no`, number by number."""
     return trees.map_leaves(lambda a, b: jnp.where(condition, a, b), yes, no)
 
 
@@ -138,17 +141,17 @@ def largest(numbers: Iterable[Scalar]) -> Scalar:
     return reduce(jnp.maximum, numbers)
 
 
-def first_tick(now: Scalar, happens: Scalar, before: Scalar) -> Scalar:
-    """Return the tick of an event's first occurrence; -1: none yet.
+def first_tick(tick: Scalar, occurs: Scalar, before: Scalar) -> Scalar:
+    """Return the tick in which an event occurred first; -1: it has not occurred.
 
-    now: this tick. happens: bool, the event occurs now. before: the first occurrence so far.
+    tick: this tick. occurs: bool, the event occurs now. before: the result of the last tick.
     """
-    return jnp.where(happens & (before < 0), now, before)
+    return jnp.where(occurs & (before < 0), tick, before)
 
 
 def earliest_tick(ticks: list[Scalar]) -> Scalar:
-    """Return the smallest of these ticks; -1 means never."""
-    first = ticks[0]
-    for t in ticks[1:]:
-        first = jnp.where((t >= 0) & ((first < 0) | (t < first)), t, first)
-    return first
+    """Return the smallest of the ticks that are not -1, which means never; -1 if all are."""
+    earliest = ticks[0]
+    for tick in ticks[1:]:
+        earliest = jnp.where((tick >= 0) & ((earliest < 0) | (tick < earliest)), tick, earliest)
+    return earliest

@@ -9,9 +9,9 @@ The robot's loop also has
 
     ACTIONS: names of the actions, by number from 1
     last_command(state) -> the command that action `hold` repeats
-    act(params, state, now, takes, begins, good) -> parameters and state of this tick; takes:
-        {action: bool, whether it has been taken}; begins: bool, in this tick; good: the last
-        command from before the fault's first effect
+    act(params, state, now, is_taken, begins, good_command) -> parameters and state of this tick;
+        is_taken: {action: bool, whether it has been taken}; begins: bool, it is taken in this tick;
+        good_command: the last command from before the fault's first effect
 """
 
 import dataclasses
@@ -27,8 +27,8 @@ from ravenjax.numbers.vec import where
 class ActedState:
     """A run's state, and the command that an action may hold."""
 
-    tick: Any  # of the robot's loop
-    good: Any
+    tick: Any  # state of the robot's loop
+    good_command: Any  # last command from before the fault's first effect
 
 
 def add_action(program: Any) -> tuple[Any, dict[str, int]]:
@@ -44,31 +44,38 @@ def add_action(program: Any) -> tuple[Any, dict[str, int]]:
 
 
 def init(setup: Setup, params: Any) -> ActedState:
-    """Return the state of the robot's loop."""
-    run = inner_loop(setup)
-    state = run.init(_without_action(setup), params)
-    return ActedState(state, run.last_command(state))
+    """Return the state before the first tick."""
+    loop = inner_loop(setup)
+    state = loop.init(_without_action(setup), params)
+    return ActedState(state, loop.last_command(state))
 
 
 def advance(
     setup: Setup, params: Any, faults: fault.Faults, state: ActedState, now: Scalar, *inputs: Any
 ) -> tuple[ActedState, tuple[Scalar, ...], Any]:
-    """Compute one tick as the robot's loop, with the action."""
-    run, (*struck, action) = inner_loop(setup), faults.slots
-    good = where(now <= action.duration, run.last_command(state.tick), state.good)
-    takes = {
+    """Compute the tick `now` of the robot's loop, with the action of the last fault slot.
+
+    Return the state, the series and the signals, as the robot's loop does.
+    """
+    loop = inner_loop(setup)
+    *fault_slots, action = faults.slots
+    # `duration` of the action is the tick of the fault's first effect.
+    is_before_effect = now <= action.duration
+    good_command = where(is_before_effect, loop.last_command(state.tick), state.good_command)
+    is_taken = {
         name: (action.code == number) & (now >= action.start)
-        for number, name in enumerate(run.ACTIONS, start=1)
+        for number, name in enumerate(loop.ACTIONS, start=1)
     }
-    params, tick = run.act(params, state.tick, now, takes, now == action.start, good)
-    tick, series, signals = run.advance(
-        _without_action(setup), params, fault.Faults(tuple(struck)), tick, now, *inputs
+    params, tick = loop.act(params, state.tick, now, is_taken, now == action.start, good_command)
+    robot_faults = fault.Faults(tuple(fault_slots))
+    tick, series, signals = loop.advance(
+        _without_action(setup), params, robot_faults, tick, now, *inputs
     )
-    return ActedState(tick, good), series, signals
+    return ActedState(tick, good_command), series, signals
 
 
 def series_length(setup: Setup) -> int:
-    """Return the length of the series."""
+    """Return how many numbers of a golden run are stored in each tick."""
     return inner_loop(setup).series_length(setup)
 
 

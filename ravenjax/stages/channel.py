@@ -28,8 +28,8 @@ TRANSITIONS: list[list[float]] = _TABLES["transitions"]
 """Probabilities from a quality (row) to the next: good, bad, intermediate 1 and 2."""
 LOSS: list[float] = _TABLES["loss"]
 """Probability that a packet begins a burst, by quality."""
-SHORTEST = 2
-"""Least number of packets in a burst after its first: the Pareto distribution's scale."""
+MIN_FURTHER_PACKETS = 2
+"""Smallest number of packets in a burst after its first: the Pareto distribution's scale."""
 DELAY_MS, JITTER_MS = (10.0, 100.0), (1.0, 10.0)
 
 _QUALITY, _CONTINUES, _BEGINS, _DELAY, _JITTER = range(5)
@@ -50,20 +50,22 @@ def init() -> ChannelState:
 
 
 def step(state: ChannelState, seed: Scalar, packet: Scalar, fresh: Scalar) -> ChannelState:
-    """Return the channel after a control cycle.
+    """Return the state of the channel after a control cycle.
 
     packet: index of the newest packet, int32. fresh: whether this packet was sent in the cycle,
     bool. seed: selects the random numbers, float; 0: an ideal channel, which resets its state.
     """
-    key = _key(seed)
-    quality = _next(state.quality, random_uniform(key, packet, _QUALITY))
-    shorter, length = (
-        lax.convert_element_type(jnp.maximum(k, SHORTEST), jnp.float32)
-        for k in (state.burst - 1, state.burst)
-    )
-    share = shorter / length
+    key = _random_key(seed)
+    quality = _next_quality(state.quality, random_uniform(key, packet, _QUALITY))
+
+    def limited_length(packets: Scalar) -> Scalar:
+        # The first packets of a burst are certain, so their quotient below is 1.
+        return lax.convert_element_type(jnp.maximum(packets, MIN_FURTHER_PACKETS), jnp.float32)
+
+    # (k - 1) / k after the burst's k-th packet.
+    quotient = limited_length(state.burst - 1) / limited_length(state.burst)
     continues = (state.burst > 0) & (
-        random_uniform(key, packet, _CONTINUES) < share * jnp.sqrt(share)
+        random_uniform(key, packet, _CONTINUES) < quotient * jnp.sqrt(quotient)
     )
     begins = random_uniform(key, packet, _BEGINS) < _by_quality(quality, LOSS)
     burst = jnp.where(continues, state.burst + 1, as_int(begins))
@@ -75,22 +77,29 @@ def delay_ms(seed: Scalar, packet: Scalar) -> Scalar:
     """Return the age in ms (int32) of the packet that arrives when packet `packet` is sent."""
     delay = jnp.float32(0.5)  # added for rounding to the nearest millisecond
     for draw, (lowest, highest) in ((_DELAY, DELAY_MS), (_JITTER, JITTER_MS)):
-        delay = delay + lowest + (highest - lowest) * random_uniform(_key(seed), packet, draw)
+        delay = (
+            delay + lowest + (highest - lowest) * random_uniform(_random_key(seed), packet, draw)
+        )
     return jnp.where(seed != 0.0, as_int(delay), 0)
 
 
-def _key(seed: Scalar) -> Scalar:
+def _random_key(seed: Scalar) -> Scalar:
     return lax.bitcast_convert_type(lax.convert_element_type(seed, jnp.float32), jnp.uint32)
 
 
 def _by_quality(quality: Scalar, numbers: Sequence[float]) -> Scalar:
+    # Returns the number for the present quality.
     result = jnp.float32(numbers[0])
     for k, number in enumerate(numbers[1:], start=1):
         result = jnp.where(quality == k, jnp.float32(number), result)
     return result
 
 
-def _next(quality: Scalar, drawn: Scalar) -> Scalar:
+def _next_quality(quality: Scalar, drawn: Scalar) -> Scalar:
     """Return the next quality, int32. drawn: uniform random number in [0, 1)."""
-    thresholds = [[sum(row[:k]) for row in TRANSITIONS] for k in (1, 2, 3)]
-    return sum((as_int(drawn >= _by_quality(quality, sums)) for sums in thresholds), jnp.int32(0))
+    next_quality = jnp.int32(0)
+    # The quality is at least k if `drawn` is not below the sum of the first k probabilities.
+    for k in (1, 2, 3):
+        sums = [sum(row[:k]) for row in TRANSITIONS]
+        next_quality = next_quality + as_int(drawn >= _by_quality(quality, sums))
+    return next_quality

@@ -24,24 +24,27 @@ def init(setup: Setup) -> CheckHistory:
 def update_check(
     check: CheckHistory, tick: Scalar, tripped: Scalar, margin: Scalar | None = None
 ) -> CheckHistory:
-    """Return the history after this tick. margin: distance to the limit; None: not computed."""
-    first = tripped & (check.first_tick < 0)
-    nearest = check.margin
+    """Return the history of a check after this tick.
+
+    tripped: bool, the check tripped in this tick. margin: distance to the limit; None: unknown.
+    """
+    is_first = tripped & (check.first_tick < 0)
+    smallest_margin = check.margin
     if margin is not None:
-        nearest = jnp.where(margin < nearest, margin, nearest)  # a NaN margin is ignored
-    return CheckHistory(
-        jnp.where(first, tick, check.first_tick), check.count + as_int(tripped), nearest
-    )
+        # A comparison with NaN is false, so a margin that is NaN is ignored.
+        smallest_margin = jnp.where(margin < smallest_margin, margin, smallest_margin)
+    first_tick = jnp.where(is_first, tick, check.first_tick)
+    return CheckHistory(first_tick, check.count + as_int(tripped), smallest_margin)
 
 
 def outcomes(checks: Mapping[str, CheckHistory]) -> dict[str, Scalar]:
-    """Return each check's history as columns of the result table."""
-    out: dict[str, Scalar] = {}
+    """Return the outcome columns of all checks: first trip (ms), number of trips, and margin."""
+    columns: dict[str, Scalar] = {}
     for name, check in checks.items():
-        out[f"check_{name}_first_ms"] = check.first_tick
-        out[f"check_{name}_count"] = check.count
-        out[f"check_{name}_margin"] = check.margin
-    return out
+        columns[f"check_{name}_first_ms"] = check.first_tick
+        columns[f"check_{name}_count"] = check.count
+        columns[f"check_{name}_margin"] = check.margin
+    return columns
 
 
 def worst_of_arms(arms: list[CheckHistory]) -> CheckHistory:

@@ -5,12 +5,13 @@ triggers the E-stop a millisecond later. The score of a tick is the higher score
 There are five kinds:
 
 - `steps`: the model-based detector of DSN'16. A dynamic model that gets the written command
-  predicts how motors and joints 1-3 move. The virtual robot is used as that model. Three steps
-  within 1 ms are scored: of motor position, motor velocity and joint position. A step is divided by
-  its learned step, and the largest of the three joints counts. The three scores are then *fused*:
-  `all` (the published rule) uses the least of them, `two` the middle score, `any` the largest;
-  `mpos`, `mvel` and `jpos` use only that score. As published, a step of velocity counts if two
-  ticks in a row have it.
+  predicts how motors and joints 1-3 move. The virtual robot is used as that model. A *step* is a
+  change within 1 ms. Steps of motor position, motor velocity and joint position give one score
+  each: the step divided by the largest usual step (`LEARNED_STEPS`), and of that quotient the
+  largest of the three joints. As published, the score of motor velocity is the smaller score of
+  this tick and the last tick. The three scores are then *fused*: `all` (the published rule) uses
+  the smallest of them, `two` the middle score, `any` the largest; `mpos`, `mvel` and `jpos` use
+  only the score of this name.
 - `derivative_sum`: |link velocities| + |link accelerations| + 0.001 (|motor velocities| + |motor
   accelerations|), summed over joints 1-3, in the authors' mixed units (sys_dyn_gold_euler_detect of
   raven2_sim, threshold 55).
@@ -20,9 +21,10 @@ There are five kinds:
 - `own`: the score of a user's file (`ravenjax.parts`).
 
 An alarm needs a score above its threshold for `consecutive` milliseconds in a row. The *score of a
-run* is the highest threshold at which the run raises an alarm: the largest over time of the least
-score in such a span. With this score, one campaign shows the effect of every threshold. Detectors
-are active in pedal-down, without a software E-stop, after `armed_after` has passed.
+run* is the highest threshold at which the run raises an alarm: the smallest score in each such
+span, and of these the largest over time. With this score, one campaign shows the effect of every
+threshold. Detectors are active in pedal-down, without a software E-stop, after `armed_after` has
+passed.
 """
 
 from collections.abc import Sequence
@@ -40,12 +42,12 @@ from ravenjax.vocabulary.parts import OwnSource
 
 POSITIONING = 3
 TICK_S = 1e-3
-MOTOR_SHARE = 0.001
+MOTOR_WEIGHT = 0.001
 """Weight of motor derivatives in `derivative_sum`; from raven2_sim."""
-LARGEST = 1e30
+MAX_SCORE = 1e30
 """Largest score. Flipped bits can move a reported joint by 1e38 rad, so scores are limited."""
 
-LEARNED: dict[str, list[float]] = resources.read_tables(__file__, "detectors.toml")
+LEARNED_STEPS: dict[str, list[float]] = resources.read_tables(__file__, "detectors.toml")
 """Learned steps of motor position [rad] and velocity [rad/s], and joint position [rad; m].
 
 They are the 99.85 percentile of fault-free steps of seven motions at scales 0.05 and 0.1, from
@@ -90,7 +92,7 @@ class DetectorArmState:
     mvel: Vec  # 3, rad/s
     jpos: Vec  # 3, rad and m
     jvel: Vec  # 3, rad/s and m/s
-    mvel_step: Scalar  # 1, largest step of motor velocity divided by its threshold
+    mvel_step: Scalar  # 1, largest step of motor velocity, divided by its learned step
 
 
 @record
@@ -99,7 +101,7 @@ class ThresholdState:
 
     first_tick: Scalar  # int32, tick of the first alarm; -1: none
     alarms: Scalar  # int32, separate alarms
-    over: Scalar  # bool, the alarm is on
+    is_on: Scalar  # bool, the alarm is on
 
 
 @record
@@ -113,8 +115,10 @@ class DetectorState:
 
 @record
 class DetectorsState:
+    """State of all detectors."""
+
     arms: tuple[DetectorArmState, ...]
-    own: tuple[tuple[Any, ...], ...]  # for each file, one entry per arm
+    own: tuple[tuple[Any, ...], ...]  # states of users' files: for each file, one entry per arm
     detectors: tuple[DetectorState, ...]
 
 
@@ -141,14 +145,13 @@ class DetectorSignal(WatchSignal):
 
 
 def detector_files(setup: Setup) -> tuple[OwnSource, ...]:
-    """Return the files of detectors, each once, in order."""
-    return tuple(
-        dict.fromkeys(detector.part for detector in setup.detectors if detector.part is not None)
-    )
+    """Return the files of users' detectors in order. A file of several detectors occurs once."""
+    files = [detector.part for detector in setup.detectors if detector.part is not None]
+    return tuple(dict.fromkeys(files))
 
 
 def watch_params(setup: Setup) -> WatchParams:
-    """Return thresholds of 1, which a campaign replaces."""
+    """Return parameters without built-in detectors. A campaign replaces the thresholds of 1."""
     files = detector_files(setup)
     return WatchParams(
         armed_after=np.int32(500),
@@ -158,149 +161,181 @@ def watch_params(setup: Setup) -> WatchParams:
 
 
 def params(setup: Setup) -> DetectorParams:
-    """Return the parameters of `watch_params`, with the learned steps (`LEARNED`)."""
-    steps: dict[str, Any] = {joint: StepScale(*values) for joint, values in LEARNED.items()}
+    """Return the parameters of all detectors: `watch_params` and the learned steps."""
+    steps: dict[str, Any] = {joint: StepScale(*values) for joint, values in LEARNED_STEPS.items()}
     return DetectorParams(**vars(watch_params(setup)) | steps)
 
 
 def init(setup: Setup, params: WatchParams) -> DetectorsState:
     """Return the state before the first tick."""
     zero = cast_to_real(setup, 0.0)
-    still = Vec.full(POSITIONING, zero)
-    threshold = ThresholdState(jnp.int32(-1), jnp.int32(0), jnp.bool_(False))
+    zeros = Vec.full(POSITIONING, zero)
+    no_alarm = ThresholdState(first_tick=jnp.int32(-1), alarms=jnp.int32(0), is_on=jnp.bool_(False))
     detectors = tuple(
-        DetectorState(
-            Vec.full(detector.consecutive - 1, zero), zero, (threshold,) * detector.thresholds
-        )
-        for detector in setup.detectors
+        DetectorState(Vec.full(use.consecutive - 1, zero), zero, (no_alarm,) * use.thresholds)
+        for use in setup.detectors
     )
-    memories = tuple(
+    file_states = tuple(
         for_each_arm(setup, part.load_part(source).init(values, setup.precision.real))
         for source, values in zip(detector_files(setup), params.own, strict=True)
     )
-    arms = for_each_arm(setup, DetectorArmState(still, still, still, still, zero))
-    return DetectorsState(arms, memories, detectors)
+    arms = for_each_arm(setup, DetectorArmState(zeros, zeros, zeros, zeros, zero))
+    return DetectorsState(arms, file_states, detectors)
 
 
 def step(
     setup: Setup, params: WatchParams, state: DetectorsState, signal: WatchSignal
 ) -> DetectorsState:
-    """Return the detectors after this tick."""
-    views: Any = for_each_arm(setup, (state.arms[0], {}))
+    """Return the state of all detectors after this tick. A robot without built-in detectors gives
+    a `WatchSignal`, another robot a `DetectorSignal`.
+    """
+    # For each arm: the state after this tick, and the scores of the built-in detectors.
+    arm_results: Any = for_each_arm(setup, (state.arms[0], {}))
     if isinstance(signal, DetectorSignal):
-        views = per_arm(setup, lambda i, _: _arm(setup, params, state.arms[i], signal, i))
-    files = {
-        source: [
-            part.load_part(source).step(
-                values, memory, view, setup.precision.real, score=part.SCORE
-            )
-            for memory, view in zip(before, signal.views, strict=True)
+        arm_results = per_arm(
+            setup, lambda arm, _: _score_arm(setup, params, state.arms[arm], signal, arm)
+        )
+    # For each file and arm: the state after this tick, and the score.
+    file_results = {}
+    for source, values, arm_states in zip(
+        detector_files(setup), params.own, state.own, strict=True
+    ):
+        loaded = part.load_part(source)
+        file_results[source] = [
+            loaded.step(values, arm_state, view, setup.precision.real, score=part.SCORE)
+            for arm_state, view in zip(arm_states, signal.views, strict=True)
         ]
-        for source, values, before in zip(detector_files(setup), params.own, state.own, strict=True)
-    }
-    armed = signal.armed & (setup.to_ms(signal.tick) >= params.armed_after)
+    is_active = signal.armed & (setup.to_ms(signal.tick) >= params.armed_after)
     detectors = []
     for detector, thresholds, before in zip(
         setup.detectors, params.thresholds, state.detectors, strict=True
     ):
         if detector.part is None:
-            arms = [_score(detector, scores) for _, scores in views]
+            arm_scores = [_score(detector, scores) for _, scores in arm_results]
         else:
-            arms = [score for _, score in files[detector.part]]
-        # LARGEST keeps the score finite.
-        score = jnp.where(armed, jnp.minimum(_largest(setup, arms), LARGEST), 0.0)
-        detectors.append(_watch(before, thresholds, score, signal.tick))
-    memories = tuple(tuple(after for after, _ in arms) for arms in files.values())
-    return DetectorsState(tuple(arm for arm, _ in views), memories, tuple(detectors))
+            arm_scores = [score for _, score in file_results[detector.part]]
+        # MAX_SCORE keeps the score finite.
+        highest = jnp.minimum(_largest(setup, arm_scores), MAX_SCORE)
+        score = jnp.where(is_active, highest, 0.0)
+        detectors.append(_update_alarms(before, thresholds, score, signal.tick))
+    arm_states = tuple(state for state, _ in arm_results)
+    file_states = tuple(tuple(state for state, _ in arms) for arms in file_results.values())
+    return DetectorsState(arm_states, file_states, tuple(detectors))
 
 
 def detector_stops(setup: Setup, state: DetectorsState | None) -> Scalar:
-    """Return whether a detector that may stop the robot is above its threshold, bool."""
+    """Return whether a detector that may stop the robot is above its first threshold, bool.
+
+    state: None if the campaign has no detectors.
+    """
     alarms = jnp.bool_(False)
-    for declared, detector in zip(setup.detectors, state.detectors, strict=True) if state else ():
-        alarms = alarms | detector.thresholds[0].over if declared.stops else alarms
+    if state is None:
+        return alarms
+    for declared, detector in zip(setup.detectors, state.detectors, strict=True):
+        if declared.stops:
+            alarms = alarms | detector.thresholds[0].is_on
     return alarms
 
 
 def outcomes(setup: Setup, state: DetectorsState) -> dict[str, Scalar]:
-    """Return the outcome columns of a run."""
-    out: dict[str, Scalar] = {}
+    """Return the outcome columns of all detectors of a run: the score of the run, and for each
+    threshold the time of the first alarm (ms; -1: none) and the number of alarms.
+    """
+    columns: dict[str, Scalar] = {}
     for d, detector in enumerate(state.detectors):
-        out[f"detector{d}_score"] = detector.peak
+        columns[f"detector{d}_score"] = detector.peak
         for k, threshold in enumerate(detector.thresholds):
-            out[f"detector{d}_threshold{k}_first_ms"] = threshold.first_tick
-            out[f"detector{d}_threshold{k}_alarms"] = threshold.alarms
-    return out
+            columns[f"detector{d}_threshold{k}_first_ms"] = threshold.first_tick
+            columns[f"detector{d}_threshold{k}_alarms"] = threshold.alarms
+    return columns
 
 
 def _largest(setup: Setup, scores: Sequence[Scalar]) -> Scalar:
-    """Return the largest score that is not NaN, else 0. A comparison with NaN is false."""
+    """Return the largest score above 0, else 0. NaN is ignored: a comparison with NaN is false."""
     return reduce(
         lambda most, score: jnp.where(score > most, score, most), scores, cast_to_real(setup, 0.0)
     )
 
 
-def _arm(
-    setup: Setup, params: Any, before: DetectorArmState, signal: DetectorSignal, i: int
+def _score_arm(
+    setup: Setup, params: Any, before: DetectorArmState, signal: DetectorSignal, arm: int
 ) -> tuple[DetectorArmState, dict[str, Scalar]]:
-    # Computes the scores of all kinds of detectors for one arm. Returns its new state, scores.
-    motion = signal.mpos, signal.mvel, signal.jpos, signal.jvel
-    mpos, mvel, jpos, jvel = (Vec(values[i][:POSITIONING]) for values in motion)
-    learned = (params.shoulder, params.elbow, params.insertion)
+    """Return the state of one arm after this tick, and its scores: of each kind of built-in
+    detector, and of each of the three steps of detector `steps`.
 
-    def largest(field: str, now: Vec, before: Vec) -> Scalar:
+    params: a DetectorParams. arm: number of the arm.
+    """
+    mpos = Vec(signal.mpos[arm][:POSITIONING])
+    mvel = Vec(signal.mvel[arm][:POSITIONING])
+    jpos = Vec(signal.jpos[arm][:POSITIONING])
+    jvel = Vec(signal.jvel[arm][:POSITIONING])
+    learned_steps = (params.shoulder, params.elbow, params.insertion)
+
+    def largest_step(field: str, values: Vec, last_values: Vec) -> Scalar:
         # Returns the largest step of the joints within 1 ms, divided by their learned steps.
         steps = [
-            jnp.abs(a - b) / getattr(step, field)
-            for a, b, step in zip(now, before, learned, strict=True)
+            jnp.abs(value - last) / getattr(learned, field)
+            for value, last, learned in zip(values, last_values, learned_steps, strict=True)
         ]
         return _largest(setup, steps)
 
-    mvel_step = largest("mvel", mvel, before.mvel)
-    link_sum, motor_sum = (
-        sum(jnp.abs(v) + jnp.abs(v - w) * (1.0 / TICK_S) for v, w in zip(now, then, strict=True))
-        for now, then in ((jvel, before.jvel), (mvel, before.mvel))
-    )
+    def derivative_sum(velocities: Vec, last_velocities: Vec) -> Scalar:
+        # Returns the sum of |velocity| + |acceleration| over the joints.
+        return sum(
+            jnp.abs(velocity) + jnp.abs(velocity - last) * (1.0 / TICK_S)
+            for velocity, last in zip(velocities, last_velocities, strict=True)
+        )
+
+    mvel_step = largest_step("mvel", mvel, before.mvel)
+    link_sum, motor_sum = derivative_sum(jvel, before.jvel), derivative_sum(mvel, before.mvel)
+    # The control software checks the first six motors.
     ratios = [
         cast_to_real(setup, jnp.abs(command)) / cast_to_real(setup, jnp.maximum(limit, 1))
-        for command, limit in zip(signal.command[i][:6], signal.command_limit[:6], strict=True)
+        for command, limit in zip(signal.command[arm][:6], signal.command_limit[:6], strict=True)
     ]
     scores = {
-        "mpos": largest("mpos", mpos, before.mpos),
+        "mpos": largest_step("mpos", mpos, before.mpos),
+        # A step of velocity counts only if two consecutive ticks have it.
         "mvel": jnp.minimum(mvel_step, before.mvel_step),
-        "jpos": largest("jpos", jpos, before.jpos),
-        "derivative_sum": link_sum + MOTOR_SHARE * motor_sum,
-        "tip_error": signal.tip_error[i] * 1e3,
+        "jpos": largest_step("jpos", jpos, before.jpos),
+        "derivative_sum": link_sum + MOTOR_WEIGHT * motor_sum,
+        "tip_error": signal.tip_error[arm] * 1e3,
         "overdrive": _largest(setup, ratios),
     }
     return DetectorArmState(mpos, mvel, jpos, jvel, mvel_step), scores
 
 
 def _score(detector: DetectorUse, scores: dict[str, Scalar]) -> Scalar:
-    # Selects a detector's score, or fuses the three scores of detector `steps`.
+    """Return the score of a built-in detector for one arm, from all scores of this arm. The three
+    scores of detector `steps` are fused by the rule `detector.fusion`.
+    """
     if detector.kind != "steps":
         return scores[detector.kind]
+    # The rules mpos, mvel and jpos use the score of this name.
     if detector.fusion in scores:
         return scores[detector.fusion]
-    a, b, c = (scores[name] for name in ("mpos", "mvel", "jpos"))
+    a, b, c = scores["mpos"], scores["mvel"], scores["jpos"]
     low, high = jnp.minimum(a, b), jnp.maximum(a, b)
     if detector.fusion == "all":
         return jnp.minimum(low, c)
-    return (
-        jnp.maximum(high, c) if detector.fusion == "any" else jnp.maximum(low, jnp.minimum(high, c))
-    )
+    if detector.fusion == "any":
+        return jnp.maximum(high, c)
+    # The middle one of three scores.
+    return jnp.maximum(low, jnp.minimum(high, c))
 
 
-def _watch(
+def _update_alarms(
     before: DetectorState, thresholds: tuple[Scalar, ...], score: Scalar, tick: Scalar
 ) -> DetectorState:
-    # An alarm begins when the score has exceeded the threshold in all recent ticks.
+    """Return the state of a detector after a tick with this score. An alarm is on while the score
+    has exceeded the threshold in the last `consecutive` ticks.
+    """
     lowest = reduce(jnp.minimum, [score, *before.recent])
-    after = []
+    threshold_states = []
     for threshold, state in zip(thresholds, before.thresholds, strict=True):
-        over = lowest > threshold
-        begins = over & ~state.over
+        is_on = lowest > threshold
+        begins = is_on & ~state.is_on
         first = first_tick(tick, begins, state.first_tick)
-        after.append(ThresholdState(first, state.alarms + as_int(begins), over))
+        threshold_states.append(ThresholdState(first, state.alarms + as_int(begins), is_on))
     recent = Vec((score, *before.recent)[: len(before.recent)])
-    return DetectorState(recent, jnp.maximum(before.peak, lowest), tuple(after))
+    return DetectorState(recent, jnp.maximum(before.peak, lowest), tuple(threshold_states))

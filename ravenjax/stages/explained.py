@@ -97,14 +97,14 @@ def explain_program(program: Any, robot: Robot) -> Any:
 
 def init(setup: Setup, params: Any) -> ExplainedState:
     """Return the state of the robot's loop, with no differences."""
-    run = inner_loop(setup)
-    never, state = jnp.int32(-1), run.init(setup, params)
+    loop = inner_loop(setup)
+    never, state = jnp.int32(-1), loop.init(setup, params)
     infinite = cast_to_real(setup, jnp.inf)
     return ExplainedState(
         tick=state,
         numbers=tuple(NumberHistory(never, number.span and never) for number in _compared(setup)),
         margins=tuple(
-            MarginHistory(infinite, infinite, never) for _ in run.check_histories(setup, state)
+            MarginHistory(infinite, infinite, never) for _ in loop.check_histories(setup, state)
         ),
         harm=never,
     )
@@ -119,70 +119,93 @@ def advance(
     motion: tuple[Any, ...],
     golden: tuple[Scalar, ...],
 ) -> tuple[ExplainedState, tuple[Scalar, ...], Any]:
-    """Compute one tick as the robot's loop, then compare it with the golden run."""
-    run = inner_loop(setup)
-    length = run.series_length(setup)
+    """Compute the tick `now` of the robot's loop, then compare it with the golden run.
+
+    golden: the golden run's series in this tick: the numbers that the robot's loop stores, the
+    compared numbers, and the margins of checks. Return state, series and signals of this run.
+    """
+    loop = inner_loop(setup)
+    length = loop.series_length(setup)
     checked = length + len(state.numbers)
-    after, series, signals = run.advance(
+    after, series, signals = loop.advance(
         setup, params, faults, state.tick, now, motion, golden[:length]
     )
-    numbers, carried, seams = [], [], run.name_signals(setup, signals)
-    for history, (_, (seam, *path), there, span), other in zip(
+    numbers, stored_numbers, seams = [], [], loop.name_signals(setup, signals)
+    for history, compared, golden_number in zip(
         state.numbers, _compared(setup), golden[length:checked], strict=True
     ):
-        number = jnp.asarray(read_channel(seams[seam], tuple(path)))
-        present = not there or read_channel(seams[there[0]], there[1:]) != 0
-        floats = number.dtype == jnp.float32
-        to_bits = lax.bitcast_convert_type if floats else lax.convert_element_type
-        bits = to_bits(number, jnp.int32)
-        golden_bits = lax.bitcast_convert_type(other, jnp.int32)
-        differs = first_tick(now, (bits != golden_bits) & present, history.differs)
-        leaves = history.leaves
-        if span is not None:
-            outside = _outside(number, span) & ~_outside(other if floats else golden_bits, span)
-            leaves = first_tick(now, outside & present, leaves)
-        numbers.append(NumberHistory(differs, leaves))
-        carried.append(lax.bitcast_convert_type(bits, jnp.float32))
-    live, margins, nearest = state.harm < 0, [], []
-    for before, check, other in zip(
-        state.margins, run.check_histories(setup, after).values(), golden[checked:], strict=True
+        seam, *path = compared.path
+        number = read_channel(seams[seam], tuple(path))
+        # A seam whose flag is 0 does not exist in this tick.
+        flag = compared.present
+        exists = not flag or read_channel(seams[flag[0]], flag[1:]) != 0
+        new_history, bits = _compare_number(
+            history, compared.span, number, exists, golden_number, now
+        )
+        numbers.append(new_history)
+        stored_numbers.append(lax.bitcast_convert_type(bits, jnp.float32))
+    # A check counts only before the first harm.
+    is_before_harm = state.harm < 0
+    margins, margin_histories = [], []
+    for before, check, golden_margin in zip(
+        state.margins, loop.check_histories(setup, after).values(), golden[checked:], strict=True
     ):
-        # A check counts only before the first harm
         margin = cast_to_real(setup, check.margin)
-        closer = live & (margin < before.margin)
-        nearest.append(
+        is_smallest = is_before_harm & (margin < before.margin)
+        margin_histories.append(
             MarginHistory(
-                margin=jnp.where(closer, margin, before.margin),
-                golden=jnp.where(live, other, before.golden),
-                tick=jnp.where(closer, now, before.tick),
+                margin=jnp.where(is_smallest, margin, before.margin),
+                golden=jnp.where(is_before_harm, golden_margin, before.golden),
+                tick=jnp.where(is_smallest, now, before.tick),
             )
         )
         margins.append(margin)
     monitor = after.monitor
-    harmful = (monitor.unintended >= 0) | (monitor.loss >= 0) | (monitor.false_report >= 0)
-    harm = jnp.where(harmful & live, now, state.harm)
-    explained = ExplainedState(after, tuple(numbers), tuple(nearest), harm)
-    return explained, (*series, *carried, *margins), signals
+    is_harmful = (monitor.unintended >= 0) | (monitor.loss >= 0) | (monitor.false_report >= 0)
+    harm = jnp.where(is_harmful & is_before_harm, now, state.harm)
+    explained = ExplainedState(after, tuple(numbers), tuple(margin_histories), harm)
+    return explained, (*series, *stored_numbers, *margins), signals
+
+
+def _compare_number(
+    history: NumberHistory, span: Any, number: Any, exists: Any, golden_number: Any, now: Any
+) -> tuple[NumberHistory, Scalar]:
+    # Returns the history of a number after this tick, and the bits of the number as int32. exists:
+    # bool, in this tick. golden_number: float32 with the bits of the golden run's number.
+    number = jnp.asarray(number)
+    is_float = number.dtype == jnp.float32
+    # Numbers are compared bit by bit. Whole numbers and truth values become int32.
+    to_bits = lax.bitcast_convert_type if is_float else lax.convert_element_type
+    bits = to_bits(number, jnp.int32)
+    golden_bits = lax.bitcast_convert_type(golden_number, jnp.int32)
+    differs = first_tick(now, (bits != golden_bits) & exists, history.differs)
+    leaves = history.leaves
+    if span is not None:
+        golden_value = golden_number if is_float else golden_bits
+        leaves_now = _outside(number, span) & ~_outside(golden_value, span)
+        leaves = first_tick(now, leaves_now & exists, leaves)
+    return NumberHistory(differs, leaves), bits
 
 
 def series_length(setup: Setup) -> int:
-    """Return the length of the series."""
+    """Return how many numbers of a golden run are stored in each tick."""
     assert setup.explained is not None
     return inner_loop(setup).series_length(setup) + len(_compared(setup)) + setup.explained.checks
 
 
 def outcomes(setup: Setup, params: Any, state: ExplainedState) -> dict[str, Scalar]:
     """Return the outcomes of the robot's loop and those of the observer."""
-    run = inner_loop(setup)
-    out = run.outcomes(setup, params, state.tick)
+    loop = inner_loop(setup)
+    columns = loop.outcomes(setup, params, state.tick)
     for place, history in zip(_compared(setup), state.numbers, strict=True):
-        out[f"{DIFFERS}{place.name}"] = history.differs
+        columns[f"{DIFFERS}{place.name}"] = history.differs
         if history.leaves is not None:
-            out[f"{LEAVES}{place.name}"] = history.leaves
-    for name, history in zip(run.check_histories(setup, state.tick), state.margins, strict=True):
-        out |= {f"{NEAR}{name}": history.margin, f"{GOLDEN_NEAR}{name}": history.golden}
-        out[f"{NEAR_MS}{name}"] = history.tick
-    return out | {HARM: state.harm}
+            columns[f"{LEAVES}{place.name}"] = history.leaves
+    for name, history in zip(loop.check_histories(setup, state.tick), state.margins, strict=True):
+        columns[f"{NEAR}{name}"] = history.margin
+        columns[f"{GOLDEN_NEAR}{name}"] = history.golden
+        columns[f"{NEAR_MS}{name}"] = history.tick
+    return columns | {HARM: state.harm}
 
 
 def _compared(setup: Setup) -> tuple[Compared, ...]:
@@ -193,4 +216,5 @@ def _compared(setup: Setup) -> tuple[Compared, ...]:
 def _outside(number: Scalar, span: tuple[float, float]) -> Scalar:
     low, high = span
     value = lax.convert_element_type(number, jnp.float32)
+    # In this form NaN is outside.
     return ~((value >= low) & (value <= high))

@@ -53,16 +53,20 @@ class HandState:
 
 
 def init(setup: Setup) -> HandState:
-    """Return the state of a hand on its plan."""
-    still = cast_to_real(setup, Vec.full(3, 0.0))
-    return HandState(still, still, cast_to_real(setup, 0.0))
+    """Return the state of a hand that rests on its plan."""
+    zeros = cast_to_real(setup, Vec.full(3, 0.0))
+    return HandState(displacement=zeros, velocity=zeros, peak=cast_to_real(setup, 0.0))
 
 
 def step(setup: Setup, params: HandParams, state: HandState, pull: Vec) -> HandState:
-    """Return the hand after a tick of the cue's force `pull` (3, device units); NaN counts as 0."""
+    """Return the state of the hand after a tick in which the cue pulls with the force `pull` (3,
+    device units). A NaN force counts as 0.
+    """
     stiffness, damping = hand_impedance(params)
+    # NaN is not equal to itself.
     pull = pull.map(lambda x: jnp.where(x == x, x, 0.0))
     force = turn_force(pull, params.turn_deg) * params.newtons_per_unit
+    # Implicit midpoint rule, solved for the mean of the velocities before and after the tick.
     momentum = 2.0 * params.mass / TICK_S
     mean_velocity = force + state.velocity * momentum - state.displacement * stiffness
     mean_velocity = mean_velocity * (1.0 / (momentum + damping + 0.5 * TICK_S * stiffness))
@@ -73,17 +77,19 @@ def step(setup: Setup, params: HandParams, state: HandState, pull: Vec) -> HandS
 
 
 def hand_impedance(params: HandParams) -> tuple[Scalar, Scalar]:
-    """Return stiffness (N/m) and damping (N s/m) at the hand's grip."""
+    """Return stiffness (N/m) and damping (N s/m) at the hand's grip: 0 is relaxed, 1 is firm."""
     factor = 1.0 + params.grip * (params.firm_times - 1.0)
     return params.stiffness * factor, params.damping * jnp.sqrt(factor)
 
 
 def turn_force(force: Vec, angle_deg: Scalar) -> Vec:
     """Return a force (x, y, z) rotated by an angle about (1, 1, 1); 120 degrees move x to y."""
+    # Without a rotation, the compiled tick has no operation for it.
     if isinstance(angle_deg, float | np.floating) and angle_deg == 0.0:
         return force
     angle = angle_deg * (math.pi / 180.0)
     cos, sin = jnp.cos(angle), jnp.sin(angle)
+    # Rodrigues' rotation formula.
     parallel = (force[0] + force[1] + force[2]) * ((1.0 - cos) / 3.0)
     perpendicular = Vec((force[2] - force[1], force[0] - force[2], force[1] - force[0])) * (
         sin / math.sqrt(3.0)
@@ -92,5 +98,5 @@ def turn_force(force: Vec, angle_deg: Scalar) -> Vec:
 
 
 def outcomes(setup: Setup, arms: Sequence[HandState]) -> dict[str, Scalar]:
-    """Return the largest displacement of a hand, the worse of the arms, as an outcome column."""
+    """Return the outcome column `hand_mm`: the largest displacement of any arm's hand, mm."""
     return {"hand_mm": largest(arm.peak for arm in arms) * 1e3}

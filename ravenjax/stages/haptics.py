@@ -90,8 +90,14 @@ def params(setup: Setup) -> HapticParams:
 def init(setup: Setup, params: HapticParams) -> HapticState:
     """Return the state before the first tick."""
     zero = jnp.int32(0)
-    fresh = CueState(jnp.int32(-1), jnp.asarray(0.0, setup.precision.real), zero, zero, zero)
-    return HapticState(tick=zero, cues=(fresh,) * setup.cues)
+    cue = CueState(
+        first_tick=jnp.int32(-1),
+        peak_force=jnp.asarray(0.0, setup.precision.real),
+        ticks_active=zero,
+        impulses=zero,
+        active=zero,
+    )
+    return HapticState(tick=zero, cues=(cue,) * setup.cues)
 
 
 def cue_force(cue: CueParams, distance: Scalar, closing_speed: Scalar) -> Scalar:
@@ -104,11 +110,12 @@ def cue_force(cue: CueParams, distance: Scalar, closing_speed: Scalar) -> Scalar
 def step(
     setup: Setup, params: HapticParams, state: HapticState, signal: HapticSignal
 ) -> tuple[HapticState, HapticOutput]:
-    """Compute one tick: return the new state, and the force of each cue."""
+    """Compute one tick of one arm: return the state after the tick, and the force of each cue."""
     error = signal.model_position - signal.robot_position
     distance = norm(error)
-    inverse = jnp.where(distance > TINY_M, 1.0 / jnp.maximum(distance, TINY_M), 0.0)
-    direction = error * inverse
+    # The direction of a tiny error is zero.
+    inverse_distance = jnp.where(distance > TINY_M, 1.0 / jnp.maximum(distance, TINY_M), 0.0)
+    direction = error * inverse_distance
     relative_velocity = signal.model_velocity - signal.robot_velocity
     closing_speed = dot(relative_velocity, direction)
 
@@ -131,12 +138,14 @@ def step(
 
 
 def outcomes(setup: Setup, arms: tuple[HapticState, ...]) -> dict[str, Scalar]:
-    """Return the forces of each cue, for the worse arm, as columns of the result table."""
-    out: dict[str, Scalar] = {}
+    """Return the outcome columns of each cue: of all arms, the earliest start (ms), the largest
+    force (device units), the longest time of force (ms) and the largest number of separate cues.
+    """
+    columns: dict[str, Scalar] = {}
     for k in range(setup.cues):
         cues = [arm.cues[k] for arm in arms]
-        out[f"cue{k}_first_ms"] = earliest_tick([cue.first_tick for cue in cues])
-        out[f"cue{k}_peak_force"] = largest(cue.peak_force for cue in cues)
-        out[f"cue{k}_ms"] = largest(cue.ticks_active for cue in cues)
-        out[f"cue{k}_count"] = largest(cue.impulses for cue in cues)
-    return out
+        columns[f"cue{k}_first_ms"] = earliest_tick([cue.first_tick for cue in cues])
+        columns[f"cue{k}_peak_force"] = largest(cue.peak_force for cue in cues)
+        columns[f"cue{k}_ms"] = largest(cue.ticks_active for cue in cues)
+        columns[f"cue{k}_count"] = largest(cue.impulses for cue in cues)
+    return columns

@@ -79,8 +79,9 @@ class MonitorArmState:
     missed: Vec  # m, sum of the golden run's steps while this robot stood or was not live
     pos: Vec  # um, measured tip at the last packet
     golden_pos: Vec  # um, the golden run's measured tip at the last packet
-    over: Scalar  # bool, measured tip: last step between packets above jump_step, golden step not
-    leapt: Scalar  # bool, true tip: last step above jump_step, golden step not
+    # bool, measured tip: last step between packets above jump_step, golden step not
+    packet_jumped: Scalar
+    tip_jumped: Scalar  # bool, true tip: last step above jump_step, golden step not
     peak_model: Scalar  # m, largest distance from the nominal model
     peak_live: Scalar  # m, largest distance from the nominal model while the robot was live
     square_model: Scalar  # m^2, sum over ticks
@@ -137,19 +138,19 @@ def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> Mon
     zero = cast_to_real(setup, 0.0)
     never = jnp.int32(-1)
 
-    def arm_state(i: int, _: str) -> MonitorArmState:
+    def arm_state(arm: int, _: str) -> MonitorArmState:
         # State before the first tick: all distances are 0, and no event has happened.
-        tip, pos = cast_to_real(setup, tips[i]), cast_to_real(setup, positions[i])
-        begin: dict[str, Any] = {field.name: zero for field in dataclasses.fields(MonitorArmState)}
-        begin |= dict.fromkeys(("tip", "tip_before", "golden_tip"), tip)
-        begin |= dict.fromkeys(("pos", "golden_pos"), pos)
-        begin |= dict.fromkeys(("over", "leapt"), jnp.bool_(False))
-        begin |= dict.fromkeys(("jump", "large_jump", "tip_jump"), never)
-        begin["missed"] = cast_to_real(setup, Vec.full(3, 0.0))
-        begin["idle_ticks"] = jnp.int32(0)
-        begin["depth"] = cast_to_real(setup, -jnp.inf)
-        begin["peak_dac"] = Vec.full(len(setup.joints), jnp.int32(0))
-        return MonitorArmState(**begin)
+        tip, pos = cast_to_real(setup, tips[arm]), cast_to_real(setup, positions[arm])
+        values: dict[str, Any] = {field.name: zero for field in dataclasses.fields(MonitorArmState)}
+        values |= dict.fromkeys(("tip", "tip_before", "golden_tip"), tip)
+        values |= dict.fromkeys(("pos", "golden_pos"), pos)
+        values |= dict.fromkeys(("packet_jumped", "tip_jumped"), jnp.bool_(False))
+        values |= dict.fromkeys(("jump", "large_jump", "tip_jump"), never)
+        values["missed"] = cast_to_real(setup, Vec.full(3, 0.0))
+        values["idle_ticks"] = jnp.int32(0)
+        values["depth"] = cast_to_real(setup, -jnp.inf)
+        values["peak_dac"] = Vec.full(len(setup.joints), jnp.int32(0))
+        return MonitorArmState(**values)
 
     return MonitorState(
         arms=per_arm(setup, arm_state),
@@ -163,12 +164,12 @@ def init(setup: Setup, tips: tuple[Vec, ...], positions: tuple[Vec, ...]) -> Mon
 
 
 def restart_monitor(state: MonitorState) -> MonitorState:
-    """Return the state with the missed motion set to zero."""
+    """Return the state with the motion that each arm missed set to zero."""
     return replace(state, arms=tuple(replace(arm, missed=Vec.full(3, 0.0)) for arm in state.arms))
 
 
 def realign_golden(state: MonitorState) -> MonitorState:
-    """Return the restarted state with the golden run's tip moved to the robot's tip."""
+    """Return the state of `restart_monitor`, with each arm's last golden tip moved to its tip."""
     arms = restart_monitor(state).arms
     return replace(state, arms=tuple(replace(arm, golden_tip=arm.tip) for arm in arms))
 
@@ -193,10 +194,12 @@ def arm_distances(
 ) -> Distances:
     """Return the distances of an arm by which hazards are judged.
 
-    arm: `tip`, `golden_tip` and `missed` are those of this tick. model_tip: m. pos, golden_pos: um.
+    arm: a state whose `tip`, `golden_tip` and `missed` are of this tick. model_tip: tip of the
+    nominal model, m. pos, golden_pos: measured tip of the run and of its golden run, um.
     """
     tip, golden_tip = arm.tip, arm.golden_tip
     golden, model = norm(tip - golden_tip), norm(tip - model_tip)
+    # Distance from where the tip would be if the robot had stood still.
     standing = norm(tip - golden_tip + arm.missed)
     deviation = jnp.minimum(golden, model)
     unintended = jnp.minimum(deviation, standing)
@@ -212,34 +215,35 @@ def arm_distances(
     )
 
 
-def _arm(
+def _step_arm(
     params: MonitorParams,
     state: MonitorArmState,
     signal: MonitorSignal,
     reference: Reference,
     i: int,
 ) -> tuple[MonitorArmState, Distances]:
+    # Returns the state of arm i after this tick, and its distances.
     tip, pos, golden_pos = signal.tip[i], signal.pos[i], reference.pos[i]
     golden_tip = reference.tip[i]
     step = norm(tip - state.tip)
     golden_motion = golden_tip - state.golden_tip
-    golden_step_true = norm(golden_motion)
-    idle = (golden_step_true > params.idle_step) & (step < params.idle_share * golden_step_true)
+    golden_step = norm(golden_motion)
+    idle = (golden_step > params.idle_step) & (step < params.idle_share * golden_step)
     missed = where(idle | ~signal.live, state.missed + golden_motion, state.missed)
     after = replace(state, tip=tip, tip_before=state.tip, golden_tip=golden_tip, missed=missed)
     distances = arm_distances(params, after, signal.model_tip[i], pos, golden_pos)
     golden, model, live, fresh = distances.golden, distances.model, signal.live, signal.fresh
-    leapt = (step > params.jump_step) & ~(golden_step_true > params.jump_step)
+    tip_jumped = (step > params.jump_step) & ~(golden_step > params.jump_step)
     two_steps = norm(tip - state.tip_before)
     packet_step = norm(pos - state.pos) * UM
-    golden_step = norm(golden_pos - state.golden_pos) * UM
-    over = (packet_step > params.jump_step) & ~(golden_step > params.jump_step)
+    golden_packet_step = norm(golden_pos - state.golden_pos) * UM
+    packet_jumped = (packet_step > params.jump_step) & ~(golden_packet_step > params.jump_step)
     result = replace(
         after,
         pos=where(fresh, pos, state.pos),
         golden_pos=where(fresh, golden_pos, state.golden_pos),
-        over=jnp.where(fresh, over, state.over),
-        leapt=leapt,
+        packet_jumped=jnp.where(fresh, packet_jumped, state.packet_jumped),
+        tip_jumped=tip_jumped,
         peak_model=jnp.maximum(state.peak_model, model),
         peak_live=jnp.where(live, jnp.maximum(state.peak_live, model), state.peak_live),
         square_model=state.square_model + model * model,
@@ -261,13 +265,14 @@ def _arm(
         depth=jnp.maximum(state.depth, signal.depth[i]),
         # Without `abs`: XLA 0.11 for NVIDIA GPUs compiles max(peak, abs(dac)) as max(peak, dac).
         peak_dac=state.peak_dac.map(lambda peak, dac: largest((peak, dac, -dac)), signal.dac[i]),
-        jump=first_tick(signal.tick, fresh & over & state.over, state.jump),
+        # By the code's rule, a jump is two such steps in a row.
+        jump=first_tick(signal.tick, fresh & packet_jumped & state.packet_jumped, state.jump),
         large_jump=first_tick(
             signal.tick,
             (step > params.large_jump) | (two_steps > params.large_jump),
             state.large_jump,
         ),
-        tip_jump=first_tick(signal.tick, leapt & state.leapt, state.tip_jump),
+        tip_jump=first_tick(signal.tick, tip_jumped & state.tip_jumped, state.tip_jump),
     )
     return result, distances
 
@@ -279,33 +284,17 @@ def step(
     signal: MonitorSignal,
     reference: Reference,
 ) -> MonitorState:
-    """Return the observer after this tick."""
-    arms, distances = zip(
-        *(_arm(params, arm, signal, reference, i) for i, arm in enumerate(state.arms)), strict=True
-    )
-
+    """Return the state of the observer after this tick. reference: the golden run in this tick."""
+    results = [_step_arm(params, arm, signal, reference, i) for i, arm in enumerate(state.arms)]
+    arms, distances = tuple(arm for arm, _ in results), [distance for _, distance in results]
     limits = {"golden": params.diverged, **dict.fromkeys(HAZARDS, params.limit)}
     exceeded = dict.fromkeys(limits, jnp.bool_(False))
     for distance in distances:
         for name, limit in limits.items():
             exceeded[name] = exceeded[name] | (getattr(distance, name) > limit)
-    views = [
-        {
-            name: cast_to_real(setup, value)
-            for name, value in {
-                **{name: getattr(distance, name) * 1e3 for name in HAZARDS},
-                "from_golden": distance.golden * 1e3,
-                "from_model": distance.model * 1e3,
-                "depth": signal.depth[i] * 1e3,
-                "between_tips": signal.distance * 1e3,
-                "speed": norm(signal.tip[i] - state.arms[i].tip) * (1e6 / setup.period_ms),
-                **{axis: x * 1e3 for axis, x in zip("xyz", signal.tip[i], strict=True)},
-                "dac": largest(jnp.abs(x) for x in signal.dac[i]),
-                "live": as_int(signal.live),
-                "pedal": as_int(signal.pedal),
-                "time": setup.to_ms(signal.tick),
-            }.items()
-        }
+    # Without a harm, the compiled tick has no operation for these signals.
+    harm_signals = [
+        _harm_signals(setup, distance, signal, i, state.arms[i].tip)
         for i, distance in enumerate(distances if setup.harms else ())
     ]
     watched = {
@@ -324,15 +313,38 @@ def step(
         halted=state.halted + as_int(signal.pedal & ~signal.live),
         finite=finite.step(state.finite, watched, signal.tick),
         ticks=state.ticks + as_int(True),
-        harms=harm.step(setup, state.harms, views, signal.tick),
+        harms=harm.step(setup, state.harms, harm_signals, signal.tick),
     )
+
+
+def _harm_signals(
+    setup: Setup, distance: Distances, signal: MonitorSignal, i: int, last_tip: Vec
+) -> dict[str, Scalar]:
+    # Returns the signals of arm i that the expressions of harms can read, in the units of
+    # `harm.SIGNALS`: mm, mm/s and counts.
+    signals = {
+        **{name: getattr(distance, name) * 1e3 for name in HAZARDS},
+        "from_golden": distance.golden * 1e3,
+        "from_model": distance.model * 1e3,
+        "depth": signal.depth[i] * 1e3,
+        "between_tips": signal.distance * 1e3,
+        "speed": norm(signal.tip[i] - last_tip) * (1e6 / setup.period_ms),
+        **{axis: x * 1e3 for axis, x in zip("xyz", signal.tip[i], strict=True)},
+        "dac": largest(jnp.abs(x) for x in signal.dac[i]),
+        "live": as_int(signal.live),
+        "pedal": as_int(signal.pedal),
+        "time": setup.to_ms(signal.tick),
+    }
+    return {name: cast_to_real(setup, value) for name, value in signals.items()}
 
 
 _COLUMNS = resources.read_tables(__file__, "monitor.toml")
 
 
 def outcomes(setup: Setup, state: MonitorState) -> dict[str, Scalar]:
-    """Return the outcome columns of a run: lengths in mm, ticks in ms; the worst of the arms."""
+    """Return the outcome columns of a run: lengths in mm, ticks in ms; the worst of the arms. The
+    file monitor.toml names the field of each column, and how it is converted.
+    """
 
     def worst(name: str) -> Scalar:
         return largest(getattr(arm, name) for arm in state.arms)
@@ -341,7 +353,7 @@ def outcomes(setup: Setup, state: MonitorState) -> dict[str, Scalar]:
         return earliest_tick([jnp.int32(-1), *(getattr(arm, name) for arm in state.arms)])
 
     count = jnp.maximum(state.ticks, 1)
-    meanings = {
+    conversions = {
         "worst": worst,
         "worst_mm": lambda name: worst(name) * 1e3,
         "rms_mm": lambda name: jnp.sqrt(worst(name) / count) * 1e3,
@@ -350,12 +362,12 @@ def outcomes(setup: Setup, state: MonitorState) -> dict[str, Scalar]:
         "whole_mm": lambda name: getattr(state, name) * 1e3,
         "harm": lambda name: harm.decide_harm(setup, state.harms, getattr(state, name)),
     }
-    out = {
-        **{column: meanings[what](name) for column, (what, name) in _COLUMNS.items()},
+    columns = {
+        **{column: conversions[name](field) for column, (name, field) in _COLUMNS.items()},
         **finite.outcomes(state.finite),
         **harm.outcomes(setup, state.harms),
     }
     for arm, arm_state in zip(setup.arms, state.arms, strict=True):
         for joint, peak in zip(setup.joints, arm_state.peak_dac, strict=True):
-            out[f"peak_dac_{arm}_{joint}"] = peak
-    return out
+            columns[f"peak_dac_{arm}_{joint}"] = peak
+    return columns

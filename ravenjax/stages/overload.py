@@ -18,8 +18,12 @@ def init(setup: Setup) -> OverloadState:
 
 
 def step(state: OverloadState, loads: tuple[Vec, ...], tick: Scalar) -> OverloadState:
-    """Return the state after this tick. loads: tension of each cable, divided by its strength."""
+    """Return the state after this tick.
+
+    loads: for each arm, the tension of each cable divided by the cable's strength.
+    """
     all_loads = [load for arm in loads for load in arm]
+    # The index counts the cables of all arms.
     largest, largest_index = all_loads[0], jnp.int32(0)
     for i, load in enumerate(all_loads[1:], start=1):
         largest_index = jnp.where(load > largest, jnp.int32(i), largest_index)

@@ -39,7 +39,7 @@ def init() -> PacketClock:
 def step(clock: PacketClock, now: Scalar, fresh: Scalar, cycles: Scalar) -> PacketClock:
     """Return the clock after tick `now` (int32).
 
-    fresh: whether a packet arrived in this tick, bool. cycles: length of this packet, int32.
+    fresh: whether a packet arrived in this tick, bool. cycles: cycles until the next, int32.
     """
     return where(fresh, PacketClock(now + cycles, now, clock.tick), clock)
 
@@ -52,16 +52,16 @@ def packet_length(
     distributions: shares of packets that last 1, 2, 3, .. cycles; choice: index of one
     distribution; key: uint32, random key of the run.
     """
+    # For each distribution: the share of packets that last at most 1, 2, 3, .. cycles.
     cumulative = [np.cumsum(shares[:-1]) for shares in distributions]
-    if isinstance(choice, np.integer):  # the same distribution in all runs
+    # If all runs have the same distribution, the compiled tick contains only this one.
+    if isinstance(choice, np.integer):
         cumulative, choice = [cumulative[choice]], np.int32(0)
     drawn = random_uniform(key, packet, _LENGTH)
     cycles = jnp.int32(1)
-    for k in range(max(map(len, cumulative))):
-        # `drawn` is below 1, so the bound 1 adds no cycle.
-        bounds = [
-            np.float32(total[k]) if k < len(total) else np.float32(1.0) for total in cumulative
-        ]
+    for k in range(max(len(shares) for shares in cumulative)):
+        # `drawn` is below 1, so a bound of 1 adds no cycle.
+        bounds = [np.float32(shares[k] if k < len(shares) else 1.0) for shares in cumulative]
         bound = jnp.float32(bounds[0])
         for i, other in enumerate(bounds[1:], start=1):
             bound = jnp.where(choice == i, jnp.float32(other), bound)

@@ -29,10 +29,11 @@ def init(ticks: int) -> Vec:
 
 def step(history: Vec, fresh: Scalar) -> Vec:
     """Return the history after one more tick, in which a packet is sent if `fresh` (bool)."""
-    words, entering = [], lax.convert_element_type(fresh, jnp.uint32)
+    words, entering_bit = [], lax.convert_element_type(fresh, jnp.uint32)
     for word in history:
-        words.append((word << _u32(1)) | entering)
-        entering = word >> _u32(WORD - 1)
+        words.append((word << _u32(1)) | entering_bit)
+        # The bit that leaves a word enters the next word.
+        entering_bit = word >> _u32(WORD - 1)
     return Vec(words)
 
 
@@ -41,24 +42,30 @@ def packet_age(history: Vec, newer: Scalar) -> Scalar:
 
     newer: number of packets sent after this packet, int32.
     """
-    word, first_age, before, total = _u32(0), jnp.int32(NEVER), jnp.int32(0), jnp.int32(0)
-    for place, candidate in enumerate(history):
-        count = _sums(candidate)[0]
-        is_here = (newer >= total) & (newer < total + count)
-        word = jnp.where(is_here, candidate, word)
-        first_age = jnp.where(is_here, WORD * place, first_age)
-        before = jnp.where(is_here, total, before)
+    # The word with the packet, the age of its bit 0, and the number of packets in newer words.
+    word, word_age, newer_in_words = _u32(0), jnp.int32(NEVER), jnp.int32(0)
+    total = jnp.int32(0)
+    for index, candidate in enumerate(history):
+        count, *_ = _count_bits(candidate)
+        contains_packet = (newer >= total) & (newer < total + count)
+        word = jnp.where(contains_packet, candidate, word)
+        word_age = jnp.where(contains_packet, WORD * index, word_age)
+        newer_in_words = jnp.where(contains_packet, total, newer_in_words)
         total = total + count
-    return jnp.where(first_age == NEVER, first_age, first_age + _position(word, newer - before))
+    is_missing = word_age == NEVER
+    age = word_age + _bit_position(word, newer - newer_in_words)
+    return jnp.where(is_missing, word_age, age)
 
 
 def sent_within(history: Vec, ticks: Scalar) -> Scalar:
-    """Return the number of packets (int32) sent in the last `ticks` (int32), this one included."""
+    """Return how many packets (int32) were sent in the last `ticks` ticks, this tick included."""
     total = jnp.int32(0)
-    for place, word in enumerate(history):
-        bits = jnp.minimum(jnp.maximum(ticks - WORD * place, 0), WORD)
+    for index, word in enumerate(history):
+        bits = jnp.minimum(jnp.maximum(ticks - WORD * index, 0), WORD)
+        # A shift by 32 bits is not defined, so a whole word has another mask.
         mask = (_u32(1) << lax.convert_element_type(bits & (WORD - 1), jnp.uint32)) - _u32(1)
-        total = total + _sums(word & jnp.where(bits == WORD, _u32(0xFFFFFFFF), mask))[0]
+        count, *_ = _count_bits(word & jnp.where(bits == WORD, _u32(0xFFFFFFFF), mask))
+        total = total + count
     return total
 
 
@@ -66,8 +73,10 @@ def _u32(number: int) -> Scalar:
     return jnp.uint32(number)
 
 
-def _sums(word: Scalar) -> tuple[Scalar, ...]:
-    """Return the number of set bits (int32), and of those in halves, eights, fours and pairs."""
+def _count_bits(word: Scalar) -> tuple[Scalar, ...]:
+    """Return the number of set bits of a word (int32), and words of partial counts: the number of
+    set bits in each half of the word, in each eight, each four and each pair of bits.
+    """
     pairs = word - ((word >> _u32(1)) & _u32(0x55555555))
     fours = (pairs & _u32(0x33333333)) + ((pairs >> _u32(2)) & _u32(0x33333333))
     eights = (fours + (fours >> _u32(4))) & _u32(0x0F0F0F0F)
@@ -75,14 +84,15 @@ def _sums(word: Scalar) -> tuple[Scalar, ...]:
     return as_int((halves + (halves >> _u32(16))) & _u32(0xFF)), halves, eights, fours, pairs
 
 
-def _position(word: Scalar, lower: Scalar) -> Scalar:
+def _bit_position(word: Scalar, lower: Scalar) -> Scalar:
     """Return the index (int32) of the set bit below which `lower` (int32) bits are set."""
-    _, halves, eights, fours, pairs = _sums(word)
+    _, halves, eights, fours, pairs = _count_bits(word)
     position = jnp.int32(0)
-    for width, sums in ((16, halves), (8, eights), (4, fours), (2, pairs), (1, word)):
-        shifted = sums >> lax.convert_element_type(position, jnp.uint32)
+    # Bisection: is the bit in the lower or the upper part of the bits that remain?
+    for width, counts in ((16, halves), (8, eights), (4, fours), (2, pairs), (1, word)):
+        shifted = counts >> lax.convert_element_type(position, jnp.uint32)
         count = as_int(shifted & _u32(2 * width - 1))
-        above = lower >= count
-        position = position + jnp.where(above, width, 0)
-        lower = lower - jnp.where(above, count, 0)
+        is_in_upper = lower >= count
+        position = position + jnp.where(is_in_upper, width, 0)
+        lower = lower - jnp.where(is_in_upper, count, 0)
     return position

@@ -18,8 +18,9 @@ class TouchState:
 
 
 def init(setup: Setup) -> TouchState:
-    """Return the state before the first tick."""
-    return TouchState(*(cast_to_real(setup, jnp.float32(0.0)) for _ in range(4)))
+    """Return the state before the first tick, without any contact."""
+    zero = cast_to_real(setup, jnp.float32(0.0))
+    return TouchState(peak=zero, impulse=zero, vessel=zero, instrument=zero)
 
 
 def step(state: TouchState, instruments: tuple[Any, ...]) -> TouchState:
@@ -32,16 +33,18 @@ def step(state: TouchState, instruments: tuple[Any, ...]) -> TouchState:
         peak = jnp.maximum(peak, instrument.tissue)
         impulse = impulse + instrument.tissue * TICK_S
         vessel = jnp.maximum(vessel, instrument.vessel)
-    return TouchState(
-        peak, impulse, vessel, jnp.maximum(state.instrument, instruments[0].instrument)
-    )
+    # The force between two instruments is the same on both.
+    between = jnp.maximum(state.instrument, instruments[0].instrument)
+    return TouchState(peak, impulse, vessel, between)
 
 
 def outcomes(setup: Setup, state: TouchState) -> dict[str, Scalar]:
     """Return the outcome columns of a run, N and N s."""
-    out = {
+    columns = {
         "contact_peak_n": state.peak,
         "contact_impulse_n_s": state.impulse,
         "contact_vessel_peak_n": state.vessel,
     }
-    return out | ({"contact_instruments_peak_n": state.instrument} if len(setup.arms) > 1 else {})
+    if len(setup.arms) > 1:
+        columns["contact_instruments_peak_n"] = state.instrument
+    return columns

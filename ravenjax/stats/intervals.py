@@ -75,8 +75,9 @@ def rates_with_intervals(
     low, high = rate_bounds(hits, trials, alpha_of(confidence), method, half_width)
     with np.errstate(invalid="ignore"):
         value = hits / trials
-    rows = zip(*(part.tolist() for part in (hits, trials, value, low, high)), strict=True)
-    return [Rate(*row) if row[1] else Rate() for row in rows]
+    columns = [column.tolist() for column in (hits, trials, value, low, high)]
+    # A rate without trials has no value.
+    return [Rate(*row) if row[1] else Rate() for row in zip(*columns, strict=True)]
 
 
 def rate_bounds(
@@ -89,17 +90,16 @@ def rate_bounds(
     """Return lower and upper bounds [m] of the rates k/n, NaN if n is 0. k may be a fraction, such
     as an expected count.
 
-    `alpha`: 1 - confidence. `half_width`: the bounds are `anytime_bounds`. If k is 0 the lower
-    bound is 0, and if k is n the upper bound is 1.
+    `alpha`: 1 - confidence. With a `half_width`, the bounds are those of `anytime_bounds`. If k is
+    0 the lower bound is 0, and if k is n the upper bound is 1.
     """
     from statsmodels.stats.proportion import proportion_confint  # slow to import
 
     with np.errstate(all="ignore"):
-        low, high = (
-            proportion_confint(k, n, alpha, method)
-            if half_width is None
-            else anytime_bounds(k, n, alpha, half_width)
-        )
+        if half_width is None:
+            low, high = proportion_confint(k, n, alpha, method)
+        else:
+            low, high = anytime_bounds(k, n, alpha, half_width)
     low = np.where(n == 0, np.nan, np.where(k == 0, 0.0, low))
     return low, np.where(n == 0, np.nan, np.where(k == n, 1.0, high))
 
@@ -112,23 +112,24 @@ def anytime_bounds(
 
     Each rate p is tested against p - half_width and p + half_width by Wald's likelihood ratio (Ann.
     Math. Stat. 16, 1945). By Ville's inequality the mean of both exceeds 1/alpha at any n with a
-    probability of at most alpha. Of all half-widths, this one needs the fewest
-    runs.
+    probability of at most alpha. Of all tests, this one reaches `half_width` with the fewest runs.
     """
     from scipy.special import xlogy
 
-    def upper(k: np.ndarray) -> np.ndarray:
+    def upper_bound(k: np.ndarray) -> np.ndarray:
+        # Returns the lowest rate that the test excludes, by bisection: the ratio rises with it.
         low, high = np.zeros(k.shape), np.ones(k.shape)
-        # The ratio rises with the rate, so halving finds where it excludes the rate.
         for _ in range(50):
             rate = (low + high) / 2
-            other = np.maximum(rate - half_width, 0.0)
-            ratio = xlogy(k, other / rate) + xlogy(n - k, (1 - other) / (1 - rate))
-            excluded = ratio > math.log(2 / alpha)
-            low, high = np.where(excluded, low, rate), np.where(excluded, rate, high)
+            lower_rate = np.maximum(rate - half_width, 0.0)
+            log_ratio = xlogy(k, lower_rate / rate) + xlogy(n - k, (1 - lower_rate) / (1 - rate))
+            excluded = log_ratio > math.log(2 / alpha)
+            low = np.where(excluded, low, rate)
+            high = np.where(excluded, rate, high)
         return high
 
-    return 1 - upper(n - k), upper(k)
+    # The lower bound of a rate is 1 minus the upper bound of the rate of misses.
+    return 1 - upper_bound(n - k), upper_bound(k)
 
 
 def alpha_of(confidence: float) -> float:

@@ -15,7 +15,7 @@ from ravenjax.stats.intervals import Estimate, Rate, wilson_interval
 
 
 class Delays(NamedTuple):
-    """Delays of runs, counted by delay; arrays [m].
+    """Delays of runs. Runs with equal delays are counted together; arrays [m].
 
     Delays are whole milliseconds, so m is at most a few thousand for any number of runs.
     """
@@ -23,16 +23,16 @@ class Delays(NamedTuple):
     # Delay, in any unit. For lags: alarm minus harm, negative if the alarm was first.
     time: np.ndarray
     # bool: the event happened after `time`. Else the runs were observed for `time` without it.
-    came: np.ndarray
+    occurred: np.ndarray
     count: np.ndarray  # number of runs
 
     @property
     def n(self) -> int:
-        """Return the number of runs."""
+        """Number of runs."""
         return int(self.count.sum())
 
 
-NONE = Delays(np.zeros(0, int), np.zeros(0, bool), np.zeros(0, int))
+NO_DELAYS = Delays(np.zeros(0, int), np.zeros(0, bool), np.zeros(0, int))
 """The delays of no runs."""
 
 
@@ -48,19 +48,19 @@ class Incidence(NamedTuple):
     n: int
 
     def quantile(self, fraction: float) -> float:
-        """Return the time until which `fraction` of the runs had the event; NaN if never."""
-        return _first(self.time, self.fraction, fraction)
+        """Return the time until which `fraction` of the runs had the event; NaN if fewer had it."""
+        return _time_of_fraction(self.time, self.fraction, fraction)
 
     def quantile_interval(self, fraction: float) -> Estimate:
-        """Return `quantile` with its interval: the times whose band contains `fraction`.
+        """Return `quantile` with its interval: the times at which the band contains `fraction`.
 
         The method is from Brookmeyer, Crowley, Biometrics 38, 1982. A bound is NaN if there are too
         few runs, or if they end too early.
         """
-        return Estimate(
-            self.quantile(fraction),
-            *(_first(self.time, edge, fraction) for edge in (self.high, self.low)),
-        )
+        # The upper end of the band reaches the fraction first.
+        low = _time_of_fraction(self.time, self.high, fraction)
+        high = _time_of_fraction(self.time, self.low, fraction)
+        return Estimate(self.quantile(fraction), low, high)
 
 
 class Lead(NamedTuple):
@@ -80,12 +80,13 @@ class Lead(NamedTuple):
 
         The result is NaN if fewer runs had an alarm. A bound is NaN if it is unknown.
         """
-        value, low, high = self.lag.quantile_interval(fraction)
-        return Estimate(-value, -high, -low)
+        # A lead is the negative of a lag.
+        lag = self.lag.quantile_interval(fraction)
+        return Estimate(-lag.value, -lag.high, -lag.low)
 
 
 def incidence_curve(delays: Delays) -> Incidence:
-    """Return the incidence over time. Its 95 % band is pointwise (Greenwood, log(-log))."""
+    """Return the incidence over time, with a pointwise 95 % band (Greenwood, log(-log))."""
     return _curve(delays, 0.0)
 
 
@@ -96,55 +97,61 @@ def lead_time(lags: Delays) -> Lead:
     of the run minus the harm. So a detector cannot look better because it misses faults.
     """
     start = float(lags.time.min(initial=0))
-    before = int(lags.count[lags.came & (lags.time < 0)].sum())
+    before = int(lags.count[lags.occurred & (lags.time < 0)].sum())
     return Lead(_curve(lags, start), wilson_interval(before, lags.n))
 
 
 def delay_quantile(
-    delay: ArrayLike, happened: ArrayLike, fraction: float, among: Units
+    delay: ArrayLike, happened: ArrayLike, fraction: float, run_units: Units
 ) -> Estimate:
     """Return the time until which `fraction` of the runs had the event, with an interval by
     resampling units.
 
-    delay: time to the event or to the end of the run, perhaps negative. happened: bool, the event
-    happened. A bound is NaN if too few resamples reach the fraction, or if there are too few units.
+    delay: time to the event or to the end of the run, perhaps negative [n]. happened: bool, the
+    event happened [n]. run_units: the units of the runs. A bound is NaN if too few resamples reach
+    the fraction, or if there are too few units.
     """
-    times, came = np.asarray(delay, float), np.asarray(happened).astype(bool)
+    times, occurred = np.asarray(delay, float), np.asarray(happened).astype(bool)
     if not len(times):
         return Estimate()
     # At equal times, runs with the event come first.
-    order = np.lexsort((~came, times))
+    order = np.lexsort((~occurred, times))
 
-    def first(weight: np.ndarray) -> np.ndarray:
-        reached = 1 - _staying(weight, came, order) >= fraction - 1e-9
+    def quantiles(weight: np.ndarray) -> np.ndarray:
+        # The tolerance allows for rounding.
+        reached = 1 - _share_without_event(weight, occurred, order) >= fraction - 1e-9
         return np.where(reached.any(axis=1), times[order][reached.argmax(axis=1)], np.nan)
 
-    return units.statistic_band(first, among)
+    return units.statistic_band(quantiles, run_units)
 
 
 def _curve(delays: Delays, start: float) -> Incidence:
-    # Returns the share of runs with the event over time, with its band. The formulas are those of
-    # scipy.stats.ecdf, which cannot use counts of equal delays.
+    # Returns the share of runs with the event over time, from the time `start`, with its band. The
+    # formulas are as in scipy.stats.ecdf, which cannot use counts of equal delays.
     from scipy.special import ndtri
 
-    events = int(delays.count[delays.came].sum())
+    events = int(delays.count[delays.occurred].sum())
     if not events:
         zero = np.zeros(1)
         return Incidence(np.full(1, start), zero, zero, zero, 0, delays.n)
     time, index = np.unique(delays.time.astype(float), return_inverse=True)
-    # Numbers of runs at each time: observed until then, with the event, and under observation.
-    ending = np.bincount(index, delays.count)
-    died = np.bincount(index, delays.count * delays.came)
-    risk = delays.n - np.cumsum(ending) + ending
+    # Numbers of runs at each time: observed until then, with the event then, and under observation.
+    ended = np.bincount(index, delays.count)
+    had_event = np.bincount(index, delays.count * delays.occurred)
+    at_risk = delays.n - np.cumsum(ended) + ended
     with np.errstate(divide="ignore", invalid="ignore"):
-        censored = events < delays.n
-        staying = np.cumprod((risk - died) / risk) if censored else 1 - np.cumsum(died) / delays.n
-        fraction = 1 - staying if censored else np.cumsum(died) / delays.n
-        error = np.sqrt(np.cumsum(died / (risk * (risk - died))) / np.log(staying) ** 2)
-        middle, half = np.log(-np.log(staying)), ndtri(0.975) * error
+        # The product of the general formula would round the plain share.
+        fraction = np.cumsum(had_event) / delays.n
+        without_event = 1 - fraction
+        if events < delays.n:
+            without_event = np.cumprod((at_risk - had_event) / at_risk)
+            fraction = 1 - without_event
+        variance = np.cumsum(had_event / (at_risk * (at_risk - had_event)))
+        error = np.sqrt(variance / np.log(without_event) ** 2)
+        middle, half = np.log(-np.log(without_event)), ndtri(0.975) * error
         low, high = 1 - np.exp(-np.exp(middle - half)), 1 - np.exp(-np.exp(middle + half))
-    # The formulas give NaN before the first and after the last event. There the bound is that of
-    # the neighbour, or 0 or 1.
+    # The formulas give NaN before the first and after the last event. Such a bound is replaced by
+    # the neighbour's bound, or by 0 or 1.
     low = np.maximum.accumulate(np.nan_to_num(low, nan=0.0))
     high = np.minimum.accumulate(np.nan_to_num(high, nan=1.0)[::-1])[::-1]
     return Incidence(
@@ -157,18 +164,22 @@ def _curve(delays: Delays, start: float) -> Incidence:
     )
 
 
-def _staying(weight: np.ndarray, came: np.ndarray, order: np.ndarray) -> np.ndarray:
-    """Return the Kaplan-Meier share without the event after each run, in this order; [b, n].
+def _share_without_event(weight: np.ndarray, occurred: np.ndarray, order: np.ndarray) -> np.ndarray:
+    """Return the Kaplan-Meier estimate of the share of runs without the event after the delay of
+    each run, [b, n], with runs sorted by delay.
 
-    weight: weights of runs in b resamples [b, n].
+    weight: weights of runs in b resamples [b, n]. occurred: bool [n]. order: indices that sort.
     """
-    mine = weight[:, order]
-    at_risk = mine[:, ::-1].cumsum(axis=1)[:, ::-1]
-    lost = np.divide(mine * came[order], at_risk, out=np.zeros_like(mine), where=at_risk > 1e-9)
-    return np.cumprod(1 - lost, axis=1)
+    sorted_weight = weight[:, order]
+    # Weight of the runs that were observed at least as long as each run.
+    at_risk = sorted_weight[:, ::-1].cumsum(axis=1)[:, ::-1]
+    share, events = np.zeros_like(at_risk), sorted_weight * occurred[order]
+    np.divide(events, at_risk, out=share, where=at_risk > 1e-9)
+    return np.cumprod(1 - share, axis=1)
 
 
-def _first(time: np.ndarray, fraction: np.ndarray, wanted: float) -> float:
-    # The tolerance allows for rounding, so that 11 of 22 are a half.
-    reached = np.flatnonzero(fraction >= wanted - 1e-12)
+def _time_of_fraction(time: np.ndarray, curve: np.ndarray, fraction: float) -> float:
+    # Returns the first time at which the curve reaches the fraction; NaN if it does not. The
+    # tolerance allows for rounding, so that 11 of 22 are a half.
+    reached = np.flatnonzero(curve >= fraction - 1e-12)
     return float(time[reached[0]]) if len(reached) else float("nan")

@@ -25,10 +25,11 @@ def holm_test(p: Mapping[str, float], confidence: float = 0.95) -> dict[str, Fin
     from statsmodels.stats.multitest import multipletests  # slow to import
 
     values = np.array(list(p.values()), float)
-    tested = ~np.isnan(values)
+    is_tested = ~np.isnan(values)
     adjusted = np.full(len(values), np.nan)
-    if tested.any():
-        adjusted[tested] = multipletests(values[tested], alpha_of(confidence), "holm")[1]
+    if is_tested.any():
+        _, adjusted[is_tested], *_ = multipletests(values[is_tested], alpha_of(confidence), "holm")
+    # A comparison with NaN is false.
     rejected = adjusted <= alpha_of(confidence)
-    rows = zip(p, values.tolist(), adjusted.tolist(), rejected.tolist(), strict=True)
-    return {name: Finding(*values_of) for name, *values_of in rows}
+    findings = map(Finding, values.tolist(), adjusted.tolist(), rejected.tolist())
+    return dict(zip(p, findings, strict=True))

@@ -16,7 +16,7 @@ from ravenjax.stats.intervals import clopper_pearson
 
 LimitState = Callable[[np.ndarray], np.ndarray]
 
-_MOST_LEVELS = 12
+_MAX_LEVELS = 12
 BATCH = 10_000
 
 
@@ -36,16 +36,17 @@ class RareEvent(NamedTuple):
 
 
 def monte_carlo(g: LimitState, d: int, n: int, *, seed: int = 0) -> RareEvent:
-    """Estimate by plain Monte Carlo with n points in d dimensions, in batches of BATCH points.
+    """Estimate the probability of the event by plain Monte Carlo: the share of n random points of
+    the d-dimensional unit cube, evaluated in batches of BATCH points.
 
     The interval is that of Clopper and Pearson. A cov of 10 % needs about 100 / probability runs.
     Raise ValueError if g returns NaN.
     """
     random = np.random.default_rng(seed)
-    hits = sum(
-        int((_margins(g, random.random((min(BATCH, n - start), d))) <= 0).sum())
-        for start in range(0, n, BATCH)
-    )
+    hits = 0
+    for start in range(0, n, BATCH):
+        points = random.random((min(BATCH, n - start), d))
+        hits += int((_margins(g, points) <= 0).sum())
     rate = clopper_pearson(hits, n)
     cov = math.sqrt((1 - rate.value) / hits) if hits else math.nan
     return RareEvent(rate.value, rate.low, rate.high, cov, n)
@@ -85,9 +86,9 @@ def subset_simulation(
     failure: BaseException | None = None
 
     def margins(points: object) -> np.ndarray:
-        # Counts the runs, and ends a search that has not reached the event in _MOST_LEVELS levels.
+        # Counts the runs, and ends a search that has not reached the event in _MAX_LEVELS levels.
         nonlocal runs, failure
-        if runs >= _MOST_LEVELS * per_level:
+        if runs >= _MAX_LEVELS * per_level:
             raise RuntimeError("the event is not reached")
         try:
             values = _margins(g, np.asarray(points))
@@ -119,7 +120,7 @@ def subset_simulation(
             raise failure from None
         # If the event was reached, the error came from a last level that contains only events.
         if 0.0 not in algorithm.getThresholdPerStep():
-            if runs < _MOST_LEVELS * per_level:
+            if runs < _MAX_LEVELS * per_level:
                 raise
             return RareEvent(0.0, 0.0, clopper_pearson(0, per_level).high, math.nan, runs)
     finally:
@@ -141,7 +142,7 @@ def subset_simulation(
 
 
 def _margins(g: LimitState, points: np.ndarray) -> np.ndarray:
-    # Evaluates the limit state function, whose value must exist at every point.
+    # Returns the margins of the points. Raises ValueError if a margin is NaN.
     margins = np.asarray(g(points), float)
     if np.isnan(margins).any():
         raise ValueError(

@@ -2,21 +2,18 @@
 
 docs/outcomes.md defines the outcomes. Effects are differences from the golden run, which starts
 from the robot's state when the hazard is armed. From the activation on, the columns `unintended_mm`
-to `false_report_first_ms` have the same meaning as in a campaign's result table.
-
-At `knowable_ms` a person at the console can first notice the hazard: the tip is `SEEN_MM` off its
-course, the robot has left pedal-down although the pedal is held, or a check has raised an alarm.
-Reaction times start at the *origin*: the start of the cue or `knowable_ms`, whichever is earlier.
-Nobody can prevent harm within `ACTS_MS` after the origin.
-
-The judge scores the first right response within the time allowed. If there is none, it scores the
-first other response. It ignores a slow-down that the scenario does not list as right, because hands
-also slow down near a target. A hazard is decided when harm is done, when the operator gives a right
-response, or when the time is up. A pause, a reset or a broken connection before that interrupts it.
-
-The score has two parts of up to 50 points. A right response gives all 50 points up to `FASTEST_MS`,
-and half of them at the end of the time allowed. The other part measures the patient's safety: of
-the distance to harm at the moment when a person could first act, the share that remains at the end.
+to `false_report_first_ms` have the same meaning as in a campaign's result table. At `knowable_ms` a
+person at the console can first notice the hazard: the tip is `SEEN_MM` off its course, the robot
+has left pedal-down although the pedal is held, or a check has raised an alarm. Reaction times start
+at the *origin*: the start of the cue or `knowable_ms`, whichever is earlier. Nobody can prevent
+harm within `ACTS_MS` after the origin. The judge scores the first right response within the time
+allowed. If there is none, it scores the first other response. It ignores a slow-down that the
+scenario does not list as right, because hands also slow down near a target. A hazard is decided
+when harm is done, when the operator gives a right response, or when the time is up. A pause, a
+reset or a broken connection before that interrupts it. The score has two parts of up to 50 points.
+A right response gives all 50 points up to `FASTEST_MS`, and half of them at the end of the time
+allowed. The other part measures the patient's safety: of the distance to harm at the moment when a
+person could first act, the share that remains at the end.
 """
 
 from __future__ import annotations
@@ -42,7 +39,7 @@ from ravenjax.vocabulary import checks
 Text = Annotated[str, BeforeValidator(lambda value: "" if value is None else str(value))]
 Flag = Annotated[bool, BeforeValidator(lambda value: value or False)]
 _NAMES: dict[str, Any] = resources.read_tables(__file__, "judge.toml")
-"""Names of columns, of channels of a frame and of events."""
+"""Names of columns and of events."""
 AFFECTED_MM = 1.0
 """A distance that counts as an effect: the jump as expert surgeons defined it (DSN'16, text)."""
 SEEN_MM = AFFECTED_MM
@@ -59,15 +56,17 @@ MOMENTS = ("knowable", "cue", "alarm", "response")
 """Moments of a hazard after its activation, each with a column `<name>_ms`."""
 DISTANCES = ("unintended", "loss", "false_report")
 """Distances of a frame (channels `<name>_mm`) that are a motion hazard above the limit."""
-PEAKS = (*DISTANCES, "unintended_off")
-"""Distances whose largest value an `Episode` stores."""
+PEAKS = (*DISTANCES, "unintended_off")  # Distances whose largest value an `Episode` stores
+_MOTION, _DEPTH = 0, 1
+"""Index of unintended motion and of depth in lists of the two effects that can be harm."""
 
 
 def _number_or_none(value: Any) -> float | None:
+    """Return a value of hazards.csv as a number; None if it is empty, infinite or NaN."""
     try:
         number = math.nan if value in (None, "") else float(value)
     except ValueError:
-        raise ValueError("expected a number or nothing") from None
+        raise ValueError("expected a number or an empty field") from None
     return number if math.isfinite(number) else None
 
 
@@ -76,10 +75,8 @@ Number = Annotated[float | None, BeforeValidator(_number_or_none)]
 
 @pydantic.dataclasses.dataclass(frozen=True, kw_only=True)
 class HazardRow:
-    """One row of hazards.csv. Strings from a file are converted.
-
-    Times are ms since the session began, None if the event never happened. Distances are None if
-    they were not measured.
+    """One row of hazards.csv. Strings from a file are converted. Times are ms since the session
+    began, None if the event never happened. Distances are None if they were not measured.
     """
 
     session: Text
@@ -94,7 +91,7 @@ class HazardRow:
     title: Text
     arm: Text
     armed_ms: Number
-    struck_ms: Number
+    struck_ms: Number  # the activation: the fault acts for the first time
     knowable_ms: Number
     knowable_by: Text
     cue_ms: Number
@@ -130,16 +127,18 @@ class HazardRow:
     score: Number
 
     @property
-    def after(self) -> dict[str, float]:
-        """Times of the events that happened, in ms after the activation."""
+    def times_after_activation(self) -> dict[str, float]:
+        """Time from the activation to each of `MOMENTS` that occurred, ms. Empty without one."""
         if self.struck_ms is None:
             return {}
         times = {name: getattr(self, f"{name}_ms") for name in MOMENTS}
         return {name: time - self.struck_ms for name, time in times.items() if time is not None}
 
     @property
-    def farthest_mm(self) -> float | None:
-        """Largest unintended motion of the true tip, whether the robot was live or not."""
+    def peak_unintended_mm(self) -> float | None:
+        """Largest unintended motion of the true tip, whether the robot was live or not. None if
+        neither distance was measured.
+        """
         distances = (self.unintended_mm, self.unintended_off_mm)
         return max((mm for mm in distances if mm is not None), default=None)
 
@@ -149,150 +148,179 @@ COLUMNS = tuple(field.name for field in dataclasses.fields(HazardRow))
 
 
 class Episode:
-    """One hazard from arming to disarming."""
+    """Judges one hazard, from arming to disarming. Attributes ending in `_ms` are session times."""
 
     struck_ms: int | None = None
+    """The activation: the tick in which the fault first acts. None before."""
     knowable_ms: int | None = None
     knowable_by = ""
     cue_ms: int | None = None
     # Time of the first sign, cue or alarm, whichever is earliest.
     origin_ms: int | None = None
     halted = False
+    # Durations since the activation, ms.
     halted_ms, golden_halted_ms = 0, 0
     peak_error_mm = 0.0
     deepest_mm = -math.inf
-    _is_lost = False
+    # Whether the robot stood still for too long although the pedal was down.
+    _has_lost_motion = False
     interrupted = False
 
     def __init__(
         self, hazard: Armable, harm: Harm, tick: int, cue_on: bool, record: Callable[..., None]
     ) -> None:
+        """tick: when the hazard is armed. cue_on: whether the operator feels the cue.
+        record: as in `Judge`; its events get the number of this hazard.
+        """
         self.hazard, self.harm = hazard, harm
         self.record = functools.partial(record, number=hazard.number)
         self.cue_on = cue_on
         self.armed_ms = tick
-        # ms and name of the first check of each kind of response
-        self.checks: dict[str, tuple[int, str]] = {}
+        # By kind of response (`verdict.RESPONSES`): ms and name of the first check that tripped.
+        self.first_trips: dict[str, tuple[int, str]] = {}
         # The arm on which the fault acts. If the fault acts on no arm: the one that moved farthest.
         self.arm = hazard.arm
-        # -1: not measured
-        self.peak_mm: dict[str, float] = dict.fromkeys(PEAKS, -1.0)
-        # When one of `DISTANCES` first exceeded the limit.
-        self.first_ms: dict[str, int] = {}
-        # Each has two values: unintended motion and depth. `_done_mm` is what the fault caused,
-        # `_spared_mm` is the part of it before a person could have acted.
-        self._done_mm, self._spared_mm = [0.0, 0.0], [0.0, 0.0]
+        self.peak_mm: dict[str, float] = dict.fromkeys(PEAKS, -1.0)  # -1: not measured
+        self.first_ms: dict[str, int] = {}  # When one of `DISTANCES` first exceeded the limit
+        # What the fault caused, and the part of it that nobody could have prevented. Each has two
+        # values, which `_MOTION` and `_DEPTH` index; so do the limits above which harm is done.
+        self._caused_mm, self._unpreventable_mm = [0.0, 0.0], [0.0, 0.0]
         self._limits_mm = harm.excursion_mm, harm.depth_mm
-        # ms of the first response of each kind.
-        self.responses: dict[str, int] = {}
+        self.responses: dict[str, int] = {}  # When the operator first gave each kind of response
 
     @property
-    def struck(self) -> bool:
+    def is_activated(self) -> bool:
         return self.struck_ms is not None
 
     @property
     def check_response(self) -> str:
-        """The response of the robot's checks, one of `verdict.RESPONSES`."""
-        return next((word for word in verdict.RESPONSES if word in self.checks), "silent")
+        """The strongest response of the robot's checks so far, one of `verdict.RESPONSES`."""
+        # `RESPONSES` begins with the strongest.
+        return next((word for word in verdict.RESPONSES if word in self.first_trips), "silent")
 
-    def record_knowable(self, tick: int, by: str, at: int | None = None) -> None:
-        """Record the first sign of the hazard, at `at` or this tick, if there was none before."""
+    def record_first_sign(self, tick: int, sign: str, sign_ms: int | None = None) -> None:
+        """Record when a person could first notice the hazard. Later signs are ignored. sign: "tip",
+        "runlevel" or the name of a check. sign_ms: its time; None: this tick.
+        """
         if self.knowable_ms is None:
-            self.knowable_ms, self.knowable_by = tick if at is None else at, by
-            self._originate(self.knowable_ms)
-            self.record(tick, "knowable", by=by, ms=self.knowable_ms)
+            self.knowable_ms, self.knowable_by = tick if sign_ms is None else sign_ms, sign
+            self._advance_origin(self.knowable_ms)
+            self.record(tick, "knowable", by=sign, ms=self.knowable_ms)
 
     def record_cue(self, tick: int) -> None:
         """Record that the operator felt the cue."""
         self.cue_ms = tick
-        self._originate(tick)
+        self._advance_origin(tick)
 
     def record_trip(self, tick: int, check: checks.Check) -> bool:
-        """Record a check that the golden run did not trip. Return whether its response is new."""
-        if check.response in self.checks:
+        """Record a trip that the golden run does not have, if it is the first with its response.
+        Return whether it was the first. Alarms and stops can set the origin of reaction times.
+        """
+        if check.response in self.first_trips:
             return False
-        self.checks[check.response] = tick, check.name
+        self.first_trips[check.response] = tick, check.name
         if check.response in verdict.TOLD:
-            self._originate(tick)
+            self._advance_origin(tick)
         return True
 
     def record_peak(self, tick: int, name: str, mm: float, arm: str) -> None:
         """Record a new largest value of one of `PEAKS`. Report the first value above the limit."""
         self.peak_mm[name] = mm
-        if name.startswith("unintended") and mm > self._done_mm[0] and not self.hazard.arm:
+        # A fault that acts on no single arm is attributed to the arm that moved farthest.
+        if name.startswith("unintended") and mm > self._caused_mm[_MOTION] and not self.hazard.arm:
             self.arm = arm
-        self.record_effect(tick, 0, max(self.peak_mm["unintended"], self.peak_mm["unintended_off"]))
+        farthest = max(self.peak_mm["unintended"], self.peak_mm["unintended_off"])
+        self.record_effect(tick, _MOTION, farthest)
         if name in DISTANCES and mm > self.harm.excursion_mm and name not in self.first_ms:
             self.first_ms[name] = tick
             self.record(tick, _NAMES["events"][name], arm=arm, mm=round(mm, 3))
 
     def record_halt(self, tick: int, halted_ms: int, golden_halted_ms: int) -> None:
-        """Record for how long a held pedal moved neither robot. Report a new loss of motion."""
-        was_lost = self._is_lost
+        """Record for how long the robot and its golden run stood still while the pedal was down.
+        Report a loss of motion when the difference first becomes too long.
+        """
+        had_lost_motion = self._has_lost_motion
         self.halted_ms, self.golden_halted_ms = halted_ms, golden_halted_ms
         stopped = self.check_response == "stopped"
-        self._is_lost = bool(verdict.is_halt(halted_ms, golden_halted_ms, stopped))
-        if self._is_lost and not was_lost and "loss" not in self.first_ms:
+        self._has_lost_motion = bool(verdict.is_halt(halted_ms, golden_halted_ms, stopped))
+        # A distance may have reported the loss of motion earlier.
+        if self._has_lost_motion and not had_lost_motion and "loss" not in self.first_ms:
             self.record(tick, _NAMES["events"]["loss"], halted_ms=halted_ms - golden_halted_ms)
 
-    def record_response(self, tick: int, what: str, at: int | None) -> None:
-        """Record a response, if it is the first of its kind after the origin.
-        at: when the response began, if that was before this tick.
+    def record_response(self, tick: int, response: str, began_ms: int | None) -> None:
+        """Record an operator's response, if it is the first of its kind after the origin. Report it
+        as an event if it becomes the scored response. response: one of those that `Judge` lists.
+        began_ms: when it began; None: in this tick.
         """
-        began = tick if at is None else at
-        known = self.origin_ms is not None and began >= self.origin_ms
-        is_excluded = self.interrupted or (self.halted and what in _OF_MOTION)
-        if is_excluded or not known or what in self.responses:
+        began = tick if began_ms is None else began_ms
+        follows_sign = self.origin_ms is not None and began >= self.origin_ms
+        # A robot that has halted needs no response by motion.
+        is_excluded = self.interrupted or (self.halted and response in _MOTION_RESPONSES)
+        if is_excluded or not follows_sign or response in self.responses:
             return
-        was_answered = self.answer()[0] in self.responses
-        self.responses[what] = began
-        counts = not was_answered or self.answer()[0] == what
-        if counts and (what != "slow" or what in self.hazard.right_response):
-            ms, is_right = self.reaction_ms(what), self.is_right(what)
-            self.record(tick, "response", what=what, ok=is_right, ms=ms)
+        had_scored_response = self.scored_response()[0] in self.responses
+        self.responses[response] = began
+        is_scored = not had_scored_response or self.scored_response()[0] == response
+        # Hands also slow down near a target, so a slow-down is no wrong response.
+        if is_scored and (response != "slow" or response in self.hazard.right_response):
+            ms, is_right = self.reaction_ms(response), self.is_right(response)
+            self.record(tick, "response", what=response, ok=is_right, ms=ms)
 
     def is_decided(self, tick: int) -> bool:
-        """Whether the outcome is final: after harm, a right response, or the time allowed."""
-        if self._exceeds(self._done_mm) and not self._exceeds(self._spared_mm):
+        """Whether the outcome is final: after harm, a right response, or the time allowed. If the
+        right response is to continue, any other response than a slow-down decides too.
+        """
+        if self._exceeds_limit(self._caused_mm) and not self._exceeds_limit(self._unpreventable_mm):
             return True
         is_late = self.origin_ms is not None and tick - self.origin_ms > self._within_ms
         if CONTINUE in self.hazard.right_response:
-            return is_late or any(what != "slow" for what in self.responses)
-        return is_late or self.answer()[1]
+            return is_late or any(response != "slow" for response in self.responses)
+        return is_late or self.scored_response()[1]
 
-    def is_right(self, what: str) -> bool:
+    def is_right(self, response: str) -> bool:
         """Whether this response, which the operator gave, is right and in time."""
-        return what in self.hazard.right_response and self.reaction_ms(what) <= self._within_ms
+        is_in_time = self.reaction_ms(response) <= self._within_ms
+        return response in self.hazard.right_response and is_in_time
 
-    def reaction_ms(self, what: str) -> int:
-        """Return the time from the origin to a response that was given."""
-        return self.responses[what] - (self.origin_ms or 0)
+    def reaction_ms(self, response: str) -> int:
+        """Return the time from the origin to a response that the operator gave, ms."""
+        return self.responses[response] - (self.origin_ms or 0)
 
-    def answer(self) -> tuple[str, bool]:
-        """Return the response that counts ("" if none) and whether it is right and in time."""
+    def scored_response(self) -> tuple[str, bool]:
+        """Return the response that the judge scores, and whether it is right and in time. It is the
+        first right response in time. Without one, it is the first response other than a slow-down;
+        "" if there is none. If the operator should continue, the absence of such a response is the
+        right response "continue", unless the robot has halted.
+        """
         in_order = sorted(self.responses, key=self.responses.__getitem__)
-        first = next((what for what in in_order if what != "slow"), "")
+        first = next((response for response in in_order if response != "slow"), "")
         if CONTINUE in self.hazard.right_response:
-            return (first, False) if first else (CONTINUE, self.struck and not self.halted)
-        right = next((what for what in in_order if self.is_right(what)), "")
+            if first:
+                return first, False
+            return CONTINUE, self.is_activated and not self.halted
+        right = next((response for response in in_order if self.is_right(response)), "")
         return (right, True) if right else (first, False)
 
     def motion_hazard(self) -> str:
         """Return the motion hazard, one of `verdict.HAZARDS`."""
+        # `classify_hazards` reads columns of many runs; the columns here have a single row.
         columns = {f"{name}_first_ms": [self.first_ms.get(name, -1)] for name in DISTANCES}
         columns |= {"halted_ms": [self.halted_ms], "golden_halted_ms": [self.golden_halted_ms]}
-        (place,) = verdict.classify_hazards(columns, np.array([self.check_response == "stopped"]))
-        return verdict.HAZARDS[place]
+        stopped = np.array([self.check_response == "stopped"])
+        (hazard_index,) = verdict.classify_hazards(columns, stopped)
+        return verdict.HAZARDS[hazard_index]
 
     def outcome(self) -> str:
-        """Return one of interrupted, unavoidable, harm, avoided, halted, unaffected, missed."""
+        """Return one of interrupted, unavoidable, harm, avoided, halted, unaffected, missed. The
+        first that applies counts. docs/outcomes.md defines these words.
+        """
         if self.interrupted:
             return "interrupted"
-        if self._exceeds(self._spared_mm):
+        if self._exceeds_limit(self._unpreventable_mm):
             return "unavoidable"
-        if self._exceeds(self._done_mm):
+        if self._exceeds_limit(self._caused_mm):
             return "harm"
-        if self.answer()[1]:
+        if self.scored_response()[1]:
             return "avoided"
         if self.halted:
             return "halted"
@@ -302,31 +330,41 @@ class Episode:
         return "missed"
 
     def score(self) -> float | None:
-        """Return the score, 0 to 100, or None if the hazard is unaffected or interrupted."""
+        """Return the score, 0 to 100, or None if the hazard is unaffected or interrupted. The
+        module's docstring defines the two parts: 50 points for the response, 50 for safety.
+        """
         if self.outcome() in ("unaffected", "interrupted"):
             return None
-        what, ok = self.answer()
-        response = 0.0
-        if ok:
-            longest = max(self._within_ms - FASTEST_MS, 1.0)
-            late = 0.0 if what == CONTINUE else max(self.reaction_ms(what) - FASTEST_MS, 0.0)
-            response = 1.0 - 0.5 * min(late / longest, 1.0)
+        response, is_right = self.scored_response()
+        response_share = 0.0
+        if is_right:
+            # The operator who rightly continues has no reaction time, and loses no points.
+            is_prompt = response == CONTINUE
+            delay = 0.0 if is_prompt else max(self.reaction_ms(response) - FASTEST_MS, 0.0)
+            longest_delay = max(self._within_ms - FASTEST_MS, 1.0)
+            response_share = 1.0 - 0.5 * min(delay / longest_delay, 1.0)
         # Of the distance to a limit when a person could first act, the share that the fault used up
         # afterwards. If the limit was exceeded before: the share of the whole distance.
-        done, spared, limit = map(np.array, (self._done_mm, self._spared_mm, self._limits_mm))
-        used = float(np.max((done - spared) / (limit - np.where(spared < limit, spared, 0.0))))
-        return round(50.0 * response + 50.0 * max(0.0, 1.0 - used), 1)
+        caused, unpreventable = np.array(self._caused_mm), np.array(self._unpreventable_mm)
+        limits = np.array(self._limits_mm)
+        available = limits - np.where(unpreventable < limits, unpreventable, 0.0)
+        used_share = float(np.max((caused - unpreventable) / available))
+        return round(50.0 * response_share + 50.0 * max(0.0, 1.0 - used_share), 1)
 
     def row(self) -> Json:
-        """Return the columns of hazards.csv that are known now."""
-        what, ok = self.answer()
-        answered = what in self.responses
-        # Of two alarms at the same time, the stronger comes first.
-        alarms = [self.checks[word] for word in verdict.TOLD if word in self.checks]
-        alarm_ms, alarm = min(alarms, key=lambda alarm: alarm[0], default=(None, None))
-        limited_ms, limited = self.checks.get("limited", (None, None))
+        """Return the columns of hazards.csv that are known now. Before the activation, there are no
+        columns of the robot's checks and of its motion.
+        """
+        response, is_right = self.scored_response()
+        # The operator did not give the responses "" and "continue", so these have no time.
+        has_time = response in self.responses
+        # `min` returns the first of two equal times, and `TOLD` begins with the stronger response.
+        alarms = [self.first_trips[word] for word in verdict.TOLD if word in self.first_trips]
+        alarm_ms, alarm = min(alarms, key=lambda trip: trip[0], default=(None, None))
+        limited_ms, limited = self.first_trips.get("limited", (None, None))
         row = {name: getattr(self.hazard, name) for name in _NAMES["of_hazard"]}
-        row |= {name: getattr(self, name) for name in _NAMES["of_episode"]} | {
+        row |= {name: getattr(self, name) for name in _NAMES["of_episode"]}
+        row |= {
             "cue": "on" if self.cue_on else "off",
             "knowable_by": self.knowable_by or None,
             "alarm_ms": alarm_ms,
@@ -334,23 +372,24 @@ class Episode:
             "limited_ms": limited_ms,
             "limited": limited,
             "limit_mm": self.harm.excursion_mm,
-            "response": what or None,
-            "response_ms": self.responses[what] if answered else None,
-            "reaction_ms": self.reaction_ms(what) if answered else None,
+            "response": response or None,
+            "response_ms": self.responses[response] if has_time else None,
+            "reaction_ms": self.reaction_ms(response) if has_time else None,
             "right_response": " ".join(self.hazard.right_response),
-            "response_ok": ok,
+            "response_ok": is_right,
             "outcome": self.outcome(),
             "score": self.score(),
         }
-        if not self.struck:
+        if not self.is_activated:
             return row
-        peaks = self.peak_mm.items()
+        row["check_response"] = self.check_response
+        row["check_cause"] = self.first_trips.get(self.check_response, (None, None))[1]
+        row["motion_hazard"] = self.motion_hazard()
+        for name, mm in self.peak_mm.items():
+            row[f"{name}_mm"] = round(mm, 4) if mm >= 0.0 else None
+        for name in DISTANCES:
+            row[f"{name}_first_ms"] = self.first_ms.get(name)
         return row | {
-            "check_response": self.check_response,
-            "check_cause": self.checks.get(self.check_response, (None, None))[1],
-            "motion_hazard": self.motion_hazard(),
-            **{f"{name}_mm": round(mm, 4) if mm >= 0.0 else None for name, mm in peaks},
-            **{f"{name}_first_ms": self.first_ms.get(name) for name in DISTANCES},
             "halted_ms": self.halted_ms,
             "golden_halted_ms": self.golden_halted_ms,
             "peak_error_mm": round(self.peak_error_mm, 4),
@@ -361,37 +400,34 @@ class Episode:
     def _within_ms(self) -> float:
         return self.hazard.within_s * 1000.0
 
-    def _exceeds(self, amounts_mm: list[float]) -> bool:
+    def _exceeds_limit(self, amounts_mm: list[float]) -> bool:
         return bool(np.greater(amounts_mm, self._limits_mm).any())
 
     def record_effect(self, tick: int, kind: int, mm: float) -> None:
-        """Record the unintended motion (kind 0) or the depth (1) that the fault has caused."""
-        self._done_mm[kind] = max(self._done_mm[kind], mm)
+        """Record the unintended motion or the depth, mm, that the fault has caused so far. kind:
+        `_MOTION` or `_DEPTH`. Until a person could act, nobody can prevent this effect.
+        """
+        self._caused_mm[kind] = max(self._caused_mm[kind], mm)
         if self.origin_ms is None or tick < self.origin_ms + ACTS_MS:
-            self._spared_mm[kind] = self._done_mm[kind]
+            self._unpreventable_mm[kind] = self._caused_mm[kind]
 
-    def _originate(self, tick: int) -> None:
+    def _advance_origin(self, tick: int) -> None:
         if self.origin_ms is None or tick < self.origin_ms:
             self.origin_ms = tick
 
 
-SLOW_SHARE = 0.25
-"""Hands are slow below this share of their usual speed, as in `stages.reaction`."""
-SLOW_FOR_MS = 1000
-"""A slow-down counts only if it lasts this long, ms."""
-MOVING_MM_S = 2.0
-"""Hands slower than this cannot slow down. Speed of the tip, mm/s."""
-# Rates of the running means of the usual and the present speed, 1/ms.
-_USUAL, _PRESENT = 1.0 / 2000.0, 1.0 / 50.0
-# Values of `_since` in place of a tick: the hands are not slow, or were slow before the hazard.
-_QUICK, _SLOW_AT_STRIKE = -1, -2
+SLOW_SHARE = 0.25  # Hands are slow below this share of their usual speed, as in `stages.reaction`
+SLOW_FOR_MS = 1000  # A slow-down counts only if it lasts this long, ms
+MOVING_MM_S = 2.0  # Hands slower than this cannot slow down. Speed of the tip, mm/s.
+# Share by which each ms moves the running mean of the usual and of the present speed.
+_USUAL_WEIGHT, _PRESENT_WEIGHT = 1.0 / 2000.0, 1.0 / 50.0
+# Values of `_slow_since` in place of a tick: the hands are not slow; they were slow before.
+_NOT_SLOW, _SLOW_AT_ACTIVATION = -1, -2
 QUIET_MS = 1000
 """A check that trips again is announced only after this time without a trip, ms."""
-CUE_QUIET_MS = 250
-"""Time without force after which a new force counts as a new cue, ms."""
-COUNT_EVERY_MS = 1000
-"""The shortest time between two events "alarm_count" of one check, ms."""
-_OF_MOTION = ("release", "slow")
+CUE_QUIET_MS = 250  # Time without force after which a new force counts as a new cue, ms
+COUNT_EVERY_MS = 1000  # The shortest time between two events "alarm_count" of one check, ms
+_MOTION_RESPONSES = ("release", "slow")
 """Responses to a robot that moves. They do not count once the robot has halted on its own."""
 SEEN = ("known", "unintended", "unintended_off", "loss")
 """Distances of a frame that a person may see at the console."""
@@ -401,11 +437,10 @@ class Trip(NamedTuple):
     """One or more trips of a check since the last reading of the counters."""
 
     check: checks.Check
-    # ms of the session: exact for a check's first trip, otherwise the time of the reading.
-    ms: int
-    # Whether the check has tripped more often than in the golden run.
-    beyond_golden: bool
-    announced: bool  # the first after `QUIET_MS` without a trip
+    ms: int  # ms of the session: exact for a check's first trip, otherwise the time of the reading
+    exceeds_golden: bool  # Whether the check has tripped more often than in the golden run
+    # Whether the check had not tripped for `QUIET_MS`, so that this is a new alarm.
+    is_after_pause: bool
     count: int  # trips in the session so far
 
 
@@ -413,82 +448,91 @@ class Trips:
     """Counts the trips of each check. Call `new_trips` every few milliseconds."""
 
     def __init__(self) -> None:
-        self._counts: Counter[str] = Counter()
-        self._earlier: Counter[str] = Counter()  # trips before the robot's last restart
-        self._last: dict[str, int] = {}  # tick of each check's last trip
+        self._counts: Counter[str] = Counter()  # trips since the robot's last restart
+        self._earlier_counts: Counter[str] = Counter()  # trips before this restart
+        self._last_tick: dict[str, int] = {}  # tick of each check's last trip
 
     def new_trips(
         self, tick: int, robot_tick: int, outcomes: Json, golden: Json | None = None
     ) -> list[Trip]:
-        """Return each check that tripped since the last reading, the earliest first.
-
+        """Return a `Trip` for each check that tripped since the last reading, the earliest first.
         tick, robot_tick: ms of session and robot. outcomes, golden: `check_*` columns of robot and
-        golden run so far. Without a golden run every trip counts.
+        golden run so far. Without a golden run every trip exceeds it.
         """
         trips = []
         for name in checks.check_names(outcomes):
-            count, before = int(outcomes[f"check_{name}_count"]), self._counts[name]
+            count, last_count = int(outcomes[f"check_{name}_count"]), self._counts[name]
             self._counts[name] = count
-            if count <= before:
+            if count <= last_count:
                 continue
             ms = tick
-            if before == 0 and (first := int(outcomes.get(f"check_{name}_first_ms", -1))) >= 0:
-                ms = tick - (robot_tick - first)
-            usual = 0 if golden is None else int(golden[f"check_{name}_count"])
-            announced = ms - self._last.get(name, -math.inf) > QUIET_MS
-            total = self._earlier[name] + count
-            trips.append(Trip(ROBOT.check(name), ms, count > usual, announced, total))
-            self._last[name] = tick
+            # The robot reports the time only of a check's first trip, in ms of its own clock.
+            first_ms = int(outcomes.get(f"check_{name}_first_ms", -1))
+            if last_count == 0 and first_ms >= 0:
+                ms = tick - (robot_tick - first_ms)
+            golden_count = 0 if golden is None else int(golden[f"check_{name}_count"])
+            trip = Trip(
+                check=ROBOT.check(name),
+                ms=ms,
+                exceeds_golden=count > golden_count,
+                is_after_pause=ms - self._last_tick.get(name, -math.inf) > QUIET_MS,
+                count=self._earlier_counts[name] + count,
+            )
+            trips.append(trip)
+            self._last_tick[name] = tick
         return sorted(trips, key=lambda trip: trip.ms)
 
     def reset(self) -> None:
-        self._earlier += self._counts
+        """Continue the counts after a restart of the robot, whose own counters begin at 0."""
+        self._earlier_counts += self._counts
         self._counts = Counter()
 
 
 @dataclasses.dataclass
 class SlowdownDetector:
-    """Detects that the operator slows down, from running means of the speed of both hands.
-
-    Hands also slow down at each target, so a slow-down counts only if it lasts longer than a tip is
-    held at a target. Speeds are those of the tip, mm/s.
+    """Detects that the operator slows down, from running means of the speed of both hands. Hands
+    also slow down at each target, so a slow-down counts only if it lasts longer than a tip is held
+    at a target. Speeds are those of the tip, mm/s.
     """
 
     scale: float
-    _before: list[float] | None = None
-    usual = present = 0.0
-    # mm/s; the hands are slow below this limit.
-    _limit = 0.0
+    _last_hands: list[float] | None = None
+    usual_mm_s = present_mm_s = 0.0
+    _limit_mm_s = 0.0  # The hands are slow below this speed
     # The tick since which the hands are slow.
-    _since = _QUICK
-    slowed = -1
+    _slow_since = _NOT_SLOW
+    slowdown_tick = -1
     """Tick at which a lasting slow-down began; -1 without one."""
 
     def step(self, tick: int, hands: list[float]) -> None:
-        """Read the hands' positions in this tick: um before scaling, three numbers per hand."""
-        before, self._before = self._before, hands
-        if before is None:
+        """Update the speeds and `slowdown_tick`. Call it in each tick. hands: positions of all
+        hands, um before scaling, three numbers per hand.
+        """
+        last_hands, self._last_hands = self._last_hands, hands
+        if last_hands is None:
             return
         # um/ms is mm/s
-        speed = self.scale * math.dist(hands, before)
-        self.usual += _USUAL * (speed - self.usual)
-        self.present += _PRESENT * (speed - self.present)
-        if self.present >= self._limit:
-            self._since, self.slowed = _QUICK, -1
-        elif self._since == _QUICK:
-            self._since = tick
-        elif self._since >= 0 and tick - self._since >= SLOW_FOR_MS:
-            self.slowed = self._since
+        speed = self.scale * math.dist(hands, last_hands)
+        self.usual_mm_s += _USUAL_WEIGHT * (speed - self.usual_mm_s)
+        self.present_mm_s += _PRESENT_WEIGHT * (speed - self.present_mm_s)
+        if self.present_mm_s >= self._limit_mm_s:
+            self._slow_since, self.slowdown_tick = _NOT_SLOW, -1
+        elif self._slow_since == _NOT_SLOW:
+            self._slow_since = tick
+        elif self._slow_since >= 0 and tick - self._slow_since >= SLOW_FOR_MS:
+            self.slowdown_tick = self._slow_since
 
     def start_hazard(self) -> None:
         """Compare later speeds with the usual speed before the hazard that becomes active now."""
-        self._limit = SLOW_SHARE * self.usual if self.usual > MOVING_MM_S else 0.0
-        self._since = _SLOW_AT_STRIKE if self.present < self._limit else _QUICK
-        self.slowed = -1
+        can_slow_down = self.usual_mm_s > MOVING_MM_S
+        self._limit_mm_s = SLOW_SHARE * self.usual_mm_s if can_slow_down else 0.0
+        is_slow = self.present_mm_s < self._limit_mm_s
+        self._slow_since = _SLOW_AT_ACTIVATION if is_slow else _NOT_SLOW
+        self.slowdown_tick = -1
 
     def skip_step(self) -> None:
         """Ignore the next step of the hands, because a restart moved them elsewhere."""
-        self._before = None
+        self._last_hands = None
 
 
 class Judge:
@@ -504,19 +548,17 @@ class Judge:
 
     _episode: Episode | None = None
     _arms: tuple[_Arm, ...] = ()
-    _pedal = False
+    _pedal_down = False
     # Whether the robot moved when the hazard became active, and the pedal was held since.
-    _was_down = False
-    _pressed = False  # whether the operator pressed the E-stop
+    _pedal_held_since_activation = False
+    _estop_pressed = False
     # Whether the operator has handed the console over or left, and nobody has driven since.
-    _walked = False
+    _operator_left = False
     _live = False
-    # The last ticks of session and robot.
-    _ticks = (0, 0)
-    # Whether the cue has acted in the golden run since the activation.
-    _golden_cue = False
+    _tick = _robot_tick = 0  # The last ticks of session and robot
+    _golden_cue = False  # Whether the cue has acted in the golden run since the activation
     # ms without motion although the pedal was held: of the robot and of its golden run.
-    _halted = _halted_at_strike = (0, 0)
+    _halted_ms = _halted_ms_at_activation = (0, 0)
 
     def __init__(
         self,
@@ -530,18 +572,17 @@ class Judge:
         self.cue_on = cue_on
         """Whether the operator feels forces. The instructor may change it at any time."""
         self._record = record
-        self._over: list[Episode] = []
+        self._ended_episodes: list[Episode] = []
         self._trips = Trips()
-        # Counts of trips not reported yet, and the tick of each check's last report.
-        self._alarms: dict[str, int] = {}
-        self._counted_at: Counter[str] = Counter()
+        # By check: a count of alarms that no event has reported yet, and the tick of the last event
+        # that reported a count.
+        self._unreported_counts: dict[str, int] = {}
+        self._last_report_tick: Counter[str] = Counter()
         self._slowdown = SlowdownDetector(scenario.scale)
 
-    # --- calls of the session ---
-
-    def armed(self, number: int, tick: int) -> None:
-        """Begin to judge a hazard, which is armed before this tick."""
-        self.disarmed(tick)
+    def begin_hazard(self, number: int, tick: int) -> None:
+        """Begin to judge a hazard, which is armed before this tick. End the one before."""
+        self.end_hazard(tick)
         self._episode = Episode(
             self.hazards[number], self.scenario.harm, tick, self.cue_on, self._record
         )
@@ -549,60 +590,64 @@ class Judge:
         known = {name: row[name] for name in _NAMES["known_when_armed"]}
         self._episode.record(tick, "hazard_armed", row=known)
 
-    def disarmed(self, tick: int) -> None:
-        """End the judgement of the armed hazard, if there is one."""
+    def end_hazard(self, tick: int) -> None:
+        """End the judgement of the armed hazard, if there is one. Record its outcome as events."""
         episode, self._episode = self._episode, None
         if episode is None:
             return
-        self._over.append(episode)
+        self._ended_episodes.append(episode)
         row = episode.row()
-        over = {name: row.get(name) for name in _NAMES["known_when_over"]}
-        episode.record(tick, "hazard_over", **over)
+        outcome = {name: row.get(name) for name in _NAMES["known_when_over"]}
+        episode.record(tick, "hazard_over", **outcome)
         known = {name: value for name, value in row.items() if value is not None}
         self._record(tick, "hazard_row", row=known)
 
-    def restarted(self, tick: int) -> None:
+    def restart(self, tick: int) -> None:
         """Forget the state of the robot, which was homed again without any fault."""
-        self.disarmed(tick)
+        self.end_hazard(tick)
         self._trips.reset()
         self._slowdown.skip_step()
-        self._pressed = False
+        self._estop_pressed = False
         for arm in self._arms:
             arm.reset()
 
     def close(self, tick: int, reason: str = "end") -> None:
-        for name, count in self._alarms.items():
+        """Record what is left at the end of the session. reason: why the session ends."""
+        for name, count in self._unreported_counts.items():
             self._record(tick, "alarm_count", check=name, count=count)
-        self.interrupted(tick, reason)
-        self.disarmed(tick)
+        self.interrupt(tick, reason)
+        self.end_hazard(tick)
 
-    def lifted(self, tick: int, why: str) -> None:
-        """Record that the pedal went up without the operator's foot. This is no release."""
-        self._pedal = False
-        if why != "silent" or not self._walked:
-            self.interrupted(tick, why)
+    def lift_pedal(self, tick: int, reason: str) -> None:
+        """Record that the pedal went up without the operator's foot. This is no release. The hazard
+        is interrupted, unless the console is silent because the operator left it.
+        """
+        self._pedal_down = False
+        if reason != "silent" or not self._operator_left:
+            self.interrupt(tick, reason)
 
-    def walked_away(self) -> None:
+    def leave_console(self) -> None:
         """Record that the operator hands the console over or leaves. The silence until the next
         pedal-down interrupts no hazard, so that leaving avoids no score.
         """
-        self._walked = True
+        self._operator_left = True
 
     def begin_trial(self, tick: int) -> None:
         """Count the start of a trial as a lifted pedal, not as a robot that halted on its own."""
         self._respond(tick, "release")
-        self._was_down = False
+        self._pedal_held_since_activation = False
 
     def forget_trips(self) -> None:
         """Forget the trips of the checks: the waiting robot was restarted without a hazard."""
         self._trips.reset()
 
-    def command(self, message: Command, tick: int) -> None:
+    def record_command(self, message: Command, tick: int) -> None:
         """Record a response that the operator gives by a command other than motion."""
         match message.get("do"):
             case "estop":
-                self._pressed = True
+                self._estop_pressed = True
                 self._respond(tick, "stop")
+            # The restart of a robot that follows the hands is no response.
             case "restart" if not self._live:
                 self._respond(tick, "restart")
             case "note" if "convert" in str(message.get("text", "")).lower():
@@ -611,151 +656,168 @@ class Judge:
     def step(
         self, tick: int, frame: Frame, outcomes: Json | None = None, golden: Json | None = None
     ) -> None:
-        """Judge one tick. outcomes, golden: see `read_checks`; outcomes None: not read now."""
+        """Judge one tick. outcomes, golden: as in `read_checks`; outcomes None: the checks are not
+        read in this tick.
+        """
         if not self._arms:
             self._arms = tuple(_Arm(frame, name) for name in frame.layout.arms)
         row = frame.numbers
-        robot_tick, live, active, pedal, alive, golden_cue, *halted = map(
-            frame.number, _NAMES["channels"]
-        )
-        was_live, self._ticks = self._live, (tick, int(robot_tick))
-        self._live = live != 0.0
+        was_live, self._live = self._live, frame.number("live") != 0.0
+        self._tick, self._robot_tick = tick, int(frame.number("tick"))
         self._slowdown.step(tick, [x for arm in self._arms for x in row[arm.hand]])
         episode = self._episode
-        if episode is not None and active and not episode.struck:
-            self._was_down = was_live and self._pedal
-            episode.struck_ms = tick
-            self._slowdown.start_hazard()
-            self._pressed = self._golden_cue = False
-            self._halted_at_strike = self._halted
-            for arm in self._arms:
-                # The depth at which the tip touches the tissue without the hazard.
-                arm.depth_at_strike = max(row[arm.depth], 0.0)
-            episode.record(tick, "hazard_struck")
-        self._halted = (int(halted[0]), int(halted[1]))
-        self._golden_cue = self._golden_cue or golden_cue != 0.0
+        if episode is not None and frame.number("fault_active") and not episode.is_activated:
+            self._pedal_held_since_activation = was_live and self._pedal_down
+            self._activate(tick, row, episode)
+        halted_ms, golden_halted_ms = frame.number("halted_ms"), frame.number("golden_halted_ms")
+        self._halted_ms = int(halted_ms), int(golden_halted_ms)
+        self._golden_cue = self._golden_cue or frame.number("golden_cue") != 0.0
         if outcomes is not None:
             self.read_checks(outcomes, golden)
-        if self.cue_on and alive:
+        pedal_down = frame.number("pedal") != 0.0
+        console_alive = frame.number("console_alive") != 0.0
+        if self.cue_on and console_alive:
             self._record_cue(tick, row)
-        if episode is not None and episode.struck:
-            if not alive and not self._walked:
-                self.interrupted(tick, "console")
-            self._judge_tick(tick, row, pedal, alive, episode)
-        self._pedal = pedal != 0.0
-        self._walked = self._walked and not self._pedal
-
-    # --- rows and events ---
+        if episode is not None and episode.is_activated:
+            if not console_alive and not self._operator_left:
+                self.interrupt(tick, "console")
+            self._measure_effects(tick, row, episode)
+            self._detect_halt(tick, pedal_down, episode)
+            if self._pedal_down and not pedal_down and console_alive:
+                self._respond(tick, "release")
+            if pedal_down and self._live and self._slowdown.slowdown_tick >= 0:
+                self._respond(tick, "slow", self._slowdown.slowdown_tick)
+        self._pedal_down = pedal_down
+        self._operator_left = self._operator_left and not pedal_down
 
     def rows(self, **identity: Any) -> list[Json]:
         """Return a row of hazards.csv for each hazard. identity: `reader.session_columns`."""
-        episodes = (*self._over, self._episode)
+        episodes = (*self._ended_episodes, self._episode)
         rows = [identity | episode.row() for episode in episodes if episode]
         return [{column: row.get(column) for column in COLUMNS} for row in rows]
 
-    def _struck_episode(self) -> Episode | None:
-        return self._episode if self._episode and self._episode.struck else None
+    def _activated_episode(self) -> Episode | None:
+        return self._episode if self._episode and self._episode.is_activated else None
+
+    def _activate(self, tick: int, row: list[float], episode: Episode) -> None:
+        # Begins to measure effects, because the hazard's fault acts for the first time.
+        episode.struck_ms = tick
+        self._slowdown.start_hazard()
+        self._estop_pressed = self._golden_cue = False
+        self._halted_ms_at_activation = self._halted_ms
+        for arm in self._arms:
+            # The depth at which the tip touches the tissue without the hazard.
+            arm.depth_mm_at_activation = max(row[arm.depth], 0.0)
+        episode.record(tick, "hazard_struck")
 
     def read_checks(self, outcomes: Json, golden: Json | None) -> None:
-        """Record the trips of the robot's checks since the last reading.
-
-        outcomes, golden: outcome columns of robot and golden run so far; golden None: there is no
-        golden run. Call it before a hazard is disarmed, because the golden run restarts then.
+        """Record the trips of the robot's checks since the last reading. An alarm or stop becomes
+        an event at once if it is new. Otherwise an event reports the count of trips at most every
+        `COUNT_EVERY_MS`. outcomes, golden: outcome columns of robot and golden run so far; golden
+        None: there is no golden run. Call it before a hazard is disarmed, because the golden run
+        restarts then.
         """
-        tick, robot_tick = self._ticks
-        episode = None if self._pressed else self._struck_episode()
-        for trip in self._trips.new_trips(tick, robot_tick, outcomes, golden):
+        # The operator's E-stop trips checks, too. These are no effect of the hazard.
+        episode = None if self._estop_pressed else self._activated_episode()
+        tick = self._tick
+        for trip in self._trips.new_trips(tick, self._robot_tick, outcomes, golden):
             check, ms, is_first = trip.check, trip.ms, False
-            if episode is not None and trip.beyond_golden:
+            if episode is not None and trip.exceeds_golden:
                 ms = max(ms, episode.struck_ms or 0)
                 is_first = episode.record_trip(ms, check)
-            is_told = check.response in verdict.TOLD
-            is_new = is_first or trip.announced
-            if is_told and not is_new and tick - self._counted_at[check.name] < COUNT_EVERY_MS:
-                self._alarms[check.name] = trip.count
-            elif is_told:
-                self._counted_at[check.name] = tick
-                self._alarms.pop(check.name, None)
-                kind = "alarm" if is_new else "alarm_count"
-                self._record(tick, kind, check=check.name, count=trip.count)
+            if check.response in verdict.TOLD:
+                is_new_alarm = is_first or trip.is_after_pause
+                self._report_alarm(tick, check.name, trip.count, is_new_alarm)
             if episode is not None and is_first:
                 episode.record(tick, check.response, check=check.name, ms=ms)
-                if is_told:
-                    episode.record_knowable(tick, check.name, ms)
+                if check.response in verdict.TOLD:
+                    episode.record_first_sign(tick, check.name, ms)
+
+    def _report_alarm(self, tick: int, check: str, count: int, is_new_alarm: bool) -> None:
+        # Repeated alarms would fill the record, so their count waits until the next event is due.
+        is_due = tick - self._last_report_tick[check] >= COUNT_EVERY_MS
+        if not is_new_alarm and not is_due:
+            self._unreported_counts[check] = count
+            return
+        self._last_report_tick[check] = tick
+        self._unreported_counts.pop(check, None)
+        self._record(tick, "alarm" if is_new_alarm else "alarm_count", check=check, count=count)
 
     def _record_cue(self, tick: int, row: list[float]) -> None:
-        episode = self._struck_episode()
+        # Records the start of each cue, per arm. The event's number is that of the hazard which
+        # caused a cue; -1 if there is none, or if the golden run had the cue first.
+        episode = self._activated_episode()
         for arm in self._arms:
             if not any(row[arm.force]):
                 continue
-            if tick - arm.last_force > CUE_QUIET_MS:
+            if tick - arm.last_force_tick > CUE_QUIET_MS:
                 if episode is not None and episode.cue_ms is None and not self._golden_cue:
                     episode.record_cue(tick)
                 number = -1 if episode is None or episode.cue_ms is None else episode.hazard.number
                 self._record(tick, "cue", number=number, arm=arm.name)
-            arm.last_force = tick
+            arm.last_force_tick = tick
 
-    def _judge_tick(
-        self, tick: int, row: list[float], pedal: float, alive: float, episode: Episode
-    ) -> None:
-        # Measures the effect of the hazard in this tick, and detects responses of the operator.
-        peaks = episode.peak_mm
+    def _measure_effects(self, tick: int, row: list[float], episode: Episode) -> None:
+        # Updates the distances and depths that the hazard has caused.
         for arm in self._arms:
-            if episode.knowable_ms is None and any(row[place] >= SEEN_MM for place in arm.seen):
-                episode.record_knowable(tick, "tip")
-            for name, place in arm.distances:
-                mm = row[place]
+            is_seen = any(row[index] >= SEEN_MM for index in arm.seen_distances)
+            if episode.knowable_ms is None and is_seen:
+                episode.record_first_sign(tick, "tip")
+            for name, index in arm.distances:
                 # An unknown distance is NaN, for which this comparison is false.
-                if mm > peaks[name]:
-                    episode.record_peak(tick, name, mm, arm.name)
+                if row[index] > episode.peak_mm[name]:
+                    episode.record_peak(tick, name, row[index], arm.name)
             if self._live:
                 unintended, depth = row[arm.unintended], row[arm.depth]
                 # `max` ignores a NaN as its second argument.
                 episode.peak_error_mm = max(episode.peak_error_mm, row[arm.error])
                 episode.deepest_mm = max(episode.deepest_mm, depth)
                 # The fault added at most as much depth as it added motion.
-                episode.record_effect(tick, 1, min(unintended, depth - arm.depth_at_strike))
-        self._was_down = self._was_down and pedal != 0.0
-        if self._was_down and not self._live and not episode.halted and not self._pressed:
+                added_depth = min(unintended, depth - arm.depth_mm_at_activation)
+                episode.record_effect(tick, _DEPTH, added_depth)
+
+    def _detect_halt(self, tick: int, pedal_down: bool, episode: Episode) -> None:
+        # Detects that the robot left pedal-down on its own, and measures how long it stood still.
+        self._pedal_held_since_activation = self._pedal_held_since_activation and pedal_down
+        if self._estop_pressed:
+            return
+        if self._pedal_held_since_activation and not self._live and not episode.halted:
             episode.halted = True
-            episode.record_knowable(tick, "runlevel")
-        halted, golden_halted = (
-            now - then for now, then in zip(self._halted, self._halted_at_strike, strict=True)
-        )
-        changed = halted != episode.halted_ms or golden_halted != episode.golden_halted_ms
-        if changed and not self._pressed:
+            episode.record_first_sign(tick, "runlevel")
+        halted, golden_halted = np.subtract(self._halted_ms, self._halted_ms_at_activation).tolist()
+        if (halted, golden_halted) != (episode.halted_ms, episode.golden_halted_ms):
             episode.record_halt(tick, halted, golden_halted)
-        if self._pedal and not pedal and alive:
-            self._respond(tick, "release")
-        if pedal and self._live and self._slowdown.slowed >= 0:
-            self._respond(tick, "slow", self._slowdown.slowed)
 
-    def _respond(self, tick: int, what: str, at: int | None = None) -> None:
-        if episode := self._struck_episode():
-            episode.record_response(tick, what, at)
+    def _respond(self, tick: int, response: str, began_ms: int | None = None) -> None:
+        if episode := self._activated_episode():
+            episode.record_response(tick, response, began_ms)
 
-    def interrupted(self, tick: int, by: str) -> None:
+    def interrupt(self, tick: int, cause: str) -> None:
         """Record that something other than the operator ended the active, undecided hazard."""
-        episode = self._struck_episode()
+        episode = self._activated_episode()
         if episode and not episode.interrupted and not episode.is_decided(tick):
             episode.interrupted = True
-            episode.record(tick, "interrupted", by=by)
+            episode.record(tick, "interrupted", by=cause)
 
 
 class _Arm:
+    """State of one arm, and the indices or slices of its channels in a frame's row."""
+
     def __init__(self, frame: Frame, name: str) -> None:
         places = frame.layout.places
         self.name = name
 
-        def start(channel: str) -> int:
-            return places[f"{name}/{channel}_mm"].start
+        def find_index(distance: str) -> int:
+            return places[f"{name}/{distance}_mm"].start
 
-        self.error, self.depth, self.unintended = map(start, ("error", "depth", "unintended"))
-        self.seen = tuple(map(start, SEEN))
-        self.distances = tuple((channel, start(channel)) for channel in PEAKS)
+        self.error, self.depth = find_index("error"), find_index("depth")
+        self.unintended = find_index("unintended")
+        self.seen_distances = tuple(map(find_index, SEEN))
+        self.distances = tuple((distance, find_index(distance)) for distance in PEAKS)
         self.force, self.hand = places[f"{name}/force"], places[f"{name}/hand"]
         self.reset()
 
     def reset(self) -> None:
-        self.last_force = -CUE_QUIET_MS - 1
-        self.depth_at_strike = 0.0
+        """Forget the last cue, so that the next force counts as a new cue."""
+        self.last_force_tick = -CUE_QUIET_MS - 1
+        self.depth_mm_at_activation = 0.0

@@ -26,23 +26,28 @@ from ravenjax.store.consoles import loading as profiles
 from ravenjax.store.files import hash_file
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
+from ravenjax.store.ring import COMMAND_BYTES, EVENT_BYTES, Ring
 from ravenjax.train import page, processes, scenario
 from ravenjax.train.judge import COLUMNS
 from ravenjax.train.protocol import Command, Json, Say
 from ravenjax.train.realtime import clock, loop
-from ravenjax.train.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring
 from ravenjax.train.recording import reader, recorder
 from ravenjax.train.robot import UDP_PORT, scene
 from ravenjax.train.robot_link.crtk.messages import Ros
 from ravenjax.train.robot_link.distant import DistantRobot
 from ravenjax.train.robot_link.joint_stream import JOINT_PORT, RemoteRobot
-from ravenjax.train.robot_link.process import ConsoleOptions, hash_hazards, in_words, open_consoles
+from ravenjax.train.robot_link.process import (
+    ConsoleOptions,
+    format_counts,
+    hash_hazards,
+    open_consoles,
+)
 from ravenjax.train.scenario import Scenario
 from ravenjax.train.session import scripts
 from ravenjax.train.session.advance import Session
 from ravenjax.train.session.simulation import Blueprint, SimulatedRobot
 
-KEPT_FRAMES, KEPT_EVENTS, KEPT_COMMANDS = 4096, 1024, 256
+FRAMES_CAPACITY, EVENTS_CAPACITY, COMMANDS_CAPACITY = 4096, 1024, 256
 """Capacities of the rings in rows: four seconds of frames, and the events of a longer time."""
 COMMANDS = "commands.jsonl"
 """File with the commands of the session. Used as a script, it repeats the session."""
@@ -77,7 +82,7 @@ class FinishedSession:
     timing: clock.LoopTiming | None
     ended: str
     # The instructor's command "next", which requests the next session; None: no request.
-    wish: Command | None = None
+    next_command: Command | None = None
     port: int = 0  # port of the page
 
 
@@ -89,13 +94,12 @@ def run_realtime(
     say: Say = print,
     helpers: processes.SessionHelpers | None = None,
 ) -> FinishedSession:
-    """Run a session in real time.
-
-    linger_s: how long the page stays open after the session; None: until Ctrl-C. One Ctrl-C ends
-    both the session and the page. helpers: page and recorder that were started before, with the
-    tokens of `options`; None: they are started now, with a page if `with_page` is true.
+    """Run a session in real time, and return its results when all of its files are written.
+    with_page: whether browsers can follow it. linger_s: how long the page stays open after the
+    session; None: until Ctrl-C. One Ctrl-C ends both the session and the page. helpers: page and
+    recorder that were started before, with the tokens of `options`; None: they are started now.
     """
-    began = time.monotonic()
+    start_s = time.monotonic()
     profiles.profile_choices(options.console)  # refuses an unknown name before anything starts
     with contextlib.ExitStack() as stack:
         if helpers is None:
@@ -108,19 +112,19 @@ def run_realtime(
             helpers = processes.SessionHelpers(stack, listening)
         options = _with_new_folder(options, say)
         stack.callback(_remove_if_empty, options.folder)
-        helpers.wait_for("robot: compiling its tick, or reading it from the cache", say)
+        helpers.show_progress("robot: compiling its tick, or reading it from the cache", say)
         connect = functools.partial(_connect, stack, options, say)
         robot = SimulatedRobot if options.robot is None else connect
         session = Session(options.scenario, options.seed, cue=options.cue, robot=robot)
         session.pedals.say = say
         interruption.check_interruption()
-        say(f"robot: ready after {time.monotonic() - began:.1f} s")
+        say(f"robot: ready after {time.monotonic() - start_s:.1f} s")
         # An invalid script is refused before anything is recorded.
         script = None if options.script is None else scripts.Scripted(options.script, session)
         header = _header(options, session)
-        frames = Ring.create(KEPT_FRAMES, 4 * session.layout.size)
-        events = Ring.create(KEPT_EVENTS, EVENT_BYTES)
-        commands = Ring.create(KEPT_COMMANDS, COMMAND_BYTES)
+        frames = Ring.create(FRAMES_CAPACITY, 4 * session.layout.size)
+        events = Ring.create(EVENTS_CAPACITY, EVENT_BYTES)
+        commands = Ring.create(COMMANDS_CAPACITY, COMMAND_BYTES)
         for ring in (frames, events, commands):
             stack.callback(ring.close)
         helpers.recorder.send(
@@ -129,7 +133,7 @@ def run_realtime(
         recording = helpers.recorder.process
         browser: loop.PageCommands | None = None
         if helpers.page is not None:
-            helpers.wait_for("page: loading its scene", say)
+            helpers.show_progress("page: loading its scene", say)
             helpers.page.send(
                 page.PageOptions(
                     frames.name,
@@ -143,16 +147,16 @@ def run_realtime(
                     options.instructor_token,
                 )
             )
-            helpers.page.answer()
+            helpers.page.receive_answer()
             browser = loop.PageCommands(commands, drives=options.script is None)
         elsewhere = options.robot is not None
         consoles, itp = open_consoles(stack, options, session, session.blueprint, say, elsewhere)
         if itp is not None:
-            stack.callback(lambda: say(f"console: {in_words(itp.counters())}"))
+            stack.callback(lambda: say(f"console: {format_counts(itp.counters())}"))
         consoles = [*filter(None, (browser, *consoles, script))]
         say("recorder: opening its file")
-        helpers.recorder.answer()
-        helpers.keep_away()
+        helpers.recorder.receive_answer()
+        helpers.leave_realtime_cpu()
         stop = stack.enter_context(interruption.until_interrupted())
         # Act on a Ctrl-C that was held back until now.
         interruption.check_interruption()
@@ -165,33 +169,38 @@ def run_realtime(
                 (frames, events),
                 lambda: processes.recorder_error(recording),
             )
-        if trouble := processes.recorder_error(recording):
-            say(trouble)
+        if message := processes.recorder_error(recording):
+            say(message)
         recording.join(processes.STARTING_S)
         result = _conclude(options, session, timing, say)
         if browser is not None and linger_s != 0 and not stop:
             say(f"the page stays {'until Ctrl-C' if linger_s is None else f'for {linger_s:g} s'}")
             end = float("inf") if linger_s is None else time.monotonic() + linger_s
-            wish = None
-            while wish is None and not stop and time.monotonic() < end:
+            next_command = None
+            while next_command is None and not stop and time.monotonic() < end:
                 time.sleep(0.05)
                 # The page has checked that the scenario exists.
-                wish = next((one for one in browser.poll() if one.get("do") == "next"), None)
-            result = dataclasses.replace(result, wish=wish, port=helpers.port)
+                requests = [each for each in browser.poll() if each.get("do") == "next"]
+                next_command = requests[0] if requests else None
+            result = dataclasses.replace(result, next_command=next_command, port=helpers.port)
     return result
 
 
 def next_options(options: SessionOptions, last: FinishedSession) -> SessionOptions:
-    """Return the options of the session that the instructor requested after `last`."""
-    wish = last.wish or {}
-    setting = options.scenario
-    if "scenario" in wish:
-        setting = scenario.load_scenario(wish["scenario"])
-    who, seed = wish.get("participant", options.participant), wish.get("seed", setting.seed)
-    folder = fresh_folder(setting.name, who, seed, options.folder.parent)
+    """Return the options of the session that the instructor requested after `last`. What the
+    request does not name stays as in `options`, the options of `last`; the seed becomes the
+    scenario's.
+    """
+    request = last.next_command or {}
+    chosen = options.scenario
+    if "scenario" in request:
+        chosen = scenario.load_scenario(request["scenario"])
+    participant = request.get("participant", options.participant)
+    seed = request.get("seed", chosen.seed)
+    folder = new_folder_path(chosen.name, participant, seed, options.folder.parent)
     port = last.port or options.port
     return dataclasses.replace(
-        options, scenario=setting, participant=who, seed=seed, folder=folder, port=port
+        options, scenario=chosen, participant=participant, seed=seed, folder=folder, port=port
     )
 
 
@@ -206,14 +215,15 @@ def run_headless(options: SessionOptions, say: Say = lambda _: None) -> Finished
             f" {', '.join(scripts.REACTIONS)}"
         )
     session = Session(options.scenario, options.seed, cue=options.cue)
-    driver = scripts.Scripted(script, session)  # an invalid file leaves no folder
+    # Before the folder is blueprint, because an invalid file is refused.
+    driver = scripts.Scripted(script, session)
     options = _with_new_folder(options, say)
     first = 0
     header = _header(options, session)
     with recorder.open_recording(options.folder, session.layout.names(), header) as writer:
         while not session.over:
             block, events = [], []
-            while len(block) < recorder.BLOCK and not session.over:
+            while len(block) < recorder.BLOCK_ROWS and not session.over:
                 interruption.check_interruption()
                 events += session.tick(driver.poll())
                 block.append(session.frame.row.copy())
@@ -222,36 +232,36 @@ def run_headless(options: SessionOptions, say: Say = lambda _: None) -> Finished
     return _conclude(options, session, None, say)
 
 
-def fresh_folder(
+def new_folder_path(
     name: str, participant: str = "", seed: int = 0, base: Path = Path("results/sessions")
 ) -> Path:
-    """Return a folder for a session that begins now. Its name does not contain the group."""
-    who = re.sub(r"[^\w.-]", "-", participant)[:40]
-    parts = (name, who, f"{datetime.now(UTC):%Y%m%d-%H%M%S}", f"seed{seed}")
+    """Return the path of a folder for a session that begins now, from scenario, participant, time
+    and seed. Only the group is left out, so that the path does not reveal it.
+    """
+    # Other characters could leave the folder.
+    safe_participant = re.sub(r"[^\w.-]", "-", participant)[:40]
+    parts = (name, safe_participant, f"{datetime.now(UTC):%Y%m%d-%H%M%S}", f"seed{seed}")
     return base / "-".join(part for part in parts if part)
 
 
-# --- parts ---
-
-
 def _with_new_folder(options: SessionOptions, say: Say) -> SessionOptions:
-    """Create the session's folder, and return the options with its path. If the folder exists, the
-    new folder gets a number. Raises UserError if it cannot be created.
+    """Create the session's folder, and return the options with its path. If the folder exists, a
+    number is added to the name of the new folder. Raises UserError if it cannot be created.
     """
-    wanted = folder = options.folder
+    requested = folder = options.folder
     for number in itertools.count(2):
         try:
             folder.mkdir(parents=True)
             break
         except FileExistsError:
-            folder = wanted.with_name(f"{wanted.name}-{number}")
+            folder = requested.with_name(f"{requested.name}-{number}")
         except OSError as error:
             raise UserError(
                 f"{folder}: cannot be created ({error.strerror or error}); give --out a folder in"
                 " which you may write"
             ) from None
-    if folder != wanted:
-        say(f"{wanted} exists already; the session is written to {folder}")
+    if folder != requested:
+        say(f"{requested} exists already; the session is written to {folder}")
     return dataclasses.replace(options, folder=folder)
 
 
@@ -263,8 +273,13 @@ def _remove_if_empty(folder: Path) -> None:
 def _header(options: SessionOptions, session: Session) -> Json:
     # Returns the content of session.json at the beginning of a session.
     setting = options.scenario
-    network = {"itp": options.itp_port, "crtk": options.crtk}
-    consoles = ["page", *(name for name, given in network.items() if given is not None)]
+    network_options = {"itp": options.itp_port, "crtk": options.crtk}
+    network = [name for name, value in network_options.items() if value is not None]
+    consoles = ["script"] if options.script is not None else ["page", *network]
+    bases = {}
+    for arm in session.arms:
+        origin, quaternion = scene.base_pose(arm)
+        bases[arm] = {"origin": origin, "quaternion": quaternion}
     return {
         "name": options.folder.name,
         "scenario": setting.resolved(),
@@ -279,12 +294,9 @@ def _header(options: SessionOptions, session: Session) -> Json:
         "code_hash": manifest.code_hash(),
         "engine": "stepper",
         "arms": list(session.arms),
-        "bases": {
-            arm: dict(zip(("origin", "quaternion"), scene.base_pose(arm), strict=True))
-            for arm in session.arms
-        },
+        "bases": bases,
         "robot": options.robot or "virtual",
-        "consoles": ["script"] if options.script is not None else consoles,
+        "consoles": consoles,
         "hazards": [hazard.header() for hazard in session.hazards],
         "task": session.task.geometry(),
         "summary": {},
@@ -292,13 +304,14 @@ def _header(options: SessionOptions, session: Session) -> Json:
 
 
 def _connect(
-    stack: contextlib.ExitStack, options: SessionOptions, say: Say, made: Blueprint
+    stack: contextlib.ExitStack, options: SessionOptions, say: Say, blueprint: Blueprint
 ) -> DistantRobot:
-    # Connects to a robot in another process, which replaces the simulated robot.
+    # Connects to a robot in another process, which replaces the simulated robot. Its hazards must
+    # be the session's. stack: closes the connection.
     host, itp_port, stream = parse_address(options.robot or "")
     say(f"robot: waiting for an answer from {host}")
-    armables = scenario.armable_hazards(options.scenario, made.plan.rows)
-    arms, tools = made.setup.arms, made.setup.tools
+    armables = scenario.armable_hazards(options.scenario, blueprint.plan.rows)
+    arms, tools = blueprint.setup.arms, blueprint.setup.tools
     if not isinstance(stream, int):
         if armables:
             raise UserError(
@@ -313,23 +326,23 @@ def _connect(
         stack.callback(transport.close)
         robot = RosRobot(host, itp_port, arms, tools, transport, say=say)
         stack.callback(robot.close)
-        return DistantRobot(made, robot)
+        return DistantRobot(blueprint, robot)
     remote = RemoteRobot(host, itp_port, stream, arms, options.token)
     stack.callback(remote.close)
-    other = remote.greeting
-    if hash_hazards(armables) != other.get("hazards"):
+    greeting = remote.greeting
+    if hash_hazards(armables) != greeting.get("hazards"):
         raise UserError(
-            f"the robot at {host} (scenario {other.get('scenario')!r}, seed"
-            f" {other.get('seed')}) has other hazards than this session"
+            f"the robot at {host} (scenario {greeting.get('scenario')!r}, seed"
+            f" {greeting.get('seed')}) has other hazards than this session"
             f" ({options.scenario.name!r}, seed {options.seed}): start both with the same"
             " scenario, --seed and --set"
         )
-    return DistantRobot(made, remote)
+    return DistantRobot(blueprint, remote)
 
 
 def parse_address(text: str) -> tuple[str, int, int | Ros]:
-    """Return host, ITP port, and joint port or ROS of HOST[:ITP_PORT[:JOINT_PORT or ros1 or ros2]].
-    Raises UserError if the text is invalid.
+    """Return the parts of HOST[:ITP_PORT[:JOINT_PORT]], in which ros1 or ros2 may replace the joint
+    port. Missing ports get their defaults. Raises UserError if the text is invalid.
     """
     parts = re.fullmatch(r"([^:]+)(?::(\d{1,5})(?::(\d{1,5}|ros1|ros2))?)?", text)
     if parts is None:
@@ -346,7 +359,9 @@ def parse_address(text: str) -> tuple[str, int, int | Ros]:
 def _conclude(
     options: SessionOptions, session: Session, timing: clock.LoopTiming | None, say: Say
 ) -> FinishedSession:
-    """Write hazards.csv, commands.jsonl, the summary and the debrief after the recording."""
+    """Write hazards.csv, commands.jsonl, the summary and the debrief, and return the results. The
+    recorder must have written session.json. timing: of the loop; None: it did not run.
+    """
     # The import is here because jinja and scipy are slow to import.
     from ravenjax.train.debrief import page as debrief
 

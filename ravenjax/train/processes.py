@@ -14,8 +14,7 @@ from typing import Any
 from ravenjax.errors import UserError
 from ravenjax.train import page, recording
 
-STARTING_S = 60.0
-"""The longest time that the page or the recorder may take to start or to answer."""
+STARTING_S = 60.0  # The longest time that the page or the recorder may take to start or to answer
 
 
 class Helper:
@@ -24,29 +23,34 @@ class Helper:
     def __init__(
         self, stack: contextlib.ExitStack, target: Callable[..., None], *given: Any
     ) -> None:
-        """target: called with a connection, which delivers the options and takes the answer."""
-        self.answers, theirs = multiprocessing.Pipe()
-        stack.callback(self.answers.close)
-        self.process = spawn_process(stack, target, theirs, *given)
-        theirs.close()
+        """target: called in the process with a connection and `given`. The connection delivers the
+        options and takes the answer. stack: ends the process.
+        """
+        self.connection, process_end = multiprocessing.Pipe()
+        stack.callback(self.connection.close)
+        self.process = spawn_process(stack, target, process_end, *given)
+        # Only the process holds its end, so that `recv` fails when the process has ended.
+        process_end.close()
 
     def send(self, options: Any) -> None:
         """Send the process its options. Raises UserError if the process has ended."""
         try:
-            self.answers.send(options)
+            self.connection.send(options)
         except OSError:
-            raise self._ended() from None
+            raise self._end_error() from None
 
-    def answer(self) -> Any:
-        """Return the answer. Raises UserError if it takes longer than STARTING_S."""
-        if not self.answers.poll(STARTING_S):
+    def receive_answer(self) -> Any:
+        """Return the process's answer to its options. Raises UserError if it takes longer than
+        STARTING_S, or if the process has ended.
+        """
+        if not self.connection.poll(STARTING_S):
             raise UserError(f"a process of the session did not start within {STARTING_S:g} s")
         try:
-            return self.answers.recv()
+            return self.connection.recv()
         except (EOFError, ConnectionResetError):
-            raise self._ended() from None
+            raise self._end_error() from None
 
-    def _ended(self) -> UserError:
+    def _end_error(self) -> UserError:
         self.process.join(STARTING_S)
         return UserError(
             f"a process of the session ended with code {self.process.exitcode}; its message is"
@@ -67,28 +71,31 @@ class SessionHelpers:
                 self.page = Helper(stack, page.run_when_told, listening)
         self.recorder = Helper(stack, recording.run_when_told)
 
-    def wait_for(self, what: str, say: Callable[[str], None]) -> None:
-        """Show in the terminal and on the page what the session waits for."""
-        say(what)
+    def show_progress(self, step: str, say: Callable[[str], None]) -> None:
+        """Show in the terminal and on the page which step of the start goes on."""
+        say(step)
         if self.page is not None:
-            self.page.send(what)
+            self.page.send(step)
 
-    def keep_away(self) -> None:
-        """Move both processes off the CPU of the realtime loop."""
+    def leave_realtime_cpu(self) -> None:
+        """Move all threads of both processes off the CPU of the realtime loop."""
         from ravenjax.train.realtime import clock
 
         cpus = clock.other_cpus()
         for helper in (self.recorder, self.page):
             if cpus and helper is not None:
-                for task in os.listdir(f"/proc/{helper.process.pid}/task"):
-                    with contextlib.suppress(ProcessLookupError):  # the thread has ended
-                        os.sched_setaffinity(int(task), cpus)
+                for thread in os.listdir(f"/proc/{helper.process.pid}/task"):
+                    # The thread may have ended.
+                    with contextlib.suppress(ProcessLookupError):
+                        os.sched_setaffinity(int(thread), cpus)
 
 
 def spawn_process(
     stack: contextlib.ExitStack, target: Callable[..., None], *given: Any
 ) -> BaseProcess:
-    """Start a process that ignores Ctrl-C. It is spawned, because JAX does not survive a fork."""
+    """Start a process that ignores Ctrl-C, and that `stack` ends. It calls `target(*given)`. The
+    process is spawned, because JAX does not survive a fork.
+    """
     # As python -P: the process does not import a file such as tempfile.py in the current folder.
     os.environ["PYTHONSAFEPATH"] = "1"
     process = multiprocessing.get_context("spawn").Process(target=target, args=given, daemon=True)
@@ -98,11 +105,11 @@ def spawn_process(
     # SIGINT is blocked while the process starts, so that the child never has it unblocked. The
     # resource tracker unblocks signals when it starts, so it must run beforehand.
     resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    earlier_mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         process.start()
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, earlier_mask)
         if file:
             command["__file__"] = file
 

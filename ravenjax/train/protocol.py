@@ -4,15 +4,12 @@ A *frame* is one millisecond of a session as a row of named float32 numbers, for
 recording and the judge. `channels.toml` lists the names. Whole numbers stay below 2^24, because
 float32 holds these exactly; so a session lasts at most four and a half hours. Lengths are in m and
 angles in rad unless a name's suffix gives another unit. `tip`, `position` and `force` are in the
-arm's frame 0.
-
-*Commands* and *events* are plain dicts, sent as JSON; docs/how-to/training-messages.md lists them.
-At the beginning of each tick the session reads the commands that have arrived. Its course depends
-only on a list of (tick, command).
-
-The *scene* is geometry in plain numbers, for code that runs every millisecond. It contains the
-point where the jaws close, because people see this point as the tip of an instrument. The control
-software uses the axis of the jaws as its tip.
+arm's frame 0. *Commands* and *events* are plain dicts, sent as JSON;
+docs/how-to/training-messages.md lists them. At the beginning of each tick the session reads the
+commands that have arrived. Its course depends only on a list of (tick, command). The *scene* is
+geometry in plain numbers, for code that runs every millisecond. It contains the point where the
+jaws close, because people see this point as the tip of an instrument. The control software uses the
+axis of the jaws as its tip.
 """
 
 from __future__ import annotations
@@ -28,18 +25,8 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from ravenjax.bundled import resources
-from ravenjax.train.robot import (
-    GEOMETRY,
-    GM1,
-    GM2,
-    GM3,
-    ITP_AXES,
-    JAW_LENGTH,
-    ArmName,
-    Arms,
-    scene,
-    unit_quaternion,
-)
+from ravenjax.train import robot
+from ravenjax.train.robot import JAW_LENGTH, ArmName, Arms, scene
 from ravenjax.vocabulary.packets import QUIET_MS
 
 CHANNELS: dict[str, dict[str, int]] = resources.read_tables(__file__, "channels.toml")
@@ -57,19 +44,16 @@ Point = tuple[float, float, float]
 Rows = tuple[Point, Point, Point]
 Json = dict[str, Any]
 """A JSON object."""
-Command = dict[str, Any]
-"""A command, as the module's docstring defines it."""
-Event = dict[str, Any]
-"""An event, as the module's docstring defines it."""
-Say = Callable[[str], None]
-"""Prints a line for the user."""
+Command = dict[str, Any]  # A command, as the module's docstring defines it
+Event = dict[str, Any]  # An event, as the module's docstring defines it
+Say = Callable[[str], None]  # Prints a line for the user
 STALE_MS = QUIET_MS
 """Input older than this, ms, counts as no input: pedal up, hands at rest, no force."""
 VIEW: Rows = _SHARED["operator_axes"]
 """Axes of the operator's view (right, up, toward) in the world: z up, gold arm at negative x."""
 encode = json.JSONEncoder(separators=(",", ":")).encode
 """Returns a command or an event as JSON text."""
-# The limit of 1e9 keeps whole numbers exact and squares finite.
+# The limit of 1e9 is_kept whole numbers exact and squares finite.
 Number = Annotated[float, Field(ge=-1e9, le=1e9, allow_inf_nan=False)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 TISSUE = {"top": scene.TISSUE_TOP, "sag": scene.TISSUE_SAG, "half": scene.TISSUE_HALF}
@@ -83,6 +67,7 @@ class FrameLayout:
     def __init__(self, arms: Arms, sizes: dict[str, int]) -> None:
         """sizes: the number of values of each channel, in their order."""
         self.arms, self.sizes = arms, sizes
+        # Each channel ends where the next begins.
         ends = [0, *accumulate(sizes.values())]
         self.places = dict(zip(sizes, map(slice, ends, ends[1:]), strict=False))
         self.size = ends[-1]
@@ -92,15 +77,16 @@ class FrameLayout:
         """Return the layout for these arms: the tick's channels first, the session's after them."""
         sizes: dict[str, int] = {}
         for source in ("simulated", "session"):
-            each = CHANNELS[f"{source}_arm"].items()
             sizes |= CHANNELS[source]
-            sizes |= {f"{arm}/{name}": size for arm in arms for name, size in each}
+            for arm in arms:
+                for name, size in CHANNELS[f"{source}_arm"].items():
+                    sizes[f"{arm}/{name}"] = size
         return FrameLayout(arms, sizes)
 
-    def of_channels(self, keeps: Callable[[str], bool]) -> FrameLayout:
-        """Return the layout of a row that has only the channels that `keeps` selects."""
+    def of_channels(self, is_kept: Callable[[str], bool]) -> FrameLayout:
+        """Return the layout of a row that has only the channels that `is_kept` selects."""
         return FrameLayout(
-            self.arms, {name: self.sizes[name] for name in filter(keeps, self.sizes)}
+            self.arms, {name: self.sizes[name] for name in filter(is_kept, self.sizes)}
         )
 
     @property
@@ -119,7 +105,6 @@ class FrameLayout:
 
 class Frame:
     """A row, read by name: `frame["gold/tip"]` is an array, `frame.number("runlevel")` a number.
-
     `numbers` contains the row as Python floats, because reading many single numbers of an array is
     slow. Writing by name changes both. After writing into `row` directly, call `copy_numbers()`.
     """
@@ -150,7 +135,9 @@ class Frame:
         return float(self.row[self.layout.places[name].start])
 
 
-Turn = Annotated[list[Number], Field(min_length=4, max_length=4), AfterValidator(unit_quaternion)]
+Turn = Annotated[
+    list[Number], Field(min_length=4, max_length=4), AfterValidator(robot.unit_quaternion)
+]
 
 
 class Message(BaseModel):
@@ -210,7 +197,7 @@ def to_world(arm: ArmName, position: Point) -> Point:
 @cache
 def itp_from_view(arm: ArmName) -> Rows:
     """Return rotation rows from the axes of the operator's view to those of ITP packets."""
-    rotation, axes = np.array(frame0_in_world(arm)[1]), np.array(_rows(ITP_AXES[arm]))
+    rotation, axes = np.array(frame0_in_world(arm)[1]), np.array(_rows(robot.ITP_AXES[arm]))
     return _rows(axes.T @ rotation.T @ np.array(VIEW).T)
 
 
@@ -231,24 +218,26 @@ def _rows(matrix: Any) -> Any:
 
 
 def closing_point(arm: ArmName, axis: Sequence[float], jpos: Sequence[float]) -> Point:
-    """Return where the ends of the jaws meet, m, frame 0. axis: of the jaws. jpos: joints [7]."""
+    """Return where the ends of the jaws meet, m, frame 0. axis: position of the axis of the jaws.
+    jpos: joints [7], rad and m.
+    """
     x, y, z = jaw_direction(arm, jpos)
     return axis[0] + JAW_LENGTH * x, axis[1] + JAW_LENGTH * y, axis[2] + JAW_LENGTH * z
 
 
 def jaw_tips(arm: ArmName, closing: Sequence[float], jpos: Sequence[float]) -> tuple[Point, Point]:
     """Return the ends of both jaws, m, frame 0. closing: where they close. jpos: joints [7]."""
-    middle = closing_point(arm, (0.0, 0.0, 0.0), jpos)
-    base = [c - m for c, m in zip(closing, middle, strict=True)]
-    left, right = (
-        closing_point(arm, base, (*jpos[:5], -angle, angle)) for angle in (-jpos[5], jpos[6])
-    )
+    offset = closing_point(arm, (0.0, 0.0, 0.0), jpos)
+    axis = [c - o for c, o in zip(closing, offset, strict=True)]
+    # The end of a jaw is where closed jaws at its angle would be.
+    left = closing_point(arm, axis, (*jpos[:5], jpos[5], -jpos[5]))
+    right = closing_point(arm, axis, (*jpos[:5], -jpos[6], jpos[6]))
     return left, right
 
 
 def jaw_direction(arm: ArmName, jpos: Sequence[float]) -> Point:
     """Return the unit vector along the closed jaws in frame 0, at joints [7] in rad and m."""
-    geometry = GEOMETRY[arm]
+    geometry = robot.GEOMETRY[arm]
     right = math.pi / 2
     x, y, z = 1.0, 0.0, 0.0
     # From the jaws back to frame 0. Each row: a joint's angle about z, then sine and cosine of the
@@ -256,8 +245,8 @@ def jaw_direction(arm: ArmName, jpos: Sequence[float]) -> Point:
     for theta, sine, cosine in (
         (0.5 * (jpos[6] - jpos[5]), 1.0, 0.0),
         (jpos[4] - right, 1.0, 0.0),
-        (jpos[3] + geometry.side * right, GM3, geometry.cos23),
-        (jpos[1] + geometry.zero2, GM1, GM2),
+        (jpos[3] + geometry.side * right, robot.GM3, geometry.cos23),
+        (jpos[1] + geometry.zero2, robot.GM1, robot.GM2),
         (jpos[0] + geometry.zero1, 0.0, geometry.flip),
     ):
         s, c = math.sin(theta), math.cos(theta)

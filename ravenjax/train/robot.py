@@ -11,7 +11,7 @@ from functools import cache
 
 import numpy as np
 
-from ravenjax.numbers.lazy import at_once
+from ravenjax.numbers.lazy import run_eagerly
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2 import ROBOT, run_levels
 from ravenjax.robots.raven2.arms import ARMS, JOINTS, ArmName
@@ -38,14 +38,14 @@ Quat = tuple[float, float, float, float]
 
 def tip_pose(arm: ArmName, jpos: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return position, m [3], and rotation [3, 3] of the jaws in frame 0, at joints [7]."""
-    with at_once():
+    with run_eagerly():
         pose = kinematics.forward_pose(arm, Vec(map(float, jpos)))
     return np.array(pose.position, float), np.array(pose.rotation, float)
 
 
 def tip_twist(arm: ArmName, jpos: np.ndarray, jvel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return velocity, m/s, and angular velocity, rad/s, of the jaws in frame 0."""
-    with at_once():
+    with run_eagerly():
         jacobian = np.array(kinematics.tip_jacobian(arm, Vec(map(float, jpos))), float)
     twist = jacobian @ (*jvel[:5], 0.5 * (jvel[6] - jvel[5]))
     return twist[:3], twist[3:]
@@ -54,7 +54,7 @@ def tip_twist(arm: ArmName, jpos: np.ndarray, jvel: np.ndarray) -> tuple[np.ndar
 @cache
 def motor_matrix(arm: ArmName, tool: str) -> np.ndarray:
     """Return the matrix [7, 7] from joint positions to motor positions, and from rates to rates."""
-    with at_once():
+    with run_eagerly():
         columns = [transmission.motor_from_joint(arm, tool, Vec(row)) for row in np.eye(7).tolist()]
     return np.array(columns, float).T
 
@@ -68,6 +68,6 @@ def unit_quaternion(quat: Sequence[float]) -> Quat:
     return x / length, y / length, z / length, w / length
 
 
-def turn_by(first: Sequence[float], then: Sequence[float]) -> Quat:
-    """Return the rotation `first` followed by the rotation `then`, as a unit quaternion."""
-    return unit_quaternion(quat_mul(Vec(then), Vec(first)))
+def turn_by(first: Sequence[float], second: Sequence[float]) -> Quat:
+    """Return the rotation `first` followed by the rotation `second`, as a unit quaternion."""
+    return unit_quaternion(quat_mul(Vec(second), Vec(first)))

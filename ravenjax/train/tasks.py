@@ -11,55 +11,43 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.train.protocol import (
-    Event,
-    Frame,
-    Json,
-    Point,
-    closing_point,
-    tissue_height,
-    to_world,
-)
+from ravenjax.train import protocol
+from ravenjax.train.protocol import Event, Frame, Json, Point, tissue_height
 from ravenjax.train.robot import ArmName, Arms
 from ravenjax.train.scenario import Scenario
 from ravenjax.train.scenario.config import Levels, Path, PegTransfer, Reach
 
-Tips = Mapping[ArmName, Point]
-"""The point where the jaws of each arm close, m, world."""
-POINTS = 200
-"""Number of points of a line. On the largest line they are half a millimetre apart."""
-AHEAD = 8
+Tips = Mapping[ArmName, Point]  # The point where the jaws of each arm close, m, world
+POINTS = 200  # Number of points of a line. On the largest line they are half a millimetre apart.
+MAX_POINTS_PER_TICK = 8
 """The largest number of points that count as passed in one tick. A short cut passes more."""
-LOOK_AHEAD_M = 0.003
-"""Distance ahead on the line to which a simulated operator moves."""
+LOOK_AHEAD_M = 0.003  # Distance ahead on the line to which a simulated operator moves
 PATH_COLOUR = "#3f7fbf"
 CLOSED_RAD, OPEN_RAD = 0.8, 1.1
 """Jaws hold an object below the first opening and release it above the second. The opening is 1.57
 at home. The generated motion of a peg transfer closes the jaws to 0.67.
 """
-LIFT_M = 0.008
-"""Height above pegs at which a simulated operator moves the object."""
+LIFT_M = 0.008  # Height above pegs at which a simulated operator moves the object
 PEG_RADIUS_M, OBJECT_RADIUS_M = 0.001, 0.002
 PEG_COLOUR, OBJECT_COLOUR = "#8a8f98", "#c8553d"
-LEAST_WAY_M = 0.005
-"""The least distance between two successive targets."""
+MIN_DISTANCE_M = 0.005  # The smallest distance between two successive targets
 TARGET_COLOURS = {"gold": "#d9a441", "green": "#1fae84"}
 
 
-class Field(NamedTuple):
+class Workspace(NamedTuple):
     """The arms and the position of a task, and the seed of its goals."""
 
     arms: Arms  # arms that do the task, in turn
-    begin: Tips  # start positions of the tips
+    start_tips: Tips  # start positions of the tips
     middle: tuple[float, float]  # x and y between the start positions, m
     seed: int
 
 
-class Wish(NamedTuple):
+class Aim(NamedTuple):
     """The next aim of a simulated operator: a position of the tip, and whether the jaws close."""
 
     point: Point  # m, world
-    closed: bool = False
+    jaws_closed: bool = False
 
 
 class Task:
@@ -68,13 +56,12 @@ class Task:
     done = False
     target = -1
     """Number of the present goal; -1: none."""
-    progress = 0.0
-    """0 to 1."""
-    _published = -1
+    progress = 0.0  # 0 to 1
+    _published_target = -1  # in the last event
 
-    def __init__(self, settings: Any, field: Field) -> None:
+    def __init__(self, settings: Any, workspace: Workspace) -> None:
         """settings: the scenario's [task]."""
-        self.settings, self._field, self._arms = settings, field, field.arms
+        self.settings, self._workspace, self._arms = settings, workspace, workspace.arms
         self._events: list[Event] = []
 
     def step(self, frame: Frame, tick: int) -> list[Event]:
@@ -82,12 +69,12 @@ class Task:
         self._events = []
         if not self.done:
             tips: dict[ArmName, Point] = {}
-            for arm in self._field.begin:
-                axis, joints = (frame[f"{arm}/{name}"].tolist() for name in ("tip", "link_jpos"))
-                tips[arm] = to_world(arm, closing_point(arm, axis, joints))
+            for arm in self._workspace.start_tips:
+                axis, joints = frame[f"{arm}/tip"].tolist(), frame[f"{arm}/link_jpos"].tolist()
+                tips[arm] = protocol.to_world(arm, protocol.closing_point(arm, axis, joints))
             self._step(frame, tips, tick)
-        if self.target != self._published:
-            self._published = self.target
+        if self.target != self._published_target:
+            self._published_target = self.target
             self._record(tick, "target", target=self.target)
         return self._events
 
@@ -97,19 +84,23 @@ class Task:
     def restart(self) -> None:
         """Adapt to a robot that was homed again: a held object is lost, and progress stays."""
 
-    def wish(self, arm: ArmName, tip: Point) -> Wish | None:
-        """Return the next aim of a simulated operator, or None. tip: m, world."""
-        return None if self.done or arm != self._arm else self._wish(tip)
+    def next_aim(self, arm: ArmName, tip: Point) -> Aim | None:
+        """Return where a simulated operator moves this arm next, from `tip`, m, world. None if
+        another arm's turn is on, or if nothing is left to do.
+        """
+        return None if self.done or arm != self._arm else self._next_aim(tip)
 
     @property
     def _arm(self) -> ArmName | None:
         """The arm whose turn it is."""
 
-    def _wish(self, tip: Point) -> Wish | None:
+    def _next_aim(self, tip: Point) -> Aim | None:
         """Return the aim of the arm whose turn it is."""
 
     def geometry(self) -> Json:
-        """Return the shapes for the page as JSON, m, world. `turns`: arms, number of turns."""
+        """Return the shapes that the page draws as JSON: targets, pegs, object, path; m, world.
+        "turns" has the arms that take turns and the number of turns ("of").
+        """
         empty = dict.fromkeys(("object", "path", "turns"))
         return {"kind": self.settings.kind, "targets": [], "pegs": []} | empty | self._shapes()
 
@@ -118,7 +109,7 @@ class Task:
         return {}
 
     def result(self) -> Json:
-        """Return numbers for the debrief: `progress` is 0 to 1, `score` 0 to 100."""
+        """Return the result for the debrief: kind, progress (0 to 1), done, score (0 to 100)."""
         return {
             "kind": self.settings.kind,
             "progress": round(self.progress, 4),
@@ -127,6 +118,7 @@ class Task:
         }
 
     def _score(self) -> float:
+        # Returns the score, 0 to 1.
         return self.progress
 
     def _advance(self, tick: int, share: float) -> None:
@@ -136,8 +128,8 @@ class Task:
             self.done, self.target = True, -1
             self._record(tick, "task_done")
 
-    def _record(self, tick: int, kind: str, **what: Any) -> None:
-        self._events.append({"tick": tick, "kind": kind, **what})
+    def _record(self, tick: int, kind: str, **content: Any) -> None:
+        self._events.append({"tick": tick, "kind": kind, **content})
 
 
 def round_point(point: Point) -> list[float]:
@@ -145,56 +137,62 @@ def round_point(point: Point) -> list[float]:
     return [round(x, 6) for x in point]
 
 
-def _spot(number: int, at: Point, radius_m: float, colour: str) -> Json:
-    return {"number": number, "at": round_point(at), "radius_m": radius_m, "colour": colour}
+def _spot(number: int, position: Point, radius_m: float, colour: str) -> Json:
+    return {"number": number, "at": round_point(position), "radius_m": radius_m, "colour": colour}
 
 
 class PathTask(Task):
     """The tip follows a line. Two arms take turns, lap by lap."""
 
     target = 0
-    # Number of passed points. Modulo POINTS, it is the index of the next point.
-    _at = 0
-    _on = False  # whether the tip has reached the line
-    _ticks, _within = 0, 0
+    # Number of passed points in all laps. Modulo POINTS, it is the index of the next point.
+    _passed_points = 0
+    _is_on_line = False  # whether the tip has reached the line
+    _ticks, _ticks_within = 0, 0  # Since then: ticks, and ticks within the tolerance
 
-    def __init__(self, settings: Path, field: Field) -> None:
-        super().__init__(settings, field)
-        self.points = [_point(settings, field.middle, k / POINTS) for k in range(POINTS)]
+    def __init__(self, settings: Path, workspace: Workspace) -> None:
+        super().__init__(settings, workspace)
+        self.points = [_point(settings, workspace.middle, k / POINTS) for k in range(POINTS)]
         self._tolerance_m = settings.tolerance_mm / 1e3
         spacing = math.dist(self.points[0], self.points[1])
         self._look_ahead = max(1, round(LOOK_AHEAD_M / max(spacing, 1e-6)))
 
     @property
     def _arm(self) -> ArmName:
-        return self._arms[(self._at // POINTS) % len(self._arms)]
+        return self._arms[(self._passed_points // POINTS) % len(self._arms)]
 
     def _step(self, frame: Frame, tips: Tips, tick: int) -> None:
-        # Follows the line. Progress counts only while the tip is within the tolerance.
-        tip = tips[self._arm]
-        near, ahead = min(
-            (math.dist(tip, self.points[(self._at + k) % POINTS]), k) for k in range(AHEAD)
+        # Measures the progress along the line, which counts only within the tolerance.
+        tip, first = tips[self._arm], self._passed_points
+        # The nearest of the next points, and how many points ahead it is. Points farther ahead are
+        # not considered, so that a short cut is no progress.
+        distance, points_ahead = min(
+            (math.dist(tip, self.points[(first + k) % POINTS]), k)
+            for k in range(MAX_POINTS_PER_TICK)
         )
-        if not self._on:
-            self._on = near <= self._tolerance_m
+        is_within = distance <= self._tolerance_m
+        if not self._is_on_line:
+            self._is_on_line = is_within
             return
         self._ticks += 1
-        self._within += near <= self._tolerance_m
-        if not ahead or near > self._tolerance_m:  # progress continues where the tip left the line
+        self._ticks_within += is_within
+        # A tip that left the line makes progress again where it left the line.
+        if points_ahead == 0 or not is_within:
             return
-        lap = self._at // POINTS
-        self._at += ahead
+        self._passed_points += points_ahead
         # The next lap is for the other arm, which must first reach the line.
-        if self._at // POINTS > lap and len(self._arms) > 1:
-            self._on = False
-        self.target = self._at % POINTS
-        self._advance(tick, self._at / (POINTS * self.settings.laps))
+        is_new_lap = self._passed_points // POINTS > first // POINTS
+        if is_new_lap and len(self._arms) > 1:
+            self._is_on_line = False
+        self.target = self._passed_points % POINTS
+        self._advance(tick, self._passed_points / (POINTS * self.settings.laps))
 
     def restart(self) -> None:
-        self._on = False
+        self._is_on_line = False
 
-    def _wish(self, tip: Point) -> Wish:
-        return Wish(self.points[(self._at + (self._look_ahead if self._on else 0)) % POINTS])
+    def _next_aim(self, tip: Point) -> Aim:
+        points_ahead = self._look_ahead if self._is_on_line else 0
+        return Aim(self.points[(self._passed_points + points_ahead) % POINTS])
 
     def _shapes(self) -> Json:
         path = {
@@ -205,42 +203,43 @@ class PathTask(Task):
         return {"path": path, "turns": {"arms": self._arms, "of": self.settings.laps}}
 
     def _score(self) -> float:
-        return self.progress * (self._within / self._ticks) if self._ticks else 0.0
+        return self.progress * (self._ticks_within / self._ticks) if self._ticks else 0.0
 
 
 def _point(settings: Path, middle: tuple[float, float], share: float) -> Point:
-    radius, turn = settings.radius_mm / 1e3, 2.0 * math.pi * share
-    aside = {"circle": math.sin(turn), "eight": 0.5 * math.sin(2.0 * turn), "line": 0.0}
-    x, y = middle[0] + radius * math.cos(turn), middle[1] + radius * aside[settings.shape]
+    """Return the point after this share (0 to 1) of the line around `middle`, m, world."""
+    radius, angle = settings.radius_mm / 1e3, 2.0 * math.pi * share
+    relative_y = {"circle": math.sin(angle), "eight": 0.5 * math.sin(2.0 * angle), "line": 0.0}
+    x, y = middle[0] + radius * math.cos(angle), middle[1] + radius * relative_y[settings.shape]
     return x, y, tissue_height(x, y) + settings.height_mm / 1e3
 
 
 class PegTask(Task):
-    """The operator transfers one object from peg to peg; two arms take turns.
-
-    Jaws that close within `tolerance_mm` of the object hold it until they open. If they open near
-    the peg that is the goal, the object is placed. Otherwise it drops to the tissue, and the
-    operator must fetch it.
+    """The operator transfers one object from peg to peg; two arms take turns. Jaws that close
+    within `tolerance_mm` of the object hold it until they open. If they open near the peg that is
+    the goal, the object is placed. Otherwise it drops to the tissue, and the operator must fetch
+    it.
     """
 
-    held: ArmName | None = None
+    held: ArmName | None = None  # The arm that holds the object
     placed, dropped = 0, 0
 
-    def __init__(self, settings: PegTransfer, field: Field) -> None:
-        super().__init__(settings, field)
+    def __init__(self, settings: PegTransfer, workspace: Workspace) -> None:
+        super().__init__(settings, workspace)
         spacing, per_row = settings.spacing_mm / 1e3, settings.pegs // 2
         self.pegs: list[Point] = []
         for row, k in itertools.product(range(2), range(per_row)):
-            x = field.middle[0] + spacing * (k - (per_row - 1) / 2.0)
-            y = field.middle[1] + spacing * (row - 0.5)
+            x = workspace.middle[0] + spacing * (k - (per_row - 1) / 2.0)
+            y = workspace.middle[1] + spacing * (row - 0.5)
             self.pegs.append((x, y, tissue_height(x, y) + settings.height_mm / 1e3))
-        rng = np.random.default_rng([field.seed, settings.seed, 2])
-        self.ways = [int(rng.integers(settings.pegs))]
-        """The pegs on which the object is to be, in order."""
+        rng = np.random.default_rng([workspace.seed, settings.seed, 2])
+        self.route = [int(rng.integers(settings.pegs))]
+        """Numbers of the pegs on which the object is to be, in order. The first is the start."""
         for _ in range(settings.transfers):
-            others = [peg for peg in range(settings.pegs) if peg != self.ways[-1]]
-            self.ways.append(int(rng.choice(others)))
-        self.object: Point = self.pegs[self.ways[0]]
+            others = [peg for peg in range(settings.pegs) if peg != self.route[-1]]
+            self.route.append(int(rng.choice(others)))
+        self.object: Point = self.pegs[self.route[0]]
+        # The goal is a peg, or the object, whose number follows those of the pegs.
         self.target = len(self.pegs)
         self._tolerance_m = settings.tolerance_mm / 1e3
         self._closed = dict.fromkeys(self._arms, False)
@@ -251,28 +250,28 @@ class PegTask(Task):
 
     def _step(self, frame: Frame, tips: Tips, tick: int) -> None:
         # Jaws that close near the object hold it. Jaws that open release it.
-        for arm, closed in self._closed.items():
+        for arm, was_closed in self._closed.items():
+            # The opening is the sum of the angles of both jaws, which are joints 5 and 6.
             opening = float(frame[f"{arm}/link_jpos"][5:7].sum(dtype=float))
-            closes, opens = not closed and opening < CLOSED_RAD, closed and opening > OPEN_RAD
+            closes = not was_closed and opening < CLOSED_RAD
+            opens = was_closed and opening > OPEN_RAD
             if closes or opens:
                 self._closed[arm] = closes
             if arm == self.held:
                 self.object = tips[arm]
                 if opens:
                     self._release(tick)
-            elif (
-                closes
-                and self.held is None
-                and math.dist(tips[arm], self.object) <= self._tolerance_m
-            ):
+            elif closes and self.held is None:
+                if math.dist(tips[arm], self.object) > self._tolerance_m:
+                    continue
                 self.held = arm
-                self.target = self.ways[self.placed + 1]
+                self.target = self.route[self.placed + 1]
                 self._record_object(tick)
 
     def _release(self, tick: int) -> None:
         # Places an object that is within the tolerance of its peg, and drops another object.
         x, y, z = self.object
-        self.held, peg = None, self.pegs[self.ways[self.placed + 1]]
+        self.held, peg = None, self.pegs[self.route[self.placed + 1]]
         self.target = len(self.pegs)
         if math.dist(self.object, peg) <= self._tolerance_m:
             self.object = peg
@@ -289,26 +288,29 @@ class PegTask(Task):
     def restart(self) -> None:
         """Put a held object back on its peg, because the robot that held it has moved away."""
         if self.held is not None:
-            self.held, self.object = None, self.pegs[self.ways[self.placed]]
+            self.held, self.object = None, self.pegs[self.route[self.placed]]
             self.target = len(self.pegs)
         self._closed = dict.fromkeys(self._arms, False)
 
-    def _wish(self, tip: Point) -> Wish:
+    def _next_aim(self, tip: Point) -> Aim:
+        # Above the object or peg, the tip moves sideways. It goes down when it is near enough.
         holding = self.held == self._arm
         x, y, z = self.pegs[self.target] if holding else self.object
-        aside = math.hypot(tip[0] - x, tip[1] - y)
-        there = aside < 0.5 * self._tolerance_m and abs(tip[2] - z) < 0.5 * self._tolerance_m
-        if holding and tip[2] < z + LIFT_M - 0.002 and aside > self._tolerance_m:
-            return Wish((tip[0], tip[1], z + LIFT_M), True)  # lift the object first
-        over = z if aside < 0.5 * self._tolerance_m else z + LIFT_M
-        return Wish((x, y, over), holding != there)
+        distance_xy = math.hypot(tip[0] - x, tip[1] - y)
+        is_above = distance_xy < 0.5 * self._tolerance_m
+        is_at_goal = is_above and abs(tip[2] - z) < 0.5 * self._tolerance_m
+        # A held object is lifted first, so that it passes over the pegs. 2 mm below is high enough.
+        if holding and tip[2] < z + LIFT_M - 0.002 and distance_xy > self._tolerance_m:
+            return Aim((tip[0], tip[1], z + LIFT_M), jaws_closed=True)
+        # At the goal, jaws that hold the object open, and empty jaws close.
+        return Aim((x, y, z if is_above else z + LIFT_M), jaws_closed=holding != is_at_goal)
 
     def _shapes(self) -> Json:
         height = {"height_m": self.settings.height_mm / 1e3}
         pegs = [_spot(k, top, PEG_RADIUS_M, PEG_COLOUR) | height for k, top in enumerate(self.pegs)]
-        thing = _spot(len(self.pegs), self.object, OBJECT_RADIUS_M, OBJECT_COLOUR)
+        shape = _spot(len(self.pegs), self.object, OBJECT_RADIUS_M, OBJECT_COLOUR)
         turns = {"arms": self._arms, "of": self.settings.transfers}
-        return {"pegs": pegs, "object": thing, "turns": turns}
+        return {"pegs": pegs, "object": shape, "turns": turns}
 
     def _score(self) -> float:
         """Return the share of transfers done. A drop costs half a transfer."""
@@ -321,27 +323,32 @@ class ReachTask(Task):
     target = 0
     _inside_ms = 0
 
-    def __init__(self, settings: Reach, field: Field) -> None:
-        super().__init__(settings, field)
-        rng = np.random.default_rng([field.seed, settings.seed, 1])
+    def __init__(self, settings: Reach, workspace: Workspace) -> None:
+        super().__init__(settings, workspace)
+        rng = np.random.default_rng([workspace.seed, settings.seed, 1])
         self.targets: list[tuple[ArmName, Point]] = []
-        before = dict(field.begin)
+        # Each arm's last target; at first, its start position.
+        last_points = dict(workspace.start_tips)
         for k in range(settings.targets):
-            arm = field.arms[k % len(field.arms)]
-            before[arm] = self._draw(rng, before[arm])
-            self.targets.append((arm, before[arm]))
+            arm = workspace.arms[k % len(workspace.arms)]
+            last_points[arm] = self._draw_point(rng, last_points[arm])
+            self.targets.append((arm, last_points[arm]))
 
-    def _draw(self, rng: np.random.Generator, before: Point) -> Point:
-        """Return a random point not too near to `before`; in a small box the farthest of 20."""
+    def _draw_point(self, rng: np.random.Generator, last_point: Point) -> Point:
+        """Return the first random point that is farther than `MIN_DISTANCE_M` from `last_point`. In
+        a small box there may be none; the farthest of 20 points is returned then.
+        """
         extent = self.settings.extent_mm / 1e3
         points = []
         for _ in range(20):
-            x, y = (float(middle + rng.uniform(-extent, extent)) for middle in self._field.middle)
-            above = float(rng.uniform(*self.settings.height_mm)) / 1e3
-            points.append((x, y, tissue_height(x, y) + above))
-            if math.dist(points[-1], before) > LEAST_WAY_M:
+            x, y = (
+                float(middle + rng.uniform(-extent, extent)) for middle in self._workspace.middle
+            )
+            height = float(rng.uniform(*self.settings.height_mm)) / 1e3
+            points.append((x, y, tissue_height(x, y) + height))
+            if math.dist(points[-1], last_point) > MIN_DISTANCE_M:
                 return points[-1]
-        return max(points, key=lambda point: math.dist(point, before))
+        return max(points, key=lambda point: math.dist(point, last_point))
 
     def _step(self, frame: Frame, tips: Tips, tick: int) -> None:
         # A target is reached when the tip has stayed within the tolerance for `dwell_ms`.
@@ -363,72 +370,74 @@ class ReachTask(Task):
     def _arm(self) -> ArmName:
         return self.targets[self.target][0]
 
-    def _wish(self, tip: Point) -> Wish:
-        return Wish(self.targets[self.target][1])
+    def _next_aim(self, tip: Point) -> Aim:
+        return Aim(self.targets[self.target][1])
 
     def _shapes(self) -> Json:
         radius = self.settings.tolerance_mm / 1e3
         targets = [
-            _spot(k, at, radius, TARGET_COLOURS[arm]) | {"arm": arm}
-            for k, (arm, at) in enumerate(self.targets)
+            _spot(k, position, radius, TARGET_COLOURS[arm]) | {"arm": arm}
+            for k, (arm, position) in enumerate(self.targets)
         ]
         return {"targets": targets}
 
 
 class LevelsTask(Task):
-    """Levels of rounds of targets. A level ends after some rounds in a row within the time.
-
-    All rounds of a level have the same targets. The time of a round runs from its first target to
-    its last, so that the operator can rest between rounds. Surgical skills are taught in this way
+    """Levels of rounds of targets. A level ends after some rounds in a row within the time. All
+    rounds of a level have the same targets. The time of a round runs from its first target to its
+    last, so that the operator can rest between rounds. Surgical skills are taught in this way
     (Ritter, Scott, Surg. Innov. 14, 2007). Numbers of targets continue through all levels.
     """
 
     _level = 0
-    _in_a_row = 0
+    _rounds_in_a_row = 0
     # Tick at which the round's first target was reached.
-    _begun: int | None = None
+    _round_start: int | None = None
     target = 0
 
-    def __init__(self, settings: Levels, field: Field) -> None:
-        super().__init__(settings, field)
-        self._first = [0, *itertools.accumulate(level.targets for level in settings.level[:-1])]
+    def __init__(self, settings: Levels, workspace: Workspace) -> None:
+        super().__init__(settings, workspace)
+        counts = [level.targets for level in settings.level[:-1]]
+        self._first_targets = [0, *itertools.accumulate(counts)]
         # Durations of the rounds of each level.
         self._rounds_ms: list[list[int]] = [[] for _ in settings.level]
-        self._reach = self._round(0)
+        self._round = self._make_round(0)
 
     def _step(self, frame: Frame, tips: Tips, tick: int) -> None:
-        if self._published < 0:
+        if self._published_target < 0:
             self._record_level(tick)
-        # The events of the round's own task are ignored.
-        self._reach._step(frame, tips, tick)
-        if self._begun is None and self._reach.target != 0:
-            self._begun = tick
-        if self._reach.done:
-            self._judge(tick)
+        # A round is a task of its own, whose events are ignored.
+        self._round._step(frame, tips, tick)
+        if self._round_start is None and self._round.target != 0:
+            self._round_start = tick
+        if self._round.done:
+            self._end_round(tick)
         if not self.done:
-            self.target = self._first[self._level] + self._reach.target
+            self.target = self._first_targets[self._level] + self._round.target
 
-    def _round(self, number: int) -> ReachTask:
-        level, field = self.settings.level[number], self._field
-        arms = tuple(level.arms or field.arms)
-        return ReachTask(level, field._replace(arms=arms, seed=field.seed + number))
+    def _make_round(self, number: int) -> ReachTask:
+        level, workspace = self.settings.level[number], self._workspace
+        arms = tuple(level.arms or workspace.arms)
+        return ReachTask(level, workspace._replace(arms=arms, seed=workspace.seed + number))
 
-    def _judge(self, tick: int) -> None:
+    def _end_round(self, tick: int) -> None:
         # Ends a round, and the level after enough rounds in a row within the time.
-        level, needs = self._level, self.settings.in_a_row
-        took = tick - (self._begun or 0)
-        within = took <= 1000.0 * self.settings.level[level].within_s
-        self._rounds_ms[level].append(took)
-        self._in_a_row = self._in_a_row + 1 if within else 0
-        self._begun = None
-        if self._in_a_row == needs:
-            self._level, self._in_a_row = level + 1, 0
-        self._advance(tick, (self._level + self._in_a_row / needs) / len(self.settings.level))
+        level, rounds_needed = self._level, self.settings.in_a_row
+        duration_ms = tick - (self._round_start or 0)
+        in_time = duration_ms <= 1000.0 * self.settings.level[level].within_s
+        self._rounds_ms[level].append(duration_ms)
+        self._rounds_in_a_row = self._rounds_in_a_row + 1 if in_time else 0
+        self._round_start = None
+        if self._rounds_in_a_row == rounds_needed:
+            self._level, self._rounds_in_a_row = level + 1, 0
+        levels_done = self._level + self._rounds_in_a_row / rounds_needed
+        self._advance(tick, levels_done / len(self.settings.level))
         if not self.done:
-            self._reach = self._round(self._level)
-            self._record_level(tick, took, within)
+            self._round = self._make_round(self._level)
+            self._record_level(tick, duration_ms, in_time)
 
-    def _record_level(self, tick: int, took_ms: int | None = None, within: bool = False) -> None:
+    def _record_level(self, tick: int, took_ms: int | None = None, in_time: bool = False) -> None:
+        # Records the level and the last round; took_ms None: there was no round before.
         level = self.settings.level[self._level]
         self._record(
             tick,
@@ -437,24 +446,23 @@ class LevelsTask(Task):
             of=len(self.settings.level),
             title=level.title,
             within_s=level.within_s,
-            in_a_row=self._in_a_row,
+            in_a_row=self._rounds_in_a_row,
             needs=self.settings.in_a_row,
             took_ms=took_ms,
-            within=within,
+            within=in_time,
         )
 
     def restart(self) -> None:
-        self._reach.restart()
+        self._round.restart()
 
-    def wish(self, arm: ArmName, tip: Point) -> Wish | None:
-        return None if self.done else self._reach.wish(arm, tip)
+    def next_aim(self, arm: ArmName, tip: Point) -> Aim | None:
+        return None if self.done else self._round.next_aim(arm, tip)
 
     def _shapes(self) -> Json:
-        targets = [
-            target | {"number": first + target["number"]}
-            for level, first in enumerate(self._first)
-            for target in self._round(level).geometry()["targets"]
-        ]
+        targets = []
+        for level, first in enumerate(self._first_targets):
+            for target in self._make_round(level).geometry()["targets"]:
+                targets.append(target | {"number": first + target["number"]})
         return {"targets": targets}
 
     def result(self) -> Json:
@@ -469,8 +477,10 @@ def make_task(scenario: Scenario, tips: Mapping[ArmName, Point], seed: int) -> T
     """Return the task of a session. tips: start positions, m, in frame 0 of each arm."""
     settings = scenario.task
     arms = settings.arms or scenario.arms
-    begin: dict[ArmName, Point] = {arm: to_world(arm, tips[arm]) for arm in scenario.arms}
-    x, y = (sum(begin[arm][axis] for arm in arms) / len(arms) for axis in (0, 1))
-    field = Field(tuple(arms), begin, (x, y), seed)
+    start_tips: dict[ArmName, Point] = {}
+    for arm in scenario.arms:
+        start_tips[arm] = protocol.to_world(arm, tips[arm])
+    x, y = (sum(start_tips[arm][axis] for arm in arms) / len(arms) for axis in (0, 1))
+    workspace = Workspace(tuple(arms), start_tips, (x, y), seed)
     kinds = {"reach": ReachTask, "peg_transfer": PegTask, "path": PathTask, "levels": LevelsTask}
-    return kinds.get(settings.kind, Task)(settings, field)
+    return kinds.get(settings.kind, Task)(settings, workspace)

@@ -56,7 +56,7 @@ def test_an_action_is_the_fault_that_does_the_same():
     expected = pd.concat([lifted, rj.run(campaign({"group": groups}), engine="simd")])
     actor = finding.Actor(plain, "simd")
     numbers = np.array([actor.actions[name] for name in expected["group"]])
-    lanes = finding.Lanes(np.zeros(4, int), numbers, np.full(4, effect), np.full(4, 800))
+    lanes = finding.FaultActions(np.zeros(4, int), numbers, np.full(4, effect), np.full(4, 800))
     ours = actor.run(lanes, np.array([lifted["reaction_ms"].iloc[0], at, at, at]))
     for column in ("peak_golden_deviation_mm", "tip_path_mm", "largest_step_mm"):
         assert ours[column].tolist() == expected[column].tolist(), column
@@ -92,7 +92,7 @@ def test_the_table_of_a_campaign_is_that_of_every_tick(tmp_path, capsys):
         start, end = row["first_active_ms"], row["unintended_first_ms"]
         at = start + ticks[: end - start + 1]
         for name, number in actor.actions.items():
-            lanes = finding.Lanes(
+            lanes = finding.FaultActions(
                 *(np.full(len(at), x) for x in (row["index"], number, start, end))
             )
             prevents = np.flatnonzero(~actor.harmful(lanes, at))

@@ -6,7 +6,7 @@ import pytest
 
 from ravenjax.errors import UserError
 from ravenjax.mechanics.mechanism import read_mechanism, step, tip_position
-from ravenjax.numbers.lazy import at_once
+from ravenjax.numbers.lazy import run_eagerly
 from ravenjax.numbers.vec import Vec
 
 HEAD = """<mujoco><compiler angle="radian"/><option timestep="0.001" integrator="implicitfast">
@@ -74,7 +74,7 @@ def test_its_step_is_that_of_mujoco(text, kp, kv, most):
     goal = np.linspace(0.1, 0.4, n)
     data.ctrl[:] = goal
     qpos, qvel, gain, apart = Vec((0.0,) * n), Vec((0.0,) * n), Vec.full(n, kv), []
-    with at_once():
+    with run_eagerly():
         for _ in range(400):
             torque = Vec(goal.tolist()).map(lambda g, q, v: kp * (g - q) - kv * v, qpos, qvel)
             qpos, qvel = step(mechanism, qpos, qvel, torque, gain)

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ravenjax.numbers import tree
-from ravenjax.numbers.lazy import at_once, jnp, lax
+from ravenjax.numbers.lazy import jnp, lax, run_eagerly
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.console import operator
@@ -35,7 +35,7 @@ def test_a_pose_of_float64_is_that_of_xla(joints, arm):
         pose = kinematics.forward_pose(arm, Vec(map(number, joints)))
         return [*tree.tree_leaves(pose), *quat_from_matrix(pose.rotation)]
 
-    with at_once():
+    with run_eagerly():
         ours = pose(np.float64)
     with jax.enable_x64(True):
         theirs = pose(jnp.float64)
@@ -58,7 +58,7 @@ def test_single_numbers_keep_the_types_and_bits_of_jax(x, y):
         lambda a, b: lax.convert_element_type(b, "float32") * 2.0,
     )
     for function in functions:
-        with at_once():
+        with run_eagerly():
             ours = function(np.float32(x), np.float32(y))
         theirs = function(jnp.float32(x), jnp.float32(y))
         assert np.asarray(ours).dtype == theirs.dtype
@@ -67,7 +67,7 @@ def test_single_numbers_keep_the_types_and_bits_of_jax(x, y):
 
 def test_sine_cosine_and_the_start_pose_have_the_same_bits_on_every_host():
     angles = np.arange(-700, 701) / 100.0
-    with at_once():
+    with run_eagerly():
         waves = [jnp.sin(angles), jnp.cos(angles)]
         assert [float(jnp.cos(x)) for x in angles.tolist()] == waves[1].tolist()
     np.testing.assert_array_max_ulp(waves[0], np.sin(angles), 1)
@@ -81,7 +81,7 @@ def test_sine_cosine_and_the_start_pose_have_the_same_bits_on_every_host():
 
 def test_only_the_thread_that_asked_computes_at_once():
     seen = []
-    with at_once():
+    with run_eagerly():
         thread = threading.Thread(target=lambda: seen.append(jnp.cos))
         thread.start()
         thread.join()

@@ -111,7 +111,7 @@ def test_shares_and_leads_by_loops():
         )
         if leads:
             assert row.lead_ms.value == np.quantile(leads, 0.5, method="inverted_cdf")
-            few = len(leads) < units.FEWEST
+            few = len(leads) < units.MIN_UNITS
             assert few or row.lead_ms.low <= row.lead_ms.value <= row.lead_ms.high
     assert one.hidden == wilson_interval(hidden, n)
     assert one.lead_ms.value == np.quantile(best, 0.5, method="inverted_cdf")

@@ -232,7 +232,8 @@ def test_delays_are_censored_at_stop_and_end():
         response=["silent", "silent", "stopped", "silent", "flagged"],
     )
     delays, early = tables.event_delays(runs, "warned_ms")
-    assert delays.time.tolist() == [50, 300, 2900] and delays.came.tolist() == [True, False, False]
+    assert delays.time.tolist() == [50, 300, 2900]
+    assert delays.occurred.tolist() == [True, False, False]
     # flagged: the robot went on, so to the end
     assert delays.count.tolist() == [1, 1, 2] and early == 1
 

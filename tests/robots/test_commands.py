@@ -157,7 +157,7 @@ def test_an_action_is_the_fault_that_does_the_same(folder):
     expected = rj.run({"campaign": campaign, "group": groups}, engine="simd")
     actor = finding.Actor(plain, "simd")
     numbers = np.array([actor.actions[name] for name in expected["group"]])
-    lanes = finding.Lanes(np.zeros(2, int), numbers, *np.full((2, 2), 700))
+    lanes = finding.FaultActions(np.zeros(2, int), numbers, *np.full((2, 2), 700))
     ours = actor.run(lanes, np.full(2, 700))
     for column in ("peak_golden_deviation_mm", "tip_path_mm", "largest_step_mm"):
         assert ours[column].tolist() == expected[column].tolist(), column

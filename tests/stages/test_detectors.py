@@ -72,7 +72,8 @@ def found(series):
 
 def naive_scores(series):
     """Score of each tick by kind, before arming."""
-    learned = np.array([detectors.LEARNED[joint] for joint in ("shoulder", "elbow", "insertion")])
+    joints = ("shoulder", "elbow", "insertion")
+    learned = np.array([detectors.LEARNED_STEPS[joint] for joint in joints])
     steps = {}
     for place, name in enumerate(("mpos", "mvel", "jpos")):
         before = np.vstack([np.zeros((1, 3)), series[name][:-1, :3]])

@@ -27,11 +27,11 @@ def one_a_unit(score: np.ndarray, length_h: float = 0.1) -> OperationScores:
     ("risk", "confidence", "units"), [(0.05, 0.95, 59), (0.01, 0.95, 299), (0.1, 0.99, 44)]
 )
 def test_as_few_units_as_wilks_has_them(risk, confidence, units):
-    assert target(risk, confidence).fewest_units == units
+    assert target(risk, confidence).min_units == units
     with pytest.raises(TooFewUnits, match=f"got {units - 1} units, expected at least {units}"):
-        threshold.least_threshold(one_a_unit(np.arange(units - 1.0)), target(risk, confidence))
+        threshold.smallest_threshold(one_a_unit(np.arange(units - 1.0)), target(risk, confidence))
     assert (
-        threshold.least_threshold(
+        threshold.smallest_threshold(
             one_a_unit(np.arange(float(units))), target(risk, confidence)
         ).value
         == units - 1
@@ -41,7 +41,7 @@ def test_as_few_units_as_wilks_has_them(risk, confidence, units):
 @pytest.mark.parametrize(("units", "alarms"), [(59, 0), (92, 0), (93, 1), (124, 2), (153, 3)])
 def test_as_many_alarms_as_wilks_allows(units, alarms):
     """Second to fourth largest of 93, 124, 153: tables of one-sided 95/95 tolerance limits."""
-    result = threshold.least_threshold(
+    result = threshold.smallest_threshold(
         one_a_unit(np.random.default_rng(1).permutation(float(units) + np.arange(units))),
         target(0.05),
     )
@@ -83,9 +83,9 @@ def test_the_threshold_is_the_least_that_is_not_rejected(scores, a_unit, risk):
     candidates = list(itertools.takewhile(fine, descending))
     if not candidates:
         with pytest.raises(TooFewUnits):
-            threshold.least_threshold(some, wanted)
+            threshold.smallest_threshold(some, wanted)
         return
-    result = threshold.least_threshold(some, wanted)
+    result = threshold.smallest_threshold(some, wanted)
     assert result.value == candidates[-1] and result.alarms == (plain > result.value).sum()
 
 
@@ -107,7 +107,7 @@ def test_the_risk_is_kept_with_the_confidence_and_the_naive_quantile_does_not(ea
     above, naive = 0, 0
     for _ in range(calibrations):
         some = clustered(rng, 120, each, spread)
-        above += norm.sf(threshold.least_threshold(some, wanted).value) > wanted.risk
+        above += norm.sf(threshold.smallest_threshold(some, wanted).value) > wanted.risk
         naive += norm.sf(np.quantile(some.score, 1.0 - wanted.risk, method="higher")) > wanted.risk
     assert above <= binom.ppf(
         0.999, calibrations, 0.1
@@ -152,7 +152,7 @@ def test_the_level_is_kept_and_a_changed_robot_is_reported():
     ]
     assert sum(same) <= binom.ppf(0.999, times, level)
     higher = [shift.test_shift(rng.normal(size=60), rng.normal(2.0, size=15), s) for s in range(20)]
-    assert all(one.p <= level and one.place > 0.8 for one in higher)
+    assert all(one.p <= level and one.median_rank > 0.8 for one in higher)
     wider = [
         shift.test_shift(rng.normal(size=200), 6 * rng.normal(size=60), s).p <= level
         for s in range(20)

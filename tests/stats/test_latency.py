@@ -90,5 +90,6 @@ def test_counted_delays_give_the_curve_of_scipy(runs):
 
 
 def test_without_runs():
-    assert latency.incidence_curve(latency.NONE).n == latency.lead_time(latency.NONE).lag.n == 0
-    assert np.isnan(latency.incidence_curve(latency.NONE).quantile(0.5))
+    assert latency.incidence_curve(latency.NO_DELAYS).n == 0
+    assert latency.lead_time(latency.NO_DELAYS).lag.n == 0
+    assert np.isnan(latency.incidence_curve(latency.NO_DELAYS).quantile(0.5))

@@ -39,7 +39,7 @@ def test_a_rate_covers_what_the_naive_one_does_not(count, size):
     # (size - 1) icc
     narrow = 2 * stats.norm.cdf(1.96 / math.sqrt(1 + (size - 1) * 0.3)) - 1
     assert inside / trials > (
-        0.915 if count > units.FEW else 0.88
+        0.915 if count > units.ENOUGH_UNITS else 0.88
     )  # few units: a little too narrow, as tables say
     assert naive / trials == pytest.approx(narrow, abs=0.09) and naive / trials < 0.72
 

@@ -25,11 +25,12 @@ FURTHER = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)
 ITERATIONS = 40
 # Draws from the prior for the first point, as a multiple of the replays that a slope needs.
 SCREENED = 3
-# Smallest number of independent samples of a joint.
-LEAST = 10.0
+# Number of independent samples of a joint that is assumed when distant parameters are compared.
+# It is low, because the residuals of a poor fit are strongly correlated in time.
+ASSUMED_SAMPLES = 10.0
 # Decrease of the cost that justifies one of the steps FURTHER.
 WORTH = 1.0
-FINEST = 2.0 * transmission.ENCODER_RAD / np.array(transmission.TR)
+MIN_NOISE = 2.0 * transmission.ENCODER_RAD / np.array(transmission.TR)
 """Smallest noise of each joint: two counts of its encoder, rad and m. A motor at rest may read one
 count more or less by chance.
 """
@@ -97,15 +98,23 @@ def fit_parameters(
 def _cost_of_unknown_noise(
     measured: np.ndarray, predicted: np.ndarray, steps: np.ndarray
 ) -> np.ndarray:
-    """Return the costs [K] of predictions [K, n, 7], with all of a joint's residual as its noise.
+    """Return the costs [K] of K parameter sets, for noise of unknown size. Parameter sets that are
+    far apart can be compared by this cost.
 
-    The cost is -2 log likelihood of LEAST independent samples per joint, plus that of the prior.
-    It can compare parameters that are far apart.
+    `measured`: joint positions [n, 7], rad and m; NaN for values that are not compared.
+    `predicted`: joint positions of each parameter set [K, n, 7]. `steps`: the parameters [K, k] as
+    steps from the prior mean, in prior standard deviations.
+
+    The cost is -2 log(likelihood times prior), without constants. The noise variance of each joint
+    is its mean squared residual, which is the most likely value. The likelihood is that of
+    ASSUMED_SAMPLES independent samples per joint.
     """
     is_measured = ~np.isnan(measured)
-    errors = np.where(is_measured, measured - predicted, 0.0)
-    mean = (errors**2).sum(axis=1) / is_measured.sum(axis=0).clip(1)
-    return LEAST * np.log(mean + FINEST**2).sum(axis=1) + (steps**2).sum(axis=1)
+    residual = np.where(is_measured, measured - predicted, 0.0)
+    mean_square = (residual**2).sum(axis=1) / is_measured.sum(axis=0).clip(1)
+    # The logarithm of a perfect fit is finite, because noise is at least two encoder counts.
+    likelihood_cost = ASSUMED_SAMPLES * np.log(mean_square + MIN_NOISE**2).sum(axis=1)
+    return likelihood_cost + (steps**2).sum(axis=1)
 
 
 def _start(predict: Predictor, measured: np.ndarray, unknowns: int, rows: int) -> np.ndarray:
@@ -131,7 +140,7 @@ def _unexplained(residual: np.ndarray, slopes: np.ndarray) -> np.ndarray:
     The joints have equal weights. The other part of the residual is still to be fitted. It is
     strongly correlated in time, so as noise it would stop the fit too early.
     """
-    unit = np.maximum(np.sqrt((residual**2).mean(axis=0)), FINEST)
+    unit = np.maximum(np.sqrt((residual**2).mean(axis=0)), MIN_NOISE)
     columns = (slopes / unit).reshape(len(slopes), -1).T
     step, *_ = np.linalg.lstsq(columns, (residual / unit).ravel(), rcond=1e-6)
     return residual - np.tensordot(step, slopes, axes=1)
@@ -139,7 +148,7 @@ def _unexplained(residual: np.ndarray, slopes: np.ndarray) -> np.ndarray:
 
 def _weight(residual: np.ndarray, is_measured: np.ndarray) -> np.ndarray:
     """Return the weight of each residual [n, 7]. With these weights, a joint's sum of squares is
-    about its number of independent samples. The noise is taken as at least FINEST.
+    about its number of independent samples. The noise is taken as at least MIN_NOISE.
     """
     count = is_measured.sum(axis=0).clip(1)
     scale = np.sqrt((residual**2).sum(axis=0) / count)
@@ -148,8 +157,8 @@ def _weight(residual: np.ndarray, is_measured: np.ndarray) -> np.ndarray:
     )
     independent = np.maximum(count / times, 1.0)
     # A joint that hardly moves shows the same few counts all the time.
-    independent = np.where(scale < FINEST, np.minimum(independent, LEAST), independent)
-    return is_measured * np.sqrt(independent / count) / np.maximum(scale, FINEST)
+    independent = np.where(scale < MIN_NOISE, np.minimum(independent, ASSUMED_SAMPLES), independent)
+    return is_measured * np.sqrt(independent / count) / np.maximum(scale, MIN_NOISE)
 
 
 def _autocorrelation_time(series: np.ndarray) -> float:

@@ -24,7 +24,7 @@ from ravenjax.vocabulary.effects import FIELDS
 PACKAGE = "ravenjax.analyses.coverage"
 TABLE, DRAWING, MODEL = "pairs.csv", "fault_tree.svg", "fault_tree.xml"
 
-USUAL = "every_cycle"
+FIXED_PACKETS = "every_cycle"
 """Setting of campaign.packets without random durations of packets."""
 
 
@@ -35,7 +35,7 @@ class Single(NamedTuple):
     site: str
     fault: str  # description of the fault
     harms: bool
-    detected_by: Sequence[str]  # sources that report by themselves
+    detected_by: Sequence[str]  # checks and detectors that raised an alarm or stopped the robot
 
 
 class Pair(NamedTuple):
@@ -47,18 +47,23 @@ class Pair(NamedTuple):
     harms: bool
     response: str  # of the checks, a word of the verdict
     kind: str  # "cut set", "masked", or "" if the pair harms as its faults alone do
-    defeated: Sequence[str]  # sources that detect one of the faults alone, but not the pair
+    defeated: Sequence[str]  # checks and detectors that detect one of the faults, but not the pair
 
     def cells(self) -> dict[str, Any]:
         """Return the row of the pair in the table."""
-        sides = (("first", self.first), ("second", self.second))
-        alone = {
-            f"{side}_{key}": value
-            for side, one in sides
-            for key, value in (("run", one.run), ("fault", one.fault), ("harms", one.harms))
+        return {
+            "run": self.run,
+            "first_run": self.first.run,
+            "first_fault": self.first.fault,
+            "first_harms": self.first.harms,
+            "second_run": self.second.run,
+            "second_fault": self.second.fault,
+            "second_harms": self.second.harms,
+            "pair_harms": self.harms,
+            "response": self.response,
+            "kind": self.kind,
+            "defeated": ", ".join(self.defeated),
         }
-        own = {"pair_harms": self.harms, "response": self.response, "kind": self.kind}
-        return {"run": self.run, **alone, **own, "defeated": ", ".join(self.defeated)}
 
 
 class DoubleFaults(NamedTuple):
@@ -90,35 +95,36 @@ class DoubleFaults(NamedTuple):
     def cut_sets(self) -> tuple[list[Single], list[Pair]]:
         """Return the minimal cut sets of order 1 and 2."""
         pairs = [pair for pair in self.pairs if pair.kind == "cut set"]
-        return [one for one in self.singles if one.harms], pairs
+        return [single for single in self.singles if single.harms], pairs
 
 
 def measure_pairs(runs: Runs) -> DoubleFaults:
-    """Compare each run with two faults with the runs that have one of them.
+    """Compare each run with two faults with the two runs that have only one of these faults.
 
     Runs belong together if their faults, operator and varied parameters agree. Raises UserError if
     no run has two faults.
     """
+    # Checks, detectors and cues. A cue does not report by itself.
     sources = list_sources(runs)
-    reporting = [one.name for one in sources if one.reports]
+    reporting = [source.name for source in sources if source.reports]
     slots = range(runs.manifest.shape.slots)
-    keys = ", ".join(
-        f"CASE WHEN fault{n}_site <> '' THEN {_hash(runs, [f'fault{n}_{key}' for key in FIELDS])}"
-        " END"
-        for n in slots
-    )
-    keys = keys or "NULL"
+    # SQL for a text that identifies each fault of a run, and NULL for an empty slot.
+    keys = []
+    for n in slots:
+        fault_hash = _hash_sql(runs, [f"fault{n}_{field}" for field in FIELDS])
+        keys.append(f"CASE WHEN fault{n}_site <> '' THEN {fault_hash} END")
     acting = " + ".join(["0", *(f"(applied{n}_ticks > 0)::INTEGER" for n in slots)])
     setting = ["operator", *(name for name in runs.names if name.startswith("param:"))]
     frame = runs.table.frame(
         f"SELECT row, run_id, site::VARCHAR AS site, unintended,"
         f" {FACTS}.response::VARCHAR AS response, {acting} AS acting,"
-        f" concat_ws(' ', {keys}) AS faults,"
-        f" {_hash(runs, setting)} AS setting{times_sql(sources)} FROM {RESULTS} JOIN {FACTS}"
+        f" concat_ws(' ', {', '.join(keys) or 'NULL'}) AS faults,"
+        f" {_hash_sql(runs, setting)} AS setting{times_sql(sources)} FROM {RESULTS} JOIN {FACTS}"
         f" USING (row) WHERE plain AND faulty AND NOT {FACTS}.failed ORDER BY row"
     )
     frame["faults"] = frame["faults"].str.split()
-    frame["together"] = frame["faults"].map(len)
+    frame["fault_count"] = frame["faults"].map(len)
+    # A source with the time -1 did not detect the fault.
     frame["detected_by"] = [
         [name for name, ms in zip(reporting, row, strict=True) if ms >= 0]
         for row in frame[reporting].to_numpy()
@@ -126,39 +132,40 @@ def measure_pairs(runs: Runs) -> DoubleFaults:
     frame["words"] = [
         wording.describe_fault(row, runs.robot) for row in runs.whole_rows(frame["row"].tolist())
     ]
-    alone: dict[tuple[str, str], Single] = {}
-    singles, doubles = (frame.loc[frame["together"] == n].to_dict("records") for n in (1, 2))
-    for row in singles:
+    # The single faults by identity and setting. Of repeated runs, the first counts.
+    singles: dict[tuple[str, str], Single] = {}
+    single_rows = frame.loc[frame["fault_count"] == 1].to_dict("records")
+    double_rows = frame.loc[frame["fault_count"] == 2].to_dict("records")
+    for row in single_rows:
         single = Single(
             row["run_id"], row["site"], row["words"], row["unintended"], row["detected_by"]
         )
-        alone.setdefault((row["faults"][0], row["setting"]), single)
-    if not doubles:
+        singles.setdefault((row["faults"][0], row["setting"]), single)
+    if not double_rows:
         raise UserError(
             "no run has two faults: write two [[group.fault]] in a group, as in campaigns/"
             "double_faults.toml"
         )
     pairs, unmatched, idle = [], 0, 0
-    for row in doubles:
-        first, second = (alone.get((key, row["setting"])) for key in row["faults"])
+    for row in double_rows:
+        first, second = (singles.get((key, row["setting"])) for key in row["faults"])
         if first is None or second is None:
             unmatched += 1
         elif row["acting"] < 2:
             idle += 1
         else:
-            pairs.append(_pair(row, first, second))
+            pairs.append(_compare_pair(row, first, second))
     settings = runs.manifest.config.get("campaign") or {}
     content = {
         "idle": idle,
         "unmatched": unmatched,
-        "repeated": len(singles) - len(alone),
-        "more": len(frame) - len(singles) - len(doubles),
-        "random": settings.get("noise") or settings.get("packets", USUAL) != USUAL,
+        "repeated": len(single_rows) - len(singles),
+        "more": len(frame) - len(single_rows) - len(double_rows),
+        "random": settings.get("noise") or settings.get("packets", FIXED_PACKETS) != FIXED_PACKETS,
     }
     template = wording.text_templates(PACKAGE).get_template("pairs.txt.j2")
-    return DoubleFaults(
-        list(alone.values()), pairs, template.render(content).splitlines(), runs.manifest.limit_mm
-    )
+    notices = template.render(content).splitlines()
+    return DoubleFaults(list(singles.values()), pairs, notices, runs.manifest.limit_mm)
 
 
 def write_pairs(found: DoubleFaults, out_folder: Path) -> list[Path]:
@@ -167,14 +174,15 @@ def write_pairs(found: DoubleFaults, out_folder: Path) -> list[Path]:
     Return the paths. Raise StoreError if a file cannot be written.
     """
     singles, pairs = found.cut_sets()
-    by_site: dict[str, list[Single | Pair]] = {}
-    for one in singles:
-        by_site.setdefault(one.site, []).append(one)
+    # A branch of the tree has the cut sets of one site, or of two.
+    branches: dict[str, list[Single | Pair]] = {}
+    for single in singles:
+        branches.setdefault(single.site, []).append(single)
     for pair in pairs:
-        by_site.setdefault(f"{pair.first.site} and {pair.second.site}", []).append(pair)
+        branches.setdefault(f"{pair.first.site} and {pair.second.site}", []).append(pair)
     templates = html.template_environment(PACKAGE)
     texts = {
-        name: templates.get_template(f"{name}.j2").render(found=found, branches=by_site)
+        name: templates.get_template(f"{name}.j2").render(found=found, branches=branches)
         for name in (DRAWING, MODEL)
     }
     texts[TABLE] = downloads.format_csv(pair.cells() for pair in found.pairs)
@@ -183,18 +191,21 @@ def write_pairs(found: DoubleFaults, out_folder: Path) -> list[Path]:
     return [out_folder / name for name in texts]
 
 
-def _pair(row: dict[str, Any], first: Single, second: Single) -> Pair:
-    harms, alone = row["unintended"], first.harms or second.harms
-    kind = "" if harms == alone else "cut set" if harms else "masked"
+def _compare_pair(row: dict[str, Any], first: Single, second: Single) -> Pair:
+    # Compares the run of a pair, a row of the result table, with the runs of its faults.
+    harms, fault_harms = row["unintended"], first.harms or second.harms
+    kind = ""
+    if harms != fault_harms:
+        kind = "cut set" if harms else "masked"
     defeated = {*first.detected_by, *second.detected_by}.difference(row["detected_by"])
     return Pair(row["run_id"], first, second, harms, row["response"], kind, sorted(defeated))
 
 
-def _hash(runs: Runs, names: Sequence[str]) -> str:
-    """Return SQL for a text that is equal for equal values of these columns."""
-    # Adding 0 turns a negative zero into a positive one.
-    terms = (
-        f"0 + {quote_name(name)}" if runs.types[name] in ("FLOAT", "DOUBLE") else quote_name(name)
-        for name in names
-    )
+def _hash_sql(runs: Runs, names: Sequence[str]) -> str:
+    """Return an SQL expression for a text that is equal for equal values of these columns."""
+    terms = []
+    for name in names:
+        # Adding 0 turns a negative zero into a positive one.
+        prefix = "0 + " if runs.types[name] in ("FLOAT", "DOUBLE") else ""
+        terms.append(f"{prefix}{quote_name(name)}")
     return f"hash({', '.join(terms)})::VARCHAR"

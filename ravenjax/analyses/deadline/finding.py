@@ -40,24 +40,24 @@ the fault's first effect and the harm.
 """
 
 
-class Lanes(NamedTuple):
-    """Pairs of a fault and an action, int arrays [lanes]."""
+class FaultActions(NamedTuple):
+    """Pairs of a fault and an action, int arrays [pairs]."""
 
     row: np.ndarray  # row of the fault in the fault table
     action: np.ndarray  # number of the action
     effect: np.ndarray  # tick of the fault's first effect
     harm: np.ndarray  # tick of the harm without the action
 
-    def where(self, some: np.ndarray) -> "Lanes":
-        """Return some of the lanes (bool [lanes])."""
-        return Lanes(*(values[some] for values in self))
+    def where(self, mask: np.ndarray) -> "FaultActions":
+        """Return the pairs for which `mask` (bool [pairs]) is true."""
+        return FaultActions(*(values[mask] for values in self))
 
 
 class Actor(PlannedCampaign):
     """Runs faults of a campaign again, each with an action."""
 
     def __init__(self, config: CampaignConfig, engine: str = "auto") -> None:
-        """Raises UserError if the campaign, its robot or the engine does not support this."""
+        """Raise UserError if the campaign, its robot or the engine does not support actions."""
         part = config.robot.part("campaign")
         if not hasattr(part, "acted"):
             raise UserError(
@@ -66,105 +66,113 @@ class Actor(PlannedCampaign):
             )
         super().__init__(config, engine)
         program, self.actions = part.acted(self.plan.program)
-        self._acted = dataclasses.replace(
+        self._acting_plan = dataclasses.replace(
             self.plan, program=dataclasses.replace(program, ends=True)
         )
-        reaction = "reaction.delay_ms"
-        assumed = getattr(program.params, "reaction", None)
-        usual_ms = REACTION_MS if assumed is None else assumed.delay_ms
-        self.delay_ms = self.plan.varied.get(reaction, np.full(self.plan.runs, usual_ms))
+        reaction = getattr(program.params, "reaction", None)
+        delay_ms = REACTION_MS if reaction is None else reaction.delay_ms
+        default_delays = np.full(self.plan.runs, delay_ms)
+        self.delay_ms = self.plan.varied.get("reaction.delay_ms", default_delays)
         """Time from the cue to the operator's action, ms, for each run."""
-        self._work: Computation | None = None
+        self._computation: Computation | None = None
 
     def run(
-        self, lanes: Lanes, at: np.ndarray, horizon: int | None = None, alone: bool = False
+        self, pairs: FaultActions, at: np.ndarray, horizon: int | None = None, alone: bool = False
     ) -> dict[str, np.ndarray]:
-        """Run each fault again with an action at tick `at` [lanes]. Return outcomes, each [lanes].
+        """Run each fault again with its action at tick `at` [pairs]. Return outcomes, each [pairs].
 
         horizon: number of simulated ticks after the last action on the same golden run; None: until
-        the end of the runs. alone: run the action without the fault.
+        the end of the runs. alone: True runs the actions without the faults.
         """
-        some = self._acted.take(lanes.row)
-        slot = {
-            "code": lanes.action,
+        plan = self._acting_plan.take(pairs.row)
+        # The additional fault slot holds the action.
+        action_slot = {
+            "code": pairs.action,
             "trigger": np.full(len(at), TRIGGER_CODES["time"]),
             "start": at,
-            "duration": lanes.effect,
+            "duration": pairs.effect,
         }
-        none = np.zeros(len(at))
-        faults = {
-            name: np.column_stack([values * (not alone), slot.get(name, none)]).astype(values.dtype)
-            for name, values in some.faults.items()
-        }
-        golden = np.unique(some.golden, return_inverse=True)[1].astype(np.int32)
-        ends = self.plan.ends[lanes.row]
+        zeros = np.zeros(len(at))
+        faults = {}
+        for name, values in plan.faults.items():
+            # A slot of zeros is empty.
+            slots = np.zeros_like(values) if alone else values
+            columns = np.column_stack([slots, action_slot.get(name, zeros)])
+            faults[name] = columns.astype(values.dtype)
+        golden = np.unique(plan.golden, return_inverse=True)[1].astype(np.int32)
+        ends = self.plan.ends[pairs.row]
         if horizon is not None:
             # All runs of a golden run end together, because each different end costs time.
             last = np.zeros(golden.max() + 1, np.int32)
             np.maximum.at(last, golden, at + horizon)
             ends = np.minimum(ends, last[golden])
-        some = dataclasses.replace(some, faults=faults, golden=golden)
-        vars(some)["ends"] = ends.astype(np.int32)
-        if self._work is None:
-            progress = Progress(self.engine, some.runs, some.runs, some.program.ticks)
-            self._work = Computation(some, self.backend, progress)
-            self._work.compile()
-        return self._work.of(some).tables([range(some.runs)])[0]
+        plan = dataclasses.replace(plan, faults=faults, golden=golden)
+        # `ends` is a cached property, whose value is replaced.
+        vars(plan)["ends"] = ends.astype(np.int32)
+        if self._computation is None:
+            progress = Progress(self.engine, plan.runs, plan.runs, plan.program.ticks)
+            self._computation = Computation(plan, self.backend, progress)
+            self._computation.compile()
+        return self._computation.of(plan).tables([range(plan.runs)])[0]
 
     def harmful(
-        self, lanes: Lanes, at: np.ndarray, horizon: int | None = None, alone: bool = False
+        self, pairs: FaultActions, at: np.ndarray, horizon: int | None = None, alone: bool = False
     ) -> np.ndarray:
-        """Return whether harm occurs despite the action, bool [lanes]. Arguments: see `run`.
+        """Return whether harm occurs despite the action, bool [pairs]. Arguments: see `run`.
 
         Harm is an unintended motion beyond the limit, even while the robot coasts to a stop, and
-        any harm that the campaign defines.
+        any harm that the campaign defines. A failed run counts as harm.
         """
         if not len(at):
             return np.zeros(0, bool)
-        found, limit = self.run(lanes, at, horizon, alone), self.config.outcomes.limit_mm
-        moved = (found["unintended_first_ms"] >= 0) | (found["failed_ms"] >= 0)
+        outcomes = self.run(pairs, at, horizon, alone)
+        harms = (outcomes["unintended_first_ms"] >= 0) | (outcomes["failed_ms"] >= 0)
         if not self.config.limit_counts:
-            return moved
-        return moved | (found["unintended_off_mm"] > np.float32(limit))
+            return harms
+        limit_mm = np.float32(self.config.outcomes.limit_mm)
+        return harms | (outcomes["unintended_off_mm"] > limit_mm)
 
-    def find(self, lanes: Lanes, report: Callable[[str], None]) -> tuple[np.ndarray, np.ndarray]:
-        """Return the last tick at which each action prevents the harm, int [lanes], and whether
-        it does so at all earlier ticks of the grid, bool [lanes].
+    def find(
+        self, pairs: FaultActions, report: Callable[[str], None]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the last tick at which each action prevents the harm, int [pairs], and whether
+        it does so at all earlier ticks of the grid, bool [pairs].
 
         If the action never prevents the harm, the result is the tick before the fault's effect. A
         later tick between two ticks of the grid is not found if neither of these prevents the harm.
         """
-        count, every = len(lanes.row), np.arange(GRID + 1)
-        # Ticks of the grid, [lanes, GRID + 1], from the effect to the tick after the harm.
-        grid = lanes.effect[:, None] + (lanes.harm + 1 - lanes.effect)[:, None] * every // GRID
+        count, steps = len(pairs.row), np.arange(GRID + 1)
+        # Ticks of the grid, [pairs, GRID + 1], from the effect to the tick after the harm.
+        grid = pairs.effect[:, None] + (pairs.harm + 1 - pairs.effect)[:, None] * steps // GRID
         report(f"{count * GRID} runs with an action")
-        each = Lanes(*(np.repeat(values, GRID) for values in lanes))
-        fails = self.harmful(each, grid[:, :-1].ravel()).reshape(count, GRID)
+        repeated = FaultActions(*(np.repeat(values, GRID) for values in pairs))
+        fails = self.harmful(repeated, grid[:, :-1].ravel()).reshape(count, GRID)
         # Index of the last tick that prevents the harm; GRID if no tick does.
         last = np.where(fails.all(axis=1), GRID, GRID - 1 - (~fails[:, ::-1]).argmax(axis=1))
-        monotone = ~(fails & (every[:-1] < last[:, None])).any(axis=1) | (last == GRID)
-        ends = np.column_stack([grid, lanes.effect - 1, lanes.effect])
-        place, from_place = np.arange(count), np.where(last == GRID, GRID + 1, last)
-        low, high = ends[place, from_place], ends[place, from_place + 1]
+        monotone = ~(fails & (steps[:-1] < last[:, None])).any(axis=1) | (last == GRID)
+        # The interval to bisect. Two more columns stand for an action that never prevents harm.
+        edges = np.column_stack([grid, pairs.effect - 1, pairs.effect])
+        number, first = np.arange(count), np.where(last == GRID, GRID + 1, last)
+        low, high = edges[number, first], edges[number, first + 1]
 
-        def halve(horizon: int | None) -> None:
+        def bisect(horizon: int | None) -> None:
             # Halves each interval until the last tick that prevents the harm is known. The action
             # prevents the harm at tick `low` and not at tick `high`.
-            while (some := high - low > 1).any():
-                report(f"{int(some.sum())} runs with an action")
-                at = ((low + high) // 2)[some]
-                late = self.harmful(lanes.where(some), at, horizon)
-                high[some], low[some] = (
-                    np.where(late, at, high[some]),
-                    np.where(late, low[some], at),
-                )
+            while (active := high - low > 1).any():
+                report(f"{int(active.sum())} runs with an action")
+                middle = ((low + high) // 2)[active]
+                is_late = self.harmful(pairs.where(active), middle, horizon)
+                high[active] = np.where(is_late, middle, high[active])
+                low[active] = np.where(is_late, low[active], middle)
 
-        halve(HORIZON_MS // self.plan.tick_ms)
+        bisect(HORIZON_MS // self.plan.tick_ms)
         report(f"{int((last < GRID).sum())} runs of full length that confirm a deadline")
-        late = last < GRID
-        late[late] = self.harmful(lanes.where(late), low[late])
-        high[late], low[late] = low[late], ends[late, last[late]]
-        halve(None)
+        # Pairs whose run of full length does harm: the deadline is earlier.
+        is_late = last < GRID
+        is_late[is_late] = self.harmful(pairs.where(is_late), low[is_late])
+        high[is_late] = low[is_late]
+        low[is_late] = edges[is_late, last[is_late]]
+        bisect(None)
         return low, monotone
 
 
@@ -200,32 +208,31 @@ def find_deadlines(
         return pd.DataFrame()
     actor, explainer = Actor.of_folder(folder, engine), Explainer.of_folder(folder, engine)
     report(f"{len(rows)} harmful runs that are compared with their golden runs")
-    shown = explainer.explain(rows)
-    leaves = [name for name in shown.ticks if str(name).startswith(chain.LEAVES)]
+    explanations = explainer.explain(rows)
+    leaves = [name for name in explanations.ticks if str(name).startswith(chain.LEAVES)]
     faults = pd.DataFrame(
         {
-            "run": shown.results["run_id"],
+            "run": explanations.results["run_id"],
             "row": rows,
-            "effect_ms": shown.results["first_active_ms"].astype(int),
-            "harm": shown.results["unintended_first_ms"].astype(int),
-            "visible": chain.earliest_time(shown.ticks[leaves].to_numpy().T),
+            "effect_ms": explanations.results["first_active_ms"].astype(int),
+            "harm": explanations.results["unintended_first_ms"].astype(int),
+            "visible": chain.earliest_time(explanations.ticks[leaves].to_numpy().T),
         }
     )
+    actions = pd.DataFrame({"action": list(actor.actions), "number": actor.actions.values()})
+    table = faults[faults["harm"] >= 0].merge(actions, how="cross")
     tick_ms = actor.plan.tick_ms
-    each = faults[faults["harm"] >= 0].merge(
-        pd.DataFrame({"action": list(actor.actions), "number": actor.actions.values()}), how="cross"
-    )
-    times = (each[name].to_numpy() // tick_ms for name in ("effect_ms", "harm"))
-    lanes = Lanes(each["row"].to_numpy(), each["number"].to_numpy(), *times)
-    last, each["monotone"] = actor.find(lanes, report)
-    each["deadline_ms"] = (last - lanes.effect) * float(tick_ms)
-    report(f"{len(each)} runs with an action but no fault")
-    each["harms_alone"] = actor.harmful(lanes, lanes.effect, alone=True)
-    # An operator who follows the cue takes the robot's first action.
-    cue = each[each["number"] == 1].assign(action="cue")
+    times = (table[name].to_numpy() // tick_ms for name in ("effect_ms", "harm"))
+    pairs = FaultActions(table["row"].to_numpy(), table["number"].to_numpy(), *times)
+    last, table["monotone"] = actor.find(pairs, report)
+    table["deadline_ms"] = (last - pairs.effect) * float(tick_ms)
+    report(f"{len(table)} runs with an action but no fault")
+    table["harms_alone"] = actor.harmful(pairs, pairs.effect, alone=True)
+    # An operator who follows the cue takes the robot's first action, after a reaction time.
+    cue = table[table["number"] == 1].assign(action="cue")
     cue["deadline_ms"] -= actor.delay_ms[cue["row"]]
-    whole = pd.concat([each, cue], ignore_index=True)
-    seen = whole["visible"]
-    whole["visible_ms"] = (seen - whole["effect_ms"]).where(seen >= 0)
-    whole["margin_ms"] = whole["deadline_ms"] - whole["visible_ms"]
-    return whole.reindex(columns=COLUMNS.split())
+    table = pd.concat([table, cue], ignore_index=True)
+    visible = table["visible"]
+    table["visible_ms"] = (visible - table["effect_ms"]).where(visible >= 0)
+    table["margin_ms"] = table["deadline_ms"] - table["visible_ms"]
+    return table.reindex(columns=COLUMNS.split())

@@ -38,29 +38,33 @@ def build_gallery(folder: Path, sources: Sequence[str | Path] = ()) -> list[Card
         for source in sources or resources.list_resources("campaigns", "*.toml")
     ]
     names = [config.campaign.name for config in configs]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if repeated:
         raise UserError(
-            f"more than one campaign has the name {', '.join(twice)}: the pages of a gallery need"
-            " different names; leave out all but one"
+            f"more than one campaign has the name {', '.join(repeated)}: the pages of a gallery"
+            " need different names; leave out all but one"
         )
     folder.mkdir(parents=True, exist_ok=True)
-    cards = [_card(config, folder) for config in configs]
+    cards = [_write_page(config, folder) for config in configs]
     if not any(card.file for card in cards):
-        raise UserError(
-            "none of these campaigns can become a page: "
-            + "; ".join(f"{c.campaign}: {c.reason}" for c in cards)
-        )
+        reasons = "; ".join(f"{card.campaign}: {card.reason}" for card in cards)
+        raise UserError(f"none of these campaigns can become a page: {reasons}")
     files.write_text(folder / INDEX, page.fill("index.html.j2", cards=cards))
     return cards
 
 
-def _card(config: CampaignConfig, folder: Path) -> Card:
+def _write_page(config: CampaignConfig, folder: Path) -> Card:
+    # Writes the page of a campaign, if it can become a page. Returns its entry of the index.
     campaign, file, reason = config.campaign, f"{config.campaign.name}.html", ""
     try:
         files.write_text(folder / file, page.render_page(config))
     except UserError as error:
         file, reason = "", str(error)
-    duration_ms = round(1000 * campaign.duration_s)
-    title = config.robot.title
-    return Card(campaign.name, title, campaign.description, duration_ms, file, reason)
+    return Card(
+        campaign=campaign.name,
+        robot=config.robot.title,
+        description=campaign.description,
+        duration_ms=round(1000 * campaign.duration_s),
+        file=file,
+        reason=reason,
+    )

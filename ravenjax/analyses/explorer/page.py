@@ -29,36 +29,39 @@ def build_page(source: str | Path, out: Path | None = None) -> Path:
     """Write the page of a campaign file, a bundled campaign or a result folder. Return its path.
 
     out: the path; by default `explore.html` in a result folder, or `NAME.explore.html` in the
-    current folder for a campaign. Raises UserError and StoreError.
+    current folder for a campaign. Raise UserError and StoreError.
     """
     folder = Path(source)
     if folder.is_dir():
         record = manifest.read_manifest(folder)
         config = validate_tables(record.config, folder / manifest.FILE)
-        table = words.list_runs(folder, record)
-        place = folder / FILE
+        runs = words.list_runs(folder, record)
+        default_path = folder / FILE
     else:
-        config, table = loading.load_campaign(source, runs=False), None
-        place = Path(config.campaign.name + SUFFIX)
-    path = out or place
-    files.write_text(path, render_page(config, table))
+        config, runs = loading.load_campaign(source, runs=False), None
+        default_path = Path(config.campaign.name + SUFFIX)
+    path = out or default_path
+    files.write_text(path, render_page(config, runs))
     return path
 
 
-def render_page(config: CampaignConfig, table: dict[str, Any] | None = None) -> str:
-    """Return the page as text. `table`: value of `words.list_runs`. Raises UserError."""
-    parts = resources.files("ravenjax.analyses.explorer")
+def render_page(config: CampaignConfig, runs: dict[str, Any] | None = None) -> str:
+    """Return the page of a campaign as HTML. `runs`: result of `words.list_runs`; None: no runs.
+
+    Raise UserError for a campaign that a page cannot compute.
+    """
+    package = resources.files("ravenjax.analyses.explorer")
     describe_figure = getattr(config.robot.part("campaign"), "describe_figure", lambda: None)
     data = {
         "campaign": words.describe_campaign(config),
         "figure": describe_figure(),
         "program": program.describe_program(config),
-        "table": table,
+        "table": runs,
     }
     return fill(
         "page.html.j2",
         campaign=data["campaign"],
-        modules=html.escape_json(import_map(parts / "static")),
+        modules=html.escape_json(import_map(package / "static")),
         data={
             name: json.dumps(files.json_values(value), separators=(",", ":"))
             for name, value in data.items()

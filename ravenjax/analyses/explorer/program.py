@@ -60,7 +60,11 @@ MOTION_BYTES = 3_000_000
 
 
 def question_plan(config: CampaignConfig) -> Plan:
-    """Return the campaign's plan with parameters that a page can change. Raises UserError."""
+    """Return the campaign's plan, with parameters that a page can change as inputs of the program.
+
+    These are parameters that the campaign varies, and parameters of `words.toml`. Raise UserError
+    for a campaign with noise or without a fault.
+    """
     ready = plan.make_plan(config)
     if config.campaign.noise:
         raise UserError("a page cannot draw noise for each run: set campaign.noise to false")
@@ -72,43 +76,43 @@ def question_plan(config: CampaignConfig) -> Plan:
             f"campaign {config.campaign.name!r} has no fault, so a page has nothing to vary: add a"
             " [[group.fault]] to one of its groups; a page offers its site and effects"
         )
-    # A page draws the lengths of packets once, not for each run.
-    values = ready.varied | {key: 0 * ready.varied[key] for key in ready.keys}
-    covered = {
-        full for path in values for full in paths.named_numbers(program.params, program.setup, path)
-    }
-    for full, own in paths.path_leaves(program.params, program.setup):
-        path = paths.without_arm(full, program.setup.arms)
-        starts = [start for start in WORDS["parameters"] if f"{path}.".startswith(f"{start}.")]
-        if not starts or full in covered:
+    # All runs get the random key 0: a page draws the lengths of packets once, not for each run.
+    varied = ready.varied | {key: 0 * ready.varied[key] for key in ready.keys}
+    # Full paths of the numbers that are inputs already.
+    covered: set[str] = set()
+    for path in varied:
+        covered.update(paths.named_numbers(program.params, program.setup, path))
+    for full_path, value in paths.path_leaves(program.params, program.setup):
+        # A page changes a parameter of all arms together.
+        path = paths.without_arm(full_path, program.setup.arms)
+        is_offered = any(f"{path}.".startswith(f"{start}.") for start in WORDS["parameters"])
+        if not is_offered or full_path in covered:
             continue
-        of_path = paths.named_numbers(program.params, program.setup, path)
-        covered.update(of_path)
-        dtype = program.setup.precision.real if np.asarray(own).dtype.kind == "f" else np.int32
-        values[path] = np.full(ready.runs, own, dtype)
+        covered.update(paths.named_numbers(program.params, program.setup, path))
+        dtype = program.setup.precision.real if np.asarray(value).dtype.kind == "f" else np.int32
+        varied[path] = np.full(ready.runs, value, dtype)
     # The page ends runs by itself, so the program needs only the triggers that a page offers.
     injection = program.setup.injection
     triggers = tuple(name for name in TRIGGER_CODES if name == "time" or name in injection.triggers)
     setup = dataclasses.replace(
         program.setup, injection=dataclasses.replace(injection, triggers=triggers)
     )
-    program = dataclasses.replace(program, setup=setup, varied=tuple(values))
+    program = dataclasses.replace(program, setup=setup, varied=tuple(varied))
     return dataclasses.replace(
-        ready, program=program, varied=values, golden=plan.number_golden_runs(values, ready.runs)
+        ready, program=program, varied=varied, golden=plan.number_golden_runs(varied, ready.runs)
     )
 
 
 def describe_program(config: CampaignConfig) -> dict[str, Any]:
-    """Return the JSON object of a campaign, as the module docstring describes. Raises UserError."""
+    """Return the JSON object of a campaign, with the keys of the module's docstring.
+
+    Raise UserError for a campaign with noise or without a fault.
+    """
     ready = question_plan(config)
     program = ready.program
     printable = traced.printable_program(program)
     tick = traced.trace_tick(printable, Block(*ready.lanes([0], 1), None), ready.columns)
-    shared = len(program.varied)
-    actions, acted = _acted_program(ready)
-    names = {f"fault0_{name}": name for name in (*table.WORDS, "start_ms")}
-    faulty = ready.rows.loc[ready.rows["fault0_site"] != ""].drop_duplicates("group")
-    examples: pd.DataFrame = faulty[list(names)].rename(columns=names)
+    actions, action_programs = _action_programs(ready)
     return {
         "actions": actions,
         "harm_limit_mm": config.outcomes.limit_mm if config.limit_counts else None,
@@ -119,12 +123,7 @@ def describe_program(config: CampaignConfig) -> dict[str, Any]:
         "observe_ms": config.campaign.observe_ms,
         "slots": program.setup.injection.slots,
         "channels": _channels(ready),
-        # A network effect is another effect on one channel.
-        "effects": {
-            name: {"code": EFFECT_CODES[plain], "channel": channel, "constant": constant}
-            for name, effect in EFFECTS.items()
-            for channel, plain, constant in [effect.network or (None, name, None)]
-        },
+        "effects": {name: _effect(name) for name in EFFECTS},
         "triggers": {name: TRIGGER_CODES[name] for name in program.setup.injection.triggers},
         "fields": {
             field.name: str(np.dtype(table.ARRAYS[field.name]))
@@ -133,14 +132,32 @@ def describe_program(config: CampaignConfig) -> dict[str, Any]:
         "forever": table.FOREVER_TICKS,
         **list_motions(ready),
         "programs": {
-            "outcomes": _printed(tick, tick.without_signals(), shared, code.WIDTH),
-            "replay": _replay_program(ready, tick, shared),
-            **acted,
+            "outcomes": _compile_program(
+                tick, tick.without_signals(), shared_inputs=len(program.varied), width=code.WIDTH
+            ),
+            "replay": _replay_program(ready, tick),
+            **action_programs,
         },
         "verdict": _verdict(config, tick),
-        "examples": examples.to_dict("records"),
+        "examples": _example_faults(ready),
         "worker": Path(__file__).with_name("static").joinpath("worker.js").read_text("utf-8"),
     }
+
+
+def _effect(name: str) -> dict[str, Any]:
+    """Return the code of an effect, and the channel and value of a network effect, else None."""
+    network = EFFECTS[name].network
+    # A network effect is another effect, which is injected at one channel.
+    channel, injected_effect, value = network or (None, name, None)
+    return {"code": EFFECT_CODES[injected_effect], "channel": channel, "constant": value}
+
+
+def _example_faults(ready: Plan) -> list[dict[str, Any]]:
+    """Return the first fault of each group: its site, channel, effect and so on, and its start."""
+    faulty = ready.rows.loc[ready.rows["fault0_site"] != ""].drop_duplicates("group")
+    names = {f"fault0_{name}": name for name in (*table.WORDS, "start_ms")}
+    examples: pd.DataFrame = faulty[list(names)].rename(columns=names)
+    return examples.to_dict("records")
 
 
 def _base64(content: bytes) -> str:
@@ -160,77 +177,89 @@ def motion_name(config: CampaignConfig) -> str | None:
 
 
 def list_motions(ready: Plan) -> dict[str, Any]:
-    """Return the campaign's motion, and further motions if the page stays small enough."""
-    own = motion_name(ready.config)
-    columns = {own or "": ready.columns}
-    if own is not None:
-        names = ready.config.generated_motions()
-        small = len(names) * sum(column.nbytes for column in ready.columns) <= MOTION_BYTES
-        others = {name: _motion(ready, name) for name in names if small and name != own}
-        columns |= {name: other for name, other in others.items() if other is not None}
+    """Return the name of the campaign's motion ("" for a recording), and motions by name as base64.
+
+    Further generated motions are included if the page stays small enough.
+    """
+    campaign_motion = motion_name(ready.config)
+    columns = {campaign_motion or "": ready.columns}
+    names = ready.config.generated_motions() if campaign_motion is not None else ()
+    if len(names) * sum(column.nbytes for column in ready.columns) <= MOTION_BYTES:
+        for name in names:
+            other = _motion_columns(ready, name) if name != campaign_motion else None
+            if other is not None:
+                columns[name] = other
     motions = {
-        name: _base64(b"".join(column.tobytes() for column in of_name))
-        for name, of_name in columns.items()
+        name: _base64(b"".join(column.tobytes() for column in motion_columns))
+        for name, motion_columns in columns.items()
     }
-    return {"motion": own or "", "motions": motions}
+    return {"motion": campaign_motion or "", "motions": motions}
 
 
-def _motion(ready: Plan, name: str) -> tuple[np.ndarray, ...] | None:
-    # The columns of another generated motion; None if the robot would have to start elsewhere.
-    config, own = ready.config, ready.program
+def _motion_columns(ready: Plan, name: str) -> tuple[np.ndarray, ...] | None:
+    """Return the columns of another generated motion; None if the robot starts elsewhere in it."""
+    config, program = ready.config, ready.program
     operator = config.operator.model_copy(update={"motion": name})  # pyright: ignore[reportAttributeAccessIssue]
     other = config.model_copy(update={"operator": operator})
     prepared = config.robot.part("campaign").prepare(
-        other, {}, own.setup.injection, own.setup.precision
+        other, {}, program.setup.injection, program.setup.precision
     )
-    here, there = (
-        dict(paths.path_leaves(params, own.setup)) for params in (own.params, prepared.params)
-    )
-    if any(
-        not np.array_equal(here[path], there[path]) for path in here if path.startswith("start.")
-    ):
-        return None
+    # The start of the robot is a constant of the compiled program.
+    campaign_params = dict(paths.path_leaves(program.params, program.setup))
+    other_params = dict(paths.path_leaves(prepared.params, program.setup))
+    for path, value in campaign_params.items():
+        if path.startswith("start.") and not np.array_equal(value, other_params[path]):
+            return None
     return tuple(np.ascontiguousarray(column) for column in prepared.columns)
 
 
 def _parameter(ready: Plan, path: str) -> dict[str, Any]:
-    # Returns what the page needs to offer a parameter: its value, its type and its range.
+    """Return what the page needs to offer a parameter: value, type, unit, range and meaning."""
     program, robot = ready.program, ready.config.robot
-    own = next(iter(paths.named_numbers(program.params, program.setup, path).values()))
-    limits = next(iter(bounds.allowed_values(robot, path)), None)
-    unknown = {"unit": "", "low": None, "high": None, "meaning": ""}
+    # The arms have the same value, and joints the same kind of range: the first is shown.
+    value = next(iter(paths.named_numbers(program.params, program.setup, path).values()))
+    quantity = next(iter(bounds.allowed_values(robot, path)), None)
+    # Values of a parameter without a declared range.
+    defaults = {"unit": "", "low": None, "high": None, "meaning": ""}
     dtype = ready.varied[path].dtype
+    is_whole = dtype.kind != "f"
     return {
         "path": path,
-        "value": float(str(np.asarray(own, dtype)[()])) if dtype.kind == "f" else int(own),
+        # The text of a float32 is its shortest decimal number, such as 0.1.
+        "value": int(value) if is_whole else float(str(np.asarray(value, dtype)[()])),
         "type": str(dtype),
-        "whole": dtype.kind != "f",
-        **{name: getattr(limits, name, default) for name, default in unknown.items()},
+        "whole": is_whole,
+        **{name: getattr(quantity, name, default) for name, default in defaults.items()},
     }
 
 
 def _channels(ready: Plan) -> list[dict[str, Any]]:
-    # Returns the channels of the campaign's faults, each with the effects that the page may offer.
+    """Return the channels of the campaign's faults, each with the effects that a page may offer."""
     injection = ready.program.setup.injection
-    effects = {use.site: use.effects for use in injection.sites}
+    site_effects = {use.site: list(use.effects) for use in injection.sites}
     rows = []
-    for site, arm, name in table.injection_targets(injection):
-        of_channel = [
-            effect
-            for effect, stands in NETWORK_EFFECTS.items()
-            if site == "network" and stands[0] == name
-        ]
-        offered = of_channel or list(effects[site])
-        rows.append({"site": site, "arm": arm, "channel": name, "effects": offered})
+    for site, arm, channel in table.injection_targets(injection):
+        effects = site_effects[site]
+        if site == "network":
+            # A network effect acts at one channel. Other channels have the site's effects.
+            network_effects = [
+                name for name, injected in NETWORK_EFFECTS.items() if injected[0] == channel
+            ]
+            effects = network_effects or effects
+        rows.append({"site": site, "arm": arm, "channel": channel, "effects": effects})
     return rows
 
 
 def _verdict(config: CampaignConfig, tick: TracedTick) -> dict[str, Any]:
-    # Returns the names, checks and rules from which the page derives the verdict of a run.
-    robot = config.robot
-    rules = [robot.check(name) for name in checks.check_names(tick.outcomes)]
-    words = ("responses", "told", "untold", "hazards", "cues", "halt_ms")
-    return {name: getattr(verdict, name.upper()) for name in words} | {
+    """Return the names, checks and rules from which the page derives the verdict of a run."""
+    robot_checks = [config.robot.check(name) for name in checks.check_names(tick.outcomes)]
+    return {
+        "responses": verdict.RESPONSES,
+        "told": verdict.TOLD,
+        "untold": verdict.UNTOLD,
+        "hazards": verdict.HAZARDS,
+        "cues": verdict.CUES,
+        "halt_ms": verdict.HALT_MS,
         "checks": [
             {
                 "name": check.name,
@@ -238,7 +267,7 @@ def _verdict(config: CampaignConfig, tick: TracedTick) -> dict[str, Any]:
                 "response": check.response,
                 "watches": check.action == "watch",
             }
-            for check in rules
+            for check in robot_checks
         ],
         "failures": failures.CAUSES,
         "failure_of_tip": failures.CODES["tip"],
@@ -253,69 +282,87 @@ def _verdict(config: CampaignConfig, tick: TracedTick) -> dict[str, Any]:
 # --- programs ---
 
 
-def _acted_program(ready: Plan) -> tuple[dict[str, int], dict[str, Any]]:
-    # Returns the numbers of the robot's actions, and a program that takes one of them at a tick.
+def _action_programs(ready: Plan) -> tuple[dict[str, int], dict[str, Any]]:
+    """Return a number for each action of the robot, such as lifting the foot pedal, and the program
+    "acted", which computes outcomes with an action. Both are empty for a robot without actions.
+    """
     part = ready.config.robot.part("campaign")
     if not hasattr(part, "acted"):
         return {}, {}
     program, actions = part.acted(traced.printable_program(ready.program))
+    # An action occupies an additional fault slot, which is empty (0) in the plan's [runs, slots].
     faults = {name: np.pad(values, ((0, 0), (0, 1))) for name, values in ready.faults.items()}
     plan = dataclasses.replace(ready, program=program, faults=faults)
     tick = traced.trace_tick(program, Block(*plan.lanes([0], 1), None), ready.columns)
-    shared = len(program.varied)
-    return actions, {"acted": _printed(tick, tick.without_signals(), shared, code.WIDTH)}
-
-
-def _replay_program(ready: Plan, tick: TracedTick, shared: int) -> dict[str, Any]:
-    # Returns the program that computes one run with its time series, for the animation.
-    outputs, signals = _series(ready, tick)
-    step, first = tick.loop.step, tick.loop.states + tick.series
-    leaves = [step.outputs[first + signal] for signal in signals]
-    loop = dataclasses.replace(
-        tick.loop, step=dataclasses.replace(step, outputs=(*step.outputs[:first], *leaves))
+    compiled = _compile_program(
+        tick, tick.without_signals(), shared_inputs=len(program.varied), width=code.WIDTH
     )
-    return _printed(tick, loop, shared, 1) | {"outputs": outputs}
+    return actions, {"acted": compiled}
+
+
+def _replay_program(ready: Plan, tick: TracedTick) -> dict[str, Any]:
+    """Return the program that computes one run with its time series, for the animation."""
+    outputs, signals = _series(ready, tick)
+    step = tick.loop.step
+    # The outputs of a tick are its states, the series of the golden run, and then the signals. Only
+    # the signals of the time series are kept.
+    first_signal = tick.loop.states + tick.series
+    kept_signals = [step.outputs[first_signal + signal] for signal in signals]
+    step = dataclasses.replace(step, outputs=(*step.outputs[:first_signal], *kept_signals))
+    loop = dataclasses.replace(tick.loop, step=step)
+    compiled = _compile_program(tick, loop, shared_inputs=len(ready.program.varied), width=1)
+    return compiled | {"outputs": outputs}
 
 
 def _series(ready: Plan, tick: TracedTick) -> tuple[list[dict[str, Any]], list[int]]:
-    """Return the time series of `words.toml`, with the signal and the factor of each number.
+    """Return rows that describe the time series of `words.toml`, and the numbers of the signals
+    from which they are computed: each number of a series is a signal of the tick times a factor.
 
-    The function computes the robot's series for signals of which one at a time is 1. A number that
-    is a multiple of one signal then differs from zero once. Numbers that depend on several signals
-    are left out; the page computes them itself.
+    To find signals and factors, the function computes the robot's series in one tick in which all
+    signals are 0, and then in one tick for each signal, in which only this signal is 1. A multiple
+    of one signal differs from zero in one of these ticks. The page computes other series itself.
     """
     dtypes = [np.dtype(dtype) for dtype in tree.tree_leaves(tick.signals)]
-    probe = [np.zeros(len(dtypes) + 1, dtype) for dtype in dtypes]
-    for leaf, values in enumerate(probe):
-        values[leaf + 1] = 1
-    named = read_series(
+    probe_signals = [np.zeros(len(dtypes) + 1, dtype) for dtype in dtypes]
+    for signal, values in enumerate(probe_signals):
+        values[signal + 1] = 1
+    probe_series = read_series(
         ready.config.robot,
         ready.program,
-        tree.fill_tree(tick.signals, list(probe)),
+        tree.fill_tree(tick.signals, list(probe_signals)),
         np.zeros((len(dtypes) + 1, tick.series), np.float32),
     )
     rows, signals = [], []
-    for name, values in named.items():
+    for name, values in probe_series.items():
+        # [ticks of the probe, numbers of the series]
         flat = np.asarray(values, np.float64).reshape(len(dtypes) + 1, -1)
-        alone = (np.count_nonzero(flat, axis=0) == 1) & (flat[0] == 0)
-        if alone.all() and any(fnmatch.fnmatchcase(name, pattern) for pattern in WORDS["series"]):
-            leaves = np.argmax(flat[1:] != 0, axis=0).tolist()
-            signals += leaves
+        of_one_signal = (np.count_nonzero(flat, axis=0) == 1) & (flat[0] == 0)
+        is_shown = any(fnmatch.fnmatchcase(name, pattern) for pattern in WORDS["series"])
+        if is_shown and of_one_signal.all():
+            series_signals = np.argmax(flat[1:] != 0, axis=0).tolist()
+            signals += series_signals
             rows.append(
                 {
                     "name": name,
                     "shape": np.shape(values)[1:],
-                    "types": [str(dtypes[leaf]) for leaf in leaves],
+                    "types": [str(dtypes[signal]) for signal in series_signals],
+                    # The only value that is not zero is the factor, in single precision.
                     "scales": [float(f"{number:.7g}") for number in flat.sum(axis=0)],
                 }
             )
     return rows, signals
 
 
-def _printed(tick: TracedTick, loop: TimeLoop, shared: int, width: int) -> dict[str, Any]:
-    # Returns a program as WebAssembly, and the layout of the memory that it reads and writes.
-    kernel = print_kernel(split_lanes(loop, shared, grouped=True), width, code.FEATURES)
-    return {
+def _compile_program(
+    tick: TracedTick, loop: TimeLoop, *, shared_inputs: int, width: int
+) -> dict[str, Any]:
+    """Return a program as WebAssembly, and the layout of the memory that it reads and writes.
+
+    loop: the loop over the ticks, with the outputs that the program needs. shared_inputs: number of
+    parameters, which are equal for all robots of a group. width: robots side by side in a vector.
+    """
+    kernel = print_kernel(split_lanes(loop, shared_inputs, grouped=True), width, code.FEATURES)
+    program = {
         "outputs": [],
         "binary": _base64(code.emit_module(kernel.text, FUNCTIONS)),
         "width": width,
@@ -325,7 +372,8 @@ def _printed(tick: TracedTick, loop: TimeLoop, shared: int, width: int) -> dict[
         "held_bytes": kernel.prologue.bytes,
         "row_bytes": kernel.row.bytes,
         "series": tick.series,
-    } | {
-        name: dataclasses.asdict(getattr(kernel, name))
-        for name in ("inputs", "group_inputs", "results")
     }
+    # Positions of the program's numbers in memory, in bytes.
+    for name in ("inputs", "group_inputs", "results"):
+        program[name] = dataclasses.asdict(getattr(kernel, name))
+    return program

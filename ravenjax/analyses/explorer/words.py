@@ -1,6 +1,7 @@
 """Describes a campaign and the runs of a result folder as JSON, for the explorer's page."""
 
 import contextlib
+import itertools
 import json
 import re
 from collections import defaultdict
@@ -25,7 +26,7 @@ from ravenjax.vocabulary.effects import EFFECTS
 from ravenjax.vocabulary.robot import Robot
 from ravenjax.vocabulary.sites import Channel, ChannelRange, Site
 
-UNASKED = ("periodic", "random", "lose")
+NOT_OFFERED = ("periodic", "random", "lose")
 """Effects that the page does not offer. The random numbers of two depend on the row of a run."""
 
 
@@ -49,7 +50,9 @@ def describe_campaign(config: CampaignConfig) -> dict[str, Any]:
             "kd_per_mm_s": [round(cue.kd / 1e3, 9) for cue in cues],
             "cap": [cue.cap for cue in cues],
         },
-        "sites": [_site(robot, site, arms) for site in robot.sites.values() if site.channels],
+        "sites": [
+            _describe_site(robot, site, arms) for site in robot.sites.values() if site.channels
+        ],
         "effects": {
             name: {
                 "words": WORDS["effects"][name],
@@ -62,15 +65,16 @@ def describe_campaign(config: CampaignConfig) -> dict[str, Any]:
             name: {"meaning": check.meaning, "does": check.does, "unit": check.unit}
             for name, check in robot.checks.items()
         },
-        "unasked": UNASKED,
+        "unasked": NOT_OFFERED,
         "outcomes": OUTCOMES,
-        "values": _values(config),
-        "toml": _toml(config),
-        "varied": _varied(config),
+        "values": _value_ranges(config),
+        "toml": _campaign_file(config),
+        "varied": _varied_paths(config),
     }
 
 
-def _site(robot: Robot, site: Site, arms: Iterable[str]) -> dict[str, Any]:
+def _describe_site(robot: Robot, site: Site, arms: Iterable[str]) -> dict[str, Any]:
+    # The normal ranges of channels are those of the first arm.
     return {
         "site": site.name,
         "layer": robot.layers[site.layer],
@@ -78,13 +82,15 @@ def _site(robot: Robot, site: Site, arms: Iterable[str]) -> dict[str, Any]:
         "where": site.where,
         "per_arm": site.per_arm,
         "channels": [
-            _channel(channel, robot.normal_range(site.name, channel.name, next(iter(arms))))
+            _describe_channel(
+                channel, robot.normal_range(site.name, channel.name, next(iter(arms)))
+            )
             for channel in site.channels
         ],
     }
 
 
-def _channel(channel: Channel, usual: ChannelRange | None) -> dict[str, Any]:
+def _describe_channel(channel: Channel, normal: ChannelRange | None) -> dict[str, Any]:
     # Returns a channel's unit, whether its numbers are whole, its limits and its normal range.
     low, high = channel.extent
     return {
@@ -94,101 +100,107 @@ def _channel(channel: Channel, usual: ChannelRange | None) -> dict[str, Any]:
         "bits": channel.bits,
         "low": low,
         "high": high,
-        "usual": [usual.low_permille, usual.high_permille] if usual else None,
+        "usual": [normal.low_permille, normal.high_permille] if normal else None,
     }
 
 
-def _values(config: CampaignConfig) -> dict[str, list[float]]:
-    # Returns the range of values of each site and effect in the campaign, for the page's slider.
+def _value_ranges(config: CampaignConfig) -> dict[str, list[float]]:
+    # Returns the smallest and largest value of each "site/effect", for the page's slider.
     values = defaultdict[str, list[float]](list)
     for group in config.group:
-        for run in group.run or [None]:
-            for fault in group.fault if run is None else group.faults_of(run):
-                if fault.value is None:
-                    continue
-                drawn = fault.value.listed or fault.value.extent
-                for effect in fault.effect.listed:
-                    values[f"{fault.site}/{effect}"] += map(float, drawn)
+        # A group with listed runs has faults for each run.
+        fault_lists = [group.faults_of(run) for run in group.run] if group.run else [group.fault]
+        for fault in itertools.chain.from_iterable(fault_lists):
+            if fault.value is None:
+                continue
+            # Listed values, or both ends of a distribution.
+            numbers = fault.value.listed or fault.value.extent
+            for effect in fault.effect.listed:
+                values[f"{fault.site}/{effect}"] += map(float, numbers)
     return {name: [min(numbers), max(numbers)] for name, numbers in values.items()}
 
 
-def _varied(config: CampaignConfig) -> list[str]:
-    return [path for path, axis in config.parameters.items() if axis.kind != "fixed"] + [
-        *config.cross
-    ]
+def _varied_paths(config: CampaignConfig) -> list[str]:
+    # Returns the paths of parameters with several values, then of crossed parameters.
+    varied = [path for path, axis in config.parameters.items() if axis.kind != "fixed"]
+    return [*varied, *config.cross]
 
 
-def _toml(config: CampaignConfig) -> str:
+def _campaign_file(config: CampaignConfig) -> str:
     """Return the campaign's file without cues, groups and varied parameters, which the page adds.
 
     Paths of files are reduced to names. If the page can change the motion, its name is the first
     line of [operator].
     """
-    apart = {"group", "stop", "haptics", "cross"}
-    content = config.model_dump(exclude_defaults=True, exclude=apart)
+    excluded = {"group", "stop", "haptics", "cross"}
+    content = config.model_dump(exclude_defaults=True, exclude=excluded)
+    # Paths of files are the only values that JSON cannot express.
     tables = json.loads(json.dumps(content, default=lambda path: path.name))
-    varied = _varied(config)
-    tables["parameters"] = {
-        path: one for path, one in tables.get("parameters", {}).items() if path not in varied
-    }
-    if (motion := program.motion_name(config)) is not None:
+    parameters = tables.get("parameters", {})
+    for path in _varied_paths(config):
+        parameters.pop(path, None)
+    tables["parameters"] = parameters
+    motion = program.motion_name(config)
+    if motion is not None:
         tables["operator"] = {"motion": motion} | tables.get("operator", {})
     return tomlkit.dumps({name: table for name, table in tables.items() if table})
 
 
 # --- the table of a result folder ---
 
-MOST = 20_000
+MAX_ROWS = 20_000
 """Largest number of table rows in a page: the first rows of the table."""
-_FURTHER = r"fault0_(trigger|every_ms)|fault[1-9]\d*_site"
-FAULT = ("site", "arm", "channel", "effect", "value", "start_ms", "duration_ms")
+_CHECKED_COLUMNS = r"fault0_(trigger|every_ms)|fault[1-9]\d*_site"
+FAULT_COLUMNS = ("site", "arm", "channel", "effect", "value", "start_ms", "duration_ms")
 
 
 def list_runs(folder: Path, record: Manifest) -> dict[str, Any]:
     """Return JSON of a result table for a page.
 
     Keys: folder (its name), cue (number of the set of the verdict), runs (of the table), rows (runs
-    in the page, at most MOST), columns (name -> list), evading (rate of faults that evade). Runs
-    that a page cannot compute are left out (see `_is_computable`).
+    in the page, at most MAX_ROWS), columns (name -> list), evading (rate of faults that evade).
+    Runs that a page cannot compute are left out (see `_is_computable`).
     """
     cue, names = record.verdict_cue, [column.name for column in schema.table_columns(record.shape)]
     columns = {
         "run_id": "run_id",
         "index": "index",
         "group": "group",
-        **{name: f"fault0_{name}" for name in FAULT},
+        **{name: f"fault0_{name}" for name in FAULT_COLUMNS},
         **{name: name for name in WORDS["measures"]},
         "cue_ms": f"cue{cue}_first_ms",
         **{name: name for name in names if name.startswith("param:")},
     }
     columns = {name: column for name, column in columns.items() if column in names}
-    further = [name for name in names if re.fullmatch(_FURTHER, name)]
-    frame = Results(record.shape, folder).frame([*columns.values(), *further])
-    first = frame.loc[_is_computable(frame)].head(MOST)
+    checked = [name for name in names if re.fullmatch(_CHECKED_COLUMNS, name)]
+    frame = Results(record.shape, folder).frame([*columns.values(), *checked])
+    shown = frame.loc[_is_computable(frame)].head(MAX_ROWS)
     with contextlib.closing(Runs.open(folder, record)) as runs:
         evading = tables.headline_counts(runs, record)["evaded"]
     return {
         "folder": folder.name,
         "cue": cue,
         "runs": len(frame),
-        "rows": len(first),
+        "rows": len(shown),
         "evading": evading._asdict(),
         "columns": {
-            name: first[column].tolist()
-            if first[column].dtype.kind in "fiub"
-            else first[column].astype(str).tolist()
+            # Numbers and truth values stay as they are. Categories become text.
+            name: (
+                shown[column] if shown[column].dtype.kind in "fiub" else shown[column].astype(str)
+            ).tolist()
             for name, column in columns.items()
         },
     }
 
 
 def _is_computable(frame: pd.DataFrame) -> pd.Series:
-    # Returns whether a page can compute each run: one fault, in one window from a time on.
+    # Returns whether a page can compute each run: it has at most one fault, in one window that
+    # opens at a given time, and the page offers the fault's effect.
     sites = frame.filter(regex=r"^fault\d+_site$").astype(str)
     if sites.empty:
         return pd.Series(True, index=frame.index)
-    plain = frame["fault0_trigger"].astype(str).eq("time") & frame["fault0_every_ms"].eq(0)
-    offered = ~frame["fault0_effect"].astype(str).isin(UNASKED)
-    return sites.drop(columns="fault0_site").eq("").all(axis=1) & (
-        sites["fault0_site"].eq("") | plain & offered
-    )
+    has_one_window = frame["fault0_trigger"].astype(str).eq("time") & frame["fault0_every_ms"].eq(0)
+    is_offered = ~frame["fault0_effect"].astype(str).isin(NOT_OFFERED)
+    has_no_fault = sites["fault0_site"].eq("")
+    has_no_second_fault = sites.drop(columns="fault0_site").eq("").all(axis=1)
+    return has_no_second_fault & (has_no_fault | has_one_window & is_offered)

@@ -10,7 +10,7 @@ from ravenjax import consent, interruption
 from ravenjax.analyses.monitors import calibration, code, score_folder, writing
 from ravenjax.analyses.monitors.calibration import Calibrated
 from ravenjax.analyses.monitors.monitor import Segments, split_scores
-from ravenjax.analyses.monitors.operations import FRESH, OperationDesign, OperationRunner
+from ravenjax.analyses.monitors.operations import NEW_STREAM, OperationDesign, OperationRunner
 from ravenjax.analyses.monitors.score_folder import FOLDER, read_design
 from ravenjax.analyses.monitors.scores import Score, list_candidates
 from ravenjax.campaign import loading
@@ -50,17 +50,18 @@ class Request:
             raise UserError(f"--seed is {self.seed}, expected 0 or more")
         self.target = FalseAlarmTarget(self.per_hour, self.confidence, self.length_s / 3600)
         try:
-            _ = self.target.fewest_units
-            self.stretches = Segments.parsed(self.segments)
+            # This property raises ValueError for a wrong target.
+            _ = self.target.min_units
+            self.parsed_segments = Segments.parsed(self.segments)
         except ValueError as error:
             raise UserError(str(error)) from None
         # The campaign's detectors are not used, so parameters of user's detectors are left out.
-        rest = {
+        parameters = {
             path: axis
             for path, axis in self.config.parameters.items()
             if not path.startswith("detectors.own.")
         }
-        self.config = self.config.model_copy(update={"parameters": rest})
+        self.config = self.config.model_copy(update={"parameters": parameters})
 
 
 def calibrate_monitor(
@@ -76,60 +77,69 @@ def calibrate_monitor(
     needs. Finished operators stay on disk, and the same call continues. Raise UserError and
     StoreError.
     """
-    wanted = split_scores(choose_candidates(request.config.robot, request.signals or SIGNALS))
+    terms = split_scores(choose_candidates(request.config.robot, request.signals or SIGNALS))
     units = calibration.units_within(request.target, request.robots, hours)
     design = OperationDesign(
-        tuple(request.motions) or varying_motions(request.config),
-        request.robots,
-        request.target.length_h * 3600,
-        request.seed,
+        motions=tuple(request.motions) or varying_motions(request.config),
+        robots=request.robots,
+        # As the target calculates, after rounding to hours.
+        length_s=request.target.length_h * 3600,
+        seed=request.seed,
     )
-    peaks = operate_units(
-        request.config, design, wanted, request.stretches, out, units, engine, on_operator
+    segments = request.parsed_segments
+    peaks = simulate_operators(
+        request.config, design, terms, segments, out, units, engine=engine, on_operator=on_operator
     )
-    result = calibration.calibrate_thresholds(peaks, wanted, request.stretches, request.target)
+    result = calibration.calibrate_thresholds(peaks, terms, segments, request.target)
     writing.write_monitor(out, request.config, design, result)
     return result
 
 
-def operate_units(
+def simulate_operators(
     config: CampaignConfig,
     design: OperationDesign,
-    wanted: tuple[Score, ...],
+    terms: tuple[Score, ...],
     segments: Segments,
     out: Path,
     units: int,
     engine: str,
     on_operator: OnOperator,
 ) -> OperationScores:
-    """Return the scores of `units` operators. Operators missing in `out` are simulated."""
+    """Return the scores of the operations of `units` operators: the largest score of each term in
+    each segment.
+
+    The folder `out` stores the scores of each operator. Only operators that are missing there are
+    simulated. `on_operator` is called after each of them.
+    """
     folder = out / FOLDER
-    score_folder.open_folder(folder, describe_design(config, design, wanted, segments))
+    score_folder.open_folder(folder, describe_design(config, design, terms, segments))
     if missing := score_folder.list_missing(folder, units):
         detector_folder = folder / "detectors"
+        # An interruption waits until the operator that is being stored is complete.
         with consent.given_for(detector_folder), interruption.held_back():
-            measured = with_measuring_detectors(config, wanted, segments, detector_folder)
-            for operator in OperationRunner(measured, design, engine).compute(missing):
+            campaign = campaign_with_score_detectors(config, terms, segments, detector_folder)
+            for operator in OperationRunner(campaign, design, engine).compute(missing):
                 score_folder.add_scores(folder, operator)
                 on_operator(operator.operator + 1, units)
     return score_folder.read_scores(folder, units)
 
 
 def choose_candidates(robot: Robot, patterns: Sequence[str]) -> list[Score]:
-    """Return the robot's candidate scores whose names match one of the patterns, in the robot's
-    order. Raise UserError for a pattern without a match.
+    """Return the robot's candidate scores whose names match at least one pattern, in the robot's
+    order. In a pattern, * stands for any letters. Raise UserError for a pattern without a match.
     """
     candidates = list_candidates(robot)
     names = [score.name for score in candidates]
-    chosen = []
+    chosen_names: set[str] = set()
     for pattern in patterns:
-        chosen += (found := fnmatch.filter(names, pattern))
-        if not found:
+        matches = fnmatch.filter(names, pattern)
+        if not matches:
             raise UserError(
                 f"signal {pattern!r}: {robot.title} has no signal of this name; `ravenjax monitor"
                 f" signals` lists all, and * stands for any letters{suggest_name(pattern, names)}"
             )
-    return [score for score in candidates if score.name in chosen]
+        chosen_names.update(matches)
+    return [score for score in candidates if score.name in chosen_names]
 
 
 def varying_motions(config: CampaignConfig) -> tuple[str, ...]:
@@ -139,49 +149,53 @@ def varying_motions(config: CampaignConfig) -> tuple[str, ...]:
     return tuple(motion for motion in config.generated_motions() if motion not in UNVARIED)
 
 
-def with_measuring_detectors(
-    config: CampaignConfig, wanted: tuple[Score, ...], segments: Segments, detector_folder: Path
+def campaign_with_score_detectors(
+    config: CampaignConfig, terms: tuple[Score, ...], segments: Segments, detector_folder: Path
 ) -> CampaignConfig:
-    """Return `config` with one detector for each score and segment.
+    """Return `config` with one detector for each term and segment, instead of its detectors.
 
-    Their Python files are written into the folder `detector_folder`.
+    A detector records the largest score of its term in its segment. The Python files of the
+    detectors are written into the folder `detector_folder`.
     """
     detector_folder.mkdir(parents=True, exist_ok=True)
-    raw = []
-    for t, term in enumerate(wanted):
-        for s in range(segments.count):
-            name = f"t{t}_{s}"
+    tables = []
+    for term_index, term in enumerate(terms):
+        for segment in range(segments.count):
+            name = f"t{term_index}_{segment}"
             path = (detector_folder / f"{name}.py").absolute()
-            title = f"{term.words}, segment {s}"
-            text = code.write_part([term], segments, title=title, segment=s)
+            title = f"{term.words}, segment {segment}"
+            text = code.write_part([term], segments, title=title, segment=segment)
             path.write_text(text, encoding="utf-8")
-            raw.append({"name": name, "file": str(path)})
-    detector = (
-        type(config).model_validate({**config.model_dump(mode="json"), "detector": raw}).detector
-    )
-    return config.model_copy(update={"detector": detector})
+            tables.append({"name": name, "file": str(path)})
+    # Only the detectors are used: JSON cannot express all other values of the campaign.
+    raw = {**config.model_dump(mode="json"), "detector": tables}
+    detectors = type(config).model_validate(raw).detector
+    return config.model_copy(update={"detector": detectors})
 
 
 def describe_design(
-    config: CampaignConfig, design: OperationDesign, wanted: tuple[Score, ...], segments: Segments
+    config: CampaignConfig, design: OperationDesign, terms: tuple[Score, ...], segments: Segments
 ) -> dict[str, Any]:
-    """Return everything on which the scores of operations depend, as JSON values."""
-    left_out = {"group", "detector", "stop", "outcomes", "reaction"}
-    content = config.model_dump(mode="json", exclude=left_out)
-    for name in ("name", "description", "seed", "duration_s", "limit", "chunk", "observe_ms"):
-        content["campaign"].pop(name, None)
-    for name in ("motion", "seed"):
-        content.get("operator", {}).pop(name, None)
+    """Return everything on which the scores of operations depend, as JSON values: the campaign, the
+    design of the operations, the names of the terms, the segments and a hash of the code.
+    """
+    # These tables and keys do not change fault-free operations, or `design` contains them.
+    unused_tables = {"group", "detector", "stop", "outcomes", "reaction"}
+    campaign = config.model_dump(mode="json", exclude=unused_tables)
+    for key in ("name", "description", "seed", "duration_s", "limit", "chunk", "observe_ms"):
+        campaign["campaign"].pop(key, None)
+    for key in ("motion", "seed"):
+        campaign.get("operator", {}).pop(key, None)
     return {
-        "campaign": content,
+        "campaign": campaign,
         "design": dataclasses.asdict(design) | {"motions": list(design.motions)},
-        "signals": [term.name for term in wanted],
+        "signals": [term.name for term in terms],
         "segments": segments.words,
         "code": manifest.code_hash(config.robot),
     }
 
 
-def operate_afresh(
+def simulate_new_operators(
     folder: Path,
     out: Path,
     hours: float,
@@ -190,34 +204,39 @@ def operate_afresh(
     engine: str,
     on_operator: OnOperator,
 ) -> OperationScores:
-    """Simulate operations of operators that the calibration in `folder` did not use, and write
-    their scores into `out`.
+    """Simulate operations of operators that the calibration in `folder` did not use, write their
+    scores into `out`, and return them.
 
-    `overrides`: changes of the campaign, such as `parameters.plant.friction_scale=4`. `robots`:
-    number of robots of each operator; default as in the calibration. Finished operators stay on
-    disk, and the same call continues. Raise UserError and StoreError.
+    `hours`: total hours of operation. `overrides`: changes of the campaign, such as
+    `parameters.plant.friction_scale=4`. `robots`: number of robots of each operator; default as in
+    the calibration. Finished operators stay on disk, and the same call continues. Raise UserError
+    and StoreError.
     """
     calibration.require_hours(hours)
     monitor, _ = writing.read_monitor(folder)
     record = read_design(folder / FOLDER)
-    campaign, design = record["campaign"], record["design"]
+    campaign, calibration_design = record["campaign"], record["design"]
+    # The stored campaign has no name and no groups, but a campaign needs both.
     raw = campaign | {
         "campaign": campaign["campaign"] | {"name": "fresh"},
         "group": [{"name": "fresh"}],
     }
     config = loading.from_record(raw, overrides)
-    own = OperationDesign(
-        tuple(design["motions"]),
-        robots or design["robots"],
-        design["length_s"],
-        design["seed"],
-        FRESH,
+    design = OperationDesign(
+        motions=tuple(calibration_design["motions"]),
+        robots=robots or calibration_design["robots"],
+        length_s=calibration_design["length_s"],
+        seed=calibration_design["seed"],
+        stream=NEW_STREAM,
     )
-    units = round(hours * 3600 / (own.robots * own.length_s))
+    hours_per_operator = design.robots * design.length_s / 3600
+    units = round(hours / hours_per_operator)
     if units < 1:
         raise UserError(
-            f"--hours is {hours:g}, expected at least {own.robots * own.length_s / 3600:.3g}: one"
-            f" operator has {own.robots} operations of {own.length_s:g} s"
+            f"--hours is {hours:g}, expected at least {hours_per_operator:.3g}: one"
+            f" operator has {design.robots} operations of {design.length_s:g} s"
         )
-    wanted = tuple(dataclasses.replace(term, scales=(1.0,)) for term in monitor.terms)
-    return operate_units(config, own, wanted, monitor.segments, out, units, engine, on_operator)
+    terms = tuple(dataclasses.replace(term, scales=(1.0,)) for term in monitor.terms)
+    return simulate_operators(
+        config, design, terms, monitor.segments, out, units, engine=engine, on_operator=on_operator
+    )

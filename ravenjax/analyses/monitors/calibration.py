@@ -22,12 +22,12 @@ from ravenjax.stats.conformal.threshold import (
     TooFewUnits,
 )
 
-ROUND = 8
+ROUND_SIZE = 8
 """The use of operators repeats after this number. In each round the first operator determines
-scales, the next CALIBRATES determine the threshold, and the others test the monitor.
+scales, the next THRESHOLD_OPERATORS determine the threshold, and the others test the monitor.
 """
-CALIBRATES = 4
-ROOM = 1.5
+THRESHOLD_OPERATORS = 4
+RESERVE = 1.5
 """Factor on the smallest number of units, as a reserve for pedal-up time and a few alarms."""
 
 
@@ -46,11 +46,11 @@ class Test(NamedTuple):
     operations: int
     hours: float  # total duration of the operations without an alarm
     alarms: int  # number of operations with an alarm
-    one_each: AlarmRate  # rate in the first operation of each operator; these are independent
+    first_operations: AlarmRate  # rate in each operator's first operation; these are independent
 
     @property
     def per_hour(self) -> float:
-        """Return the number of operations with an alarm, per hour of operations without alarms."""
+        """Number of operations with an alarm, per hour of operations without an alarm."""
         if not self.hours:
             return float("inf" if self.alarms else "nan")
         return self.alarms / self.hours
@@ -62,49 +62,62 @@ class Calibrated(NamedTuple):
     monitor: Monitor
     target: FalseAlarmTarget
     threshold: Threshold
-    learned_units: int
+    scale_units: int  # number of operators that determined the scales
     test: Test
 
 
 def assign_uses(unit: np.ndarray) -> Uses:
-    """Return the use of each operation, by the number of its operator."""
-    place = unit % ROUND
-    return Uses(place == 0, (place > 0) & (place <= CALIBRATES), place > CALIBRATES)
+    """Return the use of each operation. `unit`: number of its operator, [operations]."""
+    place_in_round = unit % ROUND_SIZE
+    return Uses(
+        scale=place_in_round == 0,
+        threshold=(place_in_round > 0) & (place_in_round <= THRESHOLD_OPERATORS),
+        test=place_in_round > THRESHOLD_OPERATORS,
+    )
 
 
-def units_for(calibrating: int) -> int:
-    """Return the number of operators of which `calibrating` determine the threshold and at least
-    one tests the monitor.
+def count_units(threshold_units: int) -> int:
+    """Return the smallest number of operators of which `threshold_units` determine the threshold
+    and at least one tests the monitor.
     """
-    rounds, rest = divmod(calibrating, CALIBRATES)
-    return max(rounds * ROUND + (rest + 1 if rest else 0), CALIBRATES + 2)
+    rounds, rest = divmod(threshold_units, THRESHOLD_OPERATORS)
+    units = rounds * ROUND_SIZE
+    if rest:
+        # One more operator of the last round determines scales.
+        units += 1 + rest
+    # The operator of the test comes after those for scales and the threshold.
+    return max(units, 1 + THRESHOLD_OPERATORS + 1)
 
 
 def require_hours(hours: float) -> None:
-    """Raise UserError if the hours are not a valid length of time."""
+    """Raise UserError if the hours are infinite or NaN."""
     if not math.isfinite(hours):
         raise UserError(f"--hours is {hours}, expected a number above 0, such as 20")
 
 
 def units_within(target: FalseAlarmTarget, robots: int, hours: float | None) -> int:
-    """Return the number of operators to simulate: as many as fit into `hours`, or ROOM times the
-    number that the target needs.
+    """Return the number of operators to simulate: as many as fit into `hours`, or RESERVE times the
+    number that the target needs if `hours` is None.
 
     robots: operations of each operator. Raise UserError if the hours are too few; the message
     states the number of hours that are needed.
     """
-    fewest = units_for(target.fewest_clusters)
     if hours is None:
-        return units_for(int(np.ceil(ROOM * target.fewest_clusters)))
+        return count_units(int(np.ceil(RESERVE * target.min_clusters)))
     require_hours(hours)
+    min_units = count_units(target.min_clusters)
+    # The tolerance prevents that rounding loses an operator.
     units = int(hours / (robots * target.length_h) + 1e-9)
-    if units < fewest:
-        least = fewest * robots * target.length_h
-        fewer = f", or --robots 1 --hours {np.ceil(least / robots):g}" if robots > 1 else ""
+    if units < min_units:
+        min_hours = min_units * robots * target.length_h
+        alternative = ""
+        if robots > 1:
+            alternative = f", or --robots 1 --hours {np.ceil(min_hours / robots):g}"
         raise UserError(
             f"{hours:g} h are enough for {units} operators, but to show at most"
             f" {target.per_hour:g} false alarms an hour with {target.confidence:.0%} confidence,"
-            f" {fewest} operators are needed: write --hours {np.ceil(least):g} or more{fewer}"
+            f" {min_units} operators are needed: write --hours {np.ceil(min_hours):g} or"
+            f" more{alternative}"
         )
     return units
 
@@ -112,41 +125,45 @@ def units_within(target: FalseAlarmTarget, robots: int, hours: float | None) -> 
 def calibrate_thresholds(
     peaks: OperationScores, terms: tuple[Score, ...], segments: Segments, target: FalseAlarmTarget
 ) -> Calibrated:
-    """Return the calibrated monitor of `terms`, whose scores are the columns of `peaks`.
+    """Return a monitor with calibrated scales and threshold, and its alarms in a test.
 
-    Raise UserError if the operations are too few for the target.
+    `peaks`: the largest score of each term in each segment of each operation, [operations, terms *
+    segments]. Different operators determine scales and threshold, and test the monitor. Raise
+    UserError if the operations are too few for the target.
     """
-    by = assign_uses(peaks.unit)
-    valid = by.scale & np.isfinite(peaks.score).all(axis=1)
-    if not valid.any():
+    uses = assign_uses(peaks.unit)
+    # A failed operation cannot determine a scale.
+    has_scales = uses.scale & np.isfinite(peaks.score).all(axis=1)
+    if not has_scales.any():
         raise UserError(
-            "scales cannot be computed: each operation that determines scales had an infinite or"
-            " NaN number. Let the campaign draw other robots"
+            "the scales of the monitor's signals cannot be computed: a signal became infinite or"
+            " NaN in every operation that determines scales. Change campaign.seed or [parameters]"
         )
     shape = (-1, len(terms), segments.count)
-    scale = threshold.signal_scales(peaks.score[valid].reshape(shape))
-    whole = peaks._replace(score=threshold.joint_scores(peaks.score, scale))
-    calibrating = OperationScores(*(values[by.threshold] for values in whole))
+    scales = threshold.signal_scales(peaks.score[has_scales].reshape(shape))
+    scores = peaks._replace(score=threshold.joint_scores(peaks.score, scales))
+    calibrating = OperationScores(*(values[uses.threshold] for values in scores))
     try:
-        result = threshold.least_threshold(calibrating, target)
+        result = threshold.smallest_threshold(calibrating, target)
     except TooFewUnits as error:
-        lost = 1.0 - float(calibrating.hours.mean()) / target.length_h
+        inactive = 1.0 - float(calibrating.hours.mean()) / target.length_h
         failed = float((~np.isfinite(calibrating.score)).mean())
         raise UserError(
             f"{error.units} operators are too few for {target.per_hour:g} false alarms an hour with"
             f" {target.confidence:.0%} confidence. {failed:.2%} of the operations failed, which"
-            f" counts as an alarm at every threshold, and in {lost:.0%} of the time the robot does"
-            " not follow the operator. Write more --hours (finished operations are kept), allow"
-            " more false alarms, or let the campaign draw robots that work"
+            f" counts as an alarm at every threshold, and in {inactive:.0%} of the time the robot"
+            " does not follow the operator. Write more --hours (finished operations are kept),"
+            " allow more false alarms, or let the campaign draw robots that work"
         ) from None
-    monitor = Monitor(terms, segments, tuple(tuple(map(float, row)) for row in scale), result.value)
-    tested = OperationScores(*(values[by.test] for values in whole))
-    alarms, first = tested.score > result.value, tested.one_each()
+    monitor = Monitor(terms, segments, tuple(map(tuple, scales.tolist())), result.value)
+    tested = OperationScores(*(values[uses.test] for values in scores))
+    alarms, first = tested.score > result.value, tested.first_operations()
     test = Test(
         units=tested.units,
         operations=len(alarms),
         hours=float(tested.hours[~alarms].sum()),
         alarms=int(alarms.sum()),
-        one_each=ending_rate(first.score > result.value, first.hours),
+        first_operations=ending_rate(first.score > result.value, first.hours),
     )
-    return Calibrated(monitor, target, result, len(np.unique(peaks.unit[by.scale])), test)
+    scale_units = len(np.unique(peaks.unit[uses.scale]))
+    return Calibrated(monitor, target, result, scale_units, test)

@@ -10,7 +10,13 @@ IEEE arithmetic gives the same bits. With -ffast-math the bits may differ.
 from collections.abc import Sequence
 from typing import Any
 
-from ravenjax.analyses.monitors.monitor import WHOLE, Monitor, Segments, list_reads, name_read
+from ravenjax.analyses.monitors.monitor import (
+    WHOLE,
+    Monitor,
+    Segments,
+    input_expressions,
+    input_name,
+)
 from ravenjax.analyses.monitors.scores import Score
 from ravenjax.report import wording
 
@@ -24,59 +30,74 @@ def write_part(
     scales: Sequence[Sequence[float]] | None = None,
     title: str = "",
     segment: int | None = None,
-    records: bool = False,
+    stores_inputs: bool = False,
 ) -> str:
-    """Return a Python file that computes the largest score of the terms, each divided by its scale.
+    """Return the text of a Python file that computes the largest score of the terms, each divided
+    by its scale.
 
     `terms`: scores with one channel each. `scales`: scale of each term in each segment; None: the
-    scales in the terms. `segment`: the only segment in which the score is not 0. `records`: the
-    file also stores its inputs as `read_NAME`, and its score.
+    scales in the terms. `title`: docstring of the file; default: what the terms observe. `segment`:
+    the only segment in which the score is not 0; None: all. `stores_inputs`: the file's state also
+    contains its inputs as `read_NAME`, and its score.
     """
-    scales = [term.scales * segments.count for term in terms] if scales is None else scales
-    values = _values(terms, segments, scales)
-    if records:
-        values["state"] |= {f"read_{name}": name for name in values["reads"]} | {"score": "score"}
-    # Conditions for being inside the segment: `past0` is true beyond the first edge, and so on.
+    if scales is None:
+        # The term's only scale is valid in all segments.
+        scales = [term.scales * segments.count for term in terms]
+    values = _template_values(terms, segments, scales)
+    if stores_inputs:
+        values["state"] |= {f"read_{name}": name for name in values["inputs"]}
+        values["state"]["score"] = "score"
+    # Conditions for being inside the segment: `past0` is true beyond the first edge, and so on. The
+    # first segment has no edge before it, and the last segment has none after it.
     inside = []
-    if segment is not None:
-        inside += [f"past{segment - 1}"] if segment else []
-        inside += [f"~past{segment}"] if segment < len(segments.edges) else []
+    if segment is not None and segment > 0:
+        inside.append(f"past{segment - 1}")
+    if segment is not None and segment < len(segments.edges):
+        inside.append(f"~past{segment}")
     title = title or f"Largest of: {'; '.join(term.words for term in terms)}"
     return _fill(PART, **values, title=title, inside=inside)
 
 
 def write_c(monitor: Monitor, notes: Sequence[str]) -> dict[str, str]:
-    """Return the texts of the C files by name. `notes`: lines for the files' comments."""
-    values = _values(monitor.terms, monitor.segments, monitor.scales)
-    units = dict.fromkeys(values["reads"], "")
+    """Return the texts of a monitor's C files by file name. `notes`: lines for their comments."""
+    values = _template_values(monitor.terms, monitor.segments, monitor.scales)
+    # The signal that determines the segment has no unit.
+    units = dict.fromkeys(values["inputs"], "")
     for term in monitor.terms:
-        for field in filter(None, (term.signal, term.against)):
-            units[name_read(term, field)] = term.units[0]
+        units[input_name(term, term.signal)] = term.units[0]
+        if term.against:
+            units[input_name(term, term.against)] = term.units[0]
     return {
         name: _fill(name, **values, units=units, notes=notes, threshold=monitor.threshold)
         for name in (HEADER, SOURCE, TEST)
     }
 
 
-def _values(
+def _template_values(
     terms: Sequence[Score], segments: Segments, scales: Sequence[Sequence[float]]
 ) -> dict[str, Any]:
-    # Returns the values that the templates of Python and C files need.
-    rates = [name_read(term, term.signal) for term in terms if term.kind == "rate"]
+    """Return the values that the templates of Python and C files need.
+
+    `state` in the result maps the name of each number that is kept until the next millisecond to
+    the name of the input with its value.
+    """
+    term_values = [
+        {
+            "kind": term.kind,
+            "number": input_name(term, term.signal),
+            "other": input_name(term, term.against),
+            "scales": tuple(float(scale) for scale in term_scales),
+            "words": term.words,
+        }
+        for term, term_scales in zip(terms, scales, strict=True)
+    ]
+    # A rate compares a number with its value of the millisecond before.
+    rate_inputs = [input_name(term, term.signal) for term in terms if term.kind == "rate"]
     return {
-        "terms": [
-            {
-                "kind": term.kind,
-                "number": name_read(term, term.signal),
-                "other": name_read(term, term.against),
-                "scales": tuple(float(scale) for scale in each),
-                "words": term.words,
-            }
-            for term, each in zip(terms, scales, strict=True)
-        ],
+        "terms": term_values,
         "segments": segments,
-        "reads": list_reads(terms, segments),
-        "state": {f"before_{name}": name for name in rates},
+        "inputs": input_expressions(terms, segments),
+        "state": {f"before_{name}": name for name in rate_inputs},
     }
 
 
@@ -87,6 +108,7 @@ def _fill(name: str, **values: object) -> str:
 
 
 def _write_float(value: float) -> str:
-    """Return a float32 as a C literal. Nine digits are enough for the same bits."""
+    """Return a float32 as a C literal."""
+    # Nine digits determine the bits. C needs a point or an exponent before the suffix f.
     digits = f"{value:.9g}"
-    return f"{digits if any(mark in digits for mark in '.e') else f'{digits}.0'}f"
+    return f"{digits}f" if "." in digits or "e" in digits else f"{digits}.0f"

@@ -25,36 +25,38 @@ class Segments:
     edges: tuple[float, ...] = ()  # ascending limits between segments, float32
 
     def __post_init__(self) -> None:
-        numbers = np.asarray(self.edges, np.float32)
-        if (
-            not re.fullmatch(r"([A-Za-z]\w*)?", self.field)
-            or bool(self.field) != bool(self.edges)
-            or not np.isfinite(numbers).all()
-            or (np.diff(numbers) <= 0).any()
-        ):
+        edges = np.asarray(self.edges, np.float32)
+        # The name becomes a part of generated code.
+        is_name = bool(re.fullmatch(r"([A-Za-z]\w*)?", self.field))
+        is_ascending = bool(np.isfinite(edges).all() and (np.diff(edges) > 0).all())
+        # Either both the name and the edges are given, or neither is.
+        if not is_name or not is_ascending or bool(self.field) != bool(self.edges):
             raise ValueError("expected the name of a signal and ascending numbers")
-        object.__setattr__(self, "edges", tuple(float(number) for number in numbers))
+        # The edges as float32 numbers. A frozen dataclass can be changed only in this way.
+        object.__setattr__(self, "edges", tuple(float(edge) for edge in edges))
 
     @property
     def count(self) -> int:
-        """Return the number of segments."""
+        """Number of segments."""
         return len(self.edges) + 1
 
     @property
     def words(self) -> str:
-        """Return the segments as text for the command line, such as "tick=1000,5000"."""
-        return (
-            f"{self.field}={','.join(f'{edge:.9g}' for edge in self.edges)}" if self.field else ""
-        )
+        """The segments as text for the command line, such as "tick=1000,5000"; "" for WHOLE."""
+        if not self.field:
+            return ""
+        # Nine digits determine a float32.
+        return f"{self.field}={','.join(f'{edge:.9g}' for edge in self.edges)}"
 
     @staticmethod
     def parsed(text: str) -> Segments:
-        """Parse `FIELD=EDGE,EDGE`; "" is WHOLE. Raises ValueError for anything else."""
+        """Return the segments of a text such as "tick=1,5"; WHOLE for "". Raises ValueError."""
         if not text:
             return WHOLE
         field, _, edges = text.strip().partition("=")
         try:
-            return Segments(field or "?", tuple(map(float, edges.split(","))))
+            # "?" is not the name of a signal, so a missing name is refused too.
+            return Segments(field or "?", tuple(float(edge) for edge in edges.split(",")))
         except ValueError:
             raise ValueError(
                 f"--segments {text!r}: expected the name of a signal and ascending numbers, such as"
@@ -90,31 +92,34 @@ class Monitor:
 
     @property
     def limits(self) -> np.ndarray:
-        """Return the value above which a term raises an alarm, in its unit; [terms, segments]."""
+        """The value above which a term raises an alarm, in the term's unit; [terms, segments]."""
         return np.array(self.scales) * self.threshold
 
 
 def split_scores(scores: Sequence[Score]) -> tuple[Score, ...]:
-    """Split scores into single channels with scale 1, so that each channel can have a limit."""
-    singles = [single.scaled([1.0]) for score in scores for single in score.singles]
-    return tuple({single.name: single for single in singles}.values())
-
-
-def list_reads(terms: Sequence[Score], segments: Segments) -> dict[str, str]:
-    """Return the monitor's inputs in order: name of the number -> expression in the robot's view.
-
-    For example, "boards_cmd_shoulder" -> "view.boards_cmd[0]".
+    """Return a score with scale 1 for each channel of the scores. A channel that is in several
+    scores is returned once.
     """
-    reads = {}
+    channels = [channel.scaled([1.0]) for score in scores for channel in score.channel_scores]
+    return tuple({channel.name: channel for channel in channels}.values())
+
+
+def input_expressions(terms: Sequence[Score], segments: Segments) -> dict[str, str]:
+    """Return the names of a monitor's inputs in order, each with the Python expression that reads
+    it from the robot's view, such as {"boards_cmd_shoulder": "view.boards_cmd[0]"}.
+    """
+    expressions = {}
     for term in terms:
-        for field in filter(None, (term.signal, term.against)):
-            place = f"[{term.channels[0]}]" if term.channels else ""
-            reads[name_read(term, field)] = f"view.{field}{place}"
+        # A signal without channels is a single number, which needs no index.
+        index = f"[{term.channels[0]}]" if term.channels else ""
+        expressions[input_name(term, term.signal)] = f"view.{term.signal}{index}"
+        if term.against:
+            expressions[input_name(term, term.against)] = f"view.{term.against}{index}"
     if segments.field:
-        reads.setdefault(segments.field, f"view.{segments.field}")
-    return reads
+        expressions.setdefault(segments.field, f"view.{segments.field}")
+    return expressions
 
 
-def name_read(term: Score, field: str) -> str:
-    """Return the name of the number that a term reads from a field, such as boards_cmd_shoulder."""
+def input_name(term: Score, field: str) -> str:
+    """Return a name for the number that a term reads from a field, such as boards_cmd_shoulder."""
     return f"{field}_{term.labels[0]}" if term.channels else field

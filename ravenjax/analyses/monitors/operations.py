@@ -9,6 +9,7 @@ of an operator in parallel.
 """
 
 import dataclasses
+import math
 import threading
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -29,12 +30,13 @@ from ravenjax.errors import UserError, describe_unknown_name
 from ravenjax.report import wording
 from ravenjax.store.access import fault_free
 
-CALIBRATION, FRESH = 0, 1
+CALIBRATION_STREAM, NEW_STREAM = 0, 1
 """Streams of operators. The two streams share no operator."""
 MS_PER_HOUR = 3.6e6
-MOST_AT_A_TIME = 32
+MAX_PARALLEL_OPERATORS = 32
 """Largest number of operators whose operations are computed in parallel."""
 _ARMED_AFTER = "detectors.armed_after"
+"""Parameter of a robot: the tick from which detectors are active."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,10 +47,10 @@ class OperationDesign:
     robots: int  # number of operations per operator, each with a different robot
     length_s: float  # duration of an operation
     seed: int
-    stream: int = CALIBRATION
+    stream: int = CALIBRATION_STREAM
 
     def operator(self, number: int) -> tuple[str, int]:
-        """Return motion and seed of an operator, which depend only on number, seed and stream."""
+        """Return motion and random seed of an operator. They depend only on number and design."""
         rng = np.random.default_rng([self.seed, self.stream, number])
         return self.motions[int(rng.integers(len(self.motions)))], int(rng.integers(2**31))
 
@@ -65,35 +67,30 @@ class OperatorScores:
     hours: np.ndarray  # time in which the detectors were active
 
 
-def operator_campaign(config: CampaignConfig, design: OperationDesign) -> CampaignConfig:
+def fault_free_campaign(config: CampaignConfig, design: OperationDesign) -> CampaignConfig:
     """Return `config` as a fault-free campaign with the duration of the design's operations.
 
     If the design has several robots, or a parameter has a list, robots are drawn at random. Groups,
     [reaction] and [stop] are left out.
     """
-    random = design.robots > 1 or any(axis.kind == "list" for axis in config.parameters.values())
-    return validate_tables(
-        fault_free_tables(
-            config.model_dump(mode="json"),
-            design.robots * random,
-            name="fault_free",
-            duration_s=design.length_s,
-            observe_ms=None,
-        )
-    )
+    has_list = any(axis.kind == "list" for axis in config.parameters.values())
+    # 0: the campaign draws no robots, and has one run.
+    drawn_robots = design.robots if design.robots > 1 or has_list else 0
+    raw = config.model_dump(mode="json")
+    settings = {"name": "fault_free", "duration_s": design.length_s, "observe_ms": None}
+    return validate_tables(fault_free_tables(raw, drawn_robots, **settings))
 
 
-def of_operator(campaign: CampaignConfig, design: OperationDesign, number: int) -> CampaignConfig:
-    """Return the campaign with the motion and the random seed of one operator."""
+def campaign_of_operator(
+    campaign: CampaignConfig, design: OperationDesign, number: int
+) -> CampaignConfig:
+    """Return `campaign` with the motion and the random seed of the operator `number`."""
     motion, seed = design.operator(number)
-    own: Any = campaign
-    settings = own.campaign.model_copy(update={"seed": seed})
-    return own.model_copy(
-        update={
-            "campaign": settings,
-            "operator": own.operator.model_copy(update={"motion": motion, "seed": seed}),
-        }
-    )
+    # The table `operator` depends on the robot, so its type is not known.
+    config: Any = campaign
+    settings = config.campaign.model_copy(update={"seed": seed})
+    operator = config.operator.model_copy(update={"motion": motion, "seed": seed})
+    return config.model_copy(update={"campaign": settings, "operator": operator})
 
 
 def require_runnable(config: CampaignConfig, design: OperationDesign) -> None:
@@ -104,6 +101,7 @@ def require_runnable(config: CampaignConfig, design: OperationDesign) -> None:
         or config.random_packets
         or any(axis.drawn for axis in config.parameters.values())
     )
+    # The template writes the first reason why the campaign cannot run, or nothing.
     template = wording.text_templates(__package__).get_template("unrunnable.txt.j2")
     problem = template.render(
         config=config,
@@ -111,8 +109,8 @@ def require_runnable(config: CampaignConfig, design: OperationDesign) -> None:
         operator=config.model_dump(mode="json").get("operator") or {},
         names=names,
         unknown=[motion for motion in design.motions if motion not in names],
-        still=[motion for motion in design.motions if motion in fault_free.UNVARIED],
-        alike=design.robots > 1 and not robot_varies,
+        same_for_every_seed=[motion for motion in design.motions if motion in fault_free.UNVARIED],
+        robots_are_equal=design.robots > 1 and not robot_varies,
         describe_unknown_name=describe_unknown_name,
     )
     if problem:
@@ -125,69 +123,75 @@ class OperationRunner:
     def __init__(
         self, config: CampaignConfig, design: OperationDesign, engine: str = "auto"
     ) -> None:
-        """Choose an engine. Raise UserError for a campaign that cannot be run."""
+        """Choose an engine. Raise UserError for a campaign that cannot run without faults."""
         require_runnable(config, design)
         compile_cache.enable_cache()
-        self.config, self.design = operator_campaign(config, design), design
-        self._first = plan.make_plan(of_operator(self.config, design, 0))
+        self.config, self.design = fault_free_campaign(config, design), design
+        self._first = plan.make_plan(campaign_of_operator(self.config, design, 0))
         self._engine: Engine = selection.select_engine(
             engine, self._first.program.setup.precision, compile_cache.object_cache()
         )
         self.engine = f"{self._engine.name} on {self._engine.device}"
         self.detectors = tuple(name for name, *_ in config.detectors)
-        self._own, self._lock = threading.local(), threading.Lock()
+        self._thread_data, self._compile_lock = threading.local(), threading.Lock()
 
     def compute(self, numbers: Sequence[int]) -> Iterator[OperatorScores]:
-        """Yield the scores of these operators in order. Closing the iterator cancels the rest."""
+        """Yield the scores of these operators in order. Several are computed in parallel. Closing
+        the iterator cancels operators that have not begun.
+        """
         # Enough operators in parallel to fill the engine. One more thread plans the next operator
         # while the others compute.
         lanes = self._kernel(self._first).branches
-        some = min(MOST_AT_A_TIME, -(-lanes // self.design.robots))
-        threads = 1 + max(self._engine.threads, some)
+        operators = min(MAX_PARALLEL_OPERATORS, math.ceil(lanes / self.design.robots))
+        threads = 1 + max(self._engine.threads, operators)
         with ThreadPoolExecutor(threads) as pool:
-            coming: deque[Future[OperatorScores]] = deque()
-            rest = iter(numbers)
+            pending: deque[Future[OperatorScores]] = deque()
             try:
-                while True:
-                    while len(coming) < 2 * threads and (number := next(rest, None)) is not None:
-                        coming.append(pool.submit(self._operator, number))
-                    if not coming:
-                        return
-                    yield interruption.wait_for_result(coming.popleft())
+                for number in numbers:
+                    pending.append(pool.submit(self._operator, number))
+                    # Two operators per thread keep all threads busy. More would use memory.
+                    if len(pending) == 2 * threads:
+                        yield interruption.wait_for_result(pending.popleft())
+                while pending:
+                    yield interruption.wait_for_result(pending.popleft())
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
 
     def _operator(self, number: int) -> OperatorScores:
-        # Computes all operations of one operator, in blocks that fill the kernel's lanes.
-        ready = plan.make_plan(of_operator(self.config, self.design, number))
+        # Computes all operations of the operator `number`, in blocks that fill the kernel's lanes.
+        ready = plan.make_plan(campaign_of_operator(self.config, self.design, number))
         assert ready.runs == self.design.robots, (
             f"{ready.runs} operations of {self.design.robots} robots"
         )
         kernel = self._kernel(ready)
-        parts = [
-            self._block(ready, kernel, np.arange(first, min(first + kernel.lanes, ready.runs)))
-            for first in range(0, ready.runs, kernel.lanes)
-        ]
-        score, hours = (np.concatenate(column) for column in zip(*parts, strict=True))
-        return OperatorScores(number, *self.design.operator(number), score, hours)
+        scores, hours = [], []
+        for first in range(0, ready.runs, kernel.lanes):
+            rows = np.arange(first, min(first + kernel.lanes, ready.runs))
+            block_scores, block_hours = self._block(ready, kernel, rows)
+            scores.append(block_scores)
+            hours.append(block_hours)
+        motion, seed = self.design.operator(number)
+        return OperatorScores(number, motion, seed, np.concatenate(scores), np.concatenate(hours))
 
     def _block(
         self, ready: Plan, kernel: Kernel, rows: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        # Returns scores [rows, detectors], NaN for failed runs, and the hours [rows] in which the
-        # detectors were active.
-        program, lanes = ready.program, kernel.size(len(rows))
+        """Compute the runs `rows` of a plan. Return scores [rows, detectors], NaN for failed runs,
+        and the hours [rows] in which the detectors were active.
+        """
+        lanes = kernel.size(len(rows))
         block = Block(*ready.lanes(rows, lanes, harmless=True), NO_REFERENCE)
-        own = kernel.run(block, ready.columns).outcomes
-        columns = [own[f"detector{d}_score"][: len(rows)] for d in range(len(self.detectors))]
-        score = np.stack(columns, axis=1).astype(np.float32)
-        score[own["failed_ms"][: len(rows)] >= 0] = np.nan
-        armed_after = ready.varied.get(_ARMED_AFTER, program.params.detectors.armed_after)
-        looked_ms = np.maximum(
-            own["pedal_down_ms"][: len(rows)] - int(np.max(np.asarray(armed_after))), 0
-        )
-        return score, looked_ms / MS_PER_HOUR
+        # The kernel may have more lanes than rows. The additional lanes are not used.
+        lane_outcomes = kernel.run(block, ready.columns).outcomes
+        outcomes = {name: column[: len(rows)] for name, column in lane_outcomes.items()}
+        columns = [outcomes[f"detector{d}_score"] for d in range(len(self.detectors))]
+        scores = np.stack(columns, axis=1).astype(np.float32)
+        scores[outcomes["failed_ms"] >= 0] = np.nan
+        # Robots may differ in this parameter. The largest value gives the fewest active hours.
+        armed_after = ready.varied.get(_ARMED_AFTER, ready.program.params.detectors.armed_after)
+        active_ms = outcomes["pedal_down_ms"] - int(np.max(np.asarray(armed_after)))
+        return scores, np.maximum(active_ms, 0) / MS_PER_HOUR
 
     def _kernel(self, ready: Plan) -> Kernel:
         """Return the compiled kernel of a plan's program.
@@ -195,12 +199,14 @@ class OperationRunner:
         A kernel is used again for an equal program, as operators with generated motions have. Each
         thread has a separate kernel, so that a GPU can compute several blocks in parallel.
         """
-        kernels: list[tuple[TickProgram, Kernel]] = self._own.__dict__.setdefault("kernels", [])
+        kernels: list[tuple[TickProgram, Kernel]] = self._thread_data.__dict__.setdefault(
+            "kernels", []
+        )
         for program, kernel in kernels:
             if program == ready.program:
                 return kernel
         # With the lock, only the first thread compiles, and the others find its code in the cache.
-        with self._lock:
+        with self._compile_lock:
             kernel = self._engine.compile(ready.program, self.design.robots)
             rows = np.arange(min(ready.runs, kernel.lanes))
             lanes = kernel.size(len(rows))

@@ -22,40 +22,46 @@ FOLDER, DESIGN, PARTS = "operations", "design.json", "parts"
 
 
 def open_folder(folder: Path, design: dict[str, Any]) -> None:
-    """Create or continue a folder of operations. Raise UserError if it has another design."""
+    """Create or continue a folder of operations. Raise UserError if it has another design.
+
+    `design`: everything on which the scores depend, as JSON values. It is stored in the folder.
+    """
     (folder / PARTS).mkdir(parents=True, exist_ok=True)
     files.require_writable(folder)
     path, text = folder / DESIGN, json.dumps(design, indent=1) + "\n"
     if not path.exists():
         files.write_text(path, text)
-    before, after = read_design(folder), json.loads(text)
-    if other := sorted(key for key in {*before, *after} if before.get(key) != after.get(key)):
+    # Both designs are parsed from JSON, because JSON makes lists of tuples.
+    stored, requested = read_design(folder), json.loads(text)
+    keys = sorted({*stored, *requested})
+    if different := [key for key in keys if stored.get(key) != requested.get(key)]:
         raise UserError(
-            f"{folder} contains operations with another {' and '.join(other)}: name another"
+            f"{folder} contains operations with another {' and '.join(different)}: name another"
             " folder, or continue with the same campaign, signals and options"
         )
 
 
 def list_missing(folder: Path, units: int) -> list[int]:
-    """Return the operators below `units` that are not in the folder."""
+    """Return which of the operators 0 to `units` - 1 have no operations in the folder yet."""
     return [number for number in range(units) if not _file(folder, number).exists()]
 
 
 def add_scores(folder: Path, operator: OperatorScores) -> None:
-    """Store the operations of an operator."""
-    columns = {"hours": operator.hours} | {
-        f"score{number}": scores for number, scores in enumerate(operator.score.T)
-    }
-    table = pd.DataFrame(columns).assign(
-        operator=operator.operator, motion=operator.motion, seed=operator.seed
-    )
+    """Write the operations of an operator to a file, one row each. The file has a column `score0`,
+    `score1`, .. for each detector.
+    """
+    table = pd.DataFrame({"hours": operator.hours})
+    for number, scores in enumerate(operator.score.T):
+        table[f"score{number}"] = scores
+    table = table.assign(operator=operator.operator, motion=operator.motion, seed=operator.seed)
     files.write_aside(
         _file(folder, operator.operator), lambda path: table.to_parquet(path, index=False)
     )
 
 
 def read_scores(folder: Path, units: int | None = None) -> OperationScores:
-    """Return the scores of the operations in a folder, of operators with numbers below `units`.
+    """Return the scores of the operations in a folder; only of operators with numbers below
+    `units`, if it is given.
 
     score: float32 [operations, detectors]; NaN for a failed run. Raise StoreError if the folder
     has no operations or a damaged file.
@@ -68,12 +74,12 @@ def read_scores(folder: Path, units: int | None = None) -> OperationScores:
     except UserError as error:
         raise StoreError(f"{error}; delete the file, and the same command continues") from None
     score = table.filter(regex=r"^score\d+$").to_numpy(np.float32)
-    peaks = OperationScores(table["operator"].to_numpy(), score, table["hours"].to_numpy())
-    return peaks if units is None else peaks.taken_from(np.arange(units))
+    scores = OperationScores(table["operator"].to_numpy(), score, table["hours"].to_numpy())
+    return scores if units is None else scores.taken_from(np.arange(units))
 
 
 def read_design(folder: Path) -> dict[str, Any]:
-    """Return the design of a folder's operations. Raises StoreError."""
+    """Return the stored design of a folder. Raise StoreError if it is missing or damaged."""
     try:
         content = files.parse_json((folder / DESIGN).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:

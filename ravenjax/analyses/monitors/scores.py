@@ -46,8 +46,10 @@ class Score:
     against: str = ""  # second field of a residual, with the same channels
 
     def __post_init__(self) -> None:
-        # These words become code. They may come from a file of somebody else.
-        for word in (self.name, self.signal, *filter(None, (self.against, *self.labels))):
+        # These words become code, and they may come from a file of somebody else. Only `against`
+        # and labels may be empty.
+        optional_words = [word for word in (self.against, *self.labels) if word]
+        for word in (self.name, self.signal, *optional_words):
             if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", word):
                 raise ValueError(
                     f"score {self.name!r}: {word!r} must start with a letter and have only letters,"
@@ -56,14 +58,14 @@ class Score:
 
     @property
     def words(self) -> str:
-        """Describe what the score observes: "step of boards_cmd (shoulder) within a tick"."""
-        labels = ", ".join(filter(None, self.labels))
+        """What the score observes, such as "step of boards_cmd (shoulder) within a tick"."""
+        labels = ", ".join(label for label in self.labels if label)
         what = f"{self.signal} ({labels})" if labels else self.signal
         return _WORDS[self.kind].format(what=what, against=self.against)
 
     @property
-    def singles(self) -> tuple[Score, ...]:
-        """Return each channel as a separate score."""
+    def channel_scores(self) -> tuple[Score, ...]:
+        """A separate score for each channel, with the channel's label in its name."""
         if len(self.labels) == 1:
             return (self,)
         return tuple(
@@ -96,42 +98,49 @@ def list_candidates(robot: Robot) -> tuple[Score, ...]:
             f"robot {robot.name!r} declares no signals that a check could observe. Expected"
             " `signals` in its ROBOT, as ravenjax.vocabulary.signals describes"
         )
-    return tuple(score for signal in robot.signals for score in _of(signal))
+    return tuple(score for signal in robot.signals for score in _scores_of(signal))
 
 
-def _of(signal: Signal) -> Iterator[Score]:
-    # Yields every score of a signal: its magnitude, its step, and its distance from other signals.
-    kinds: list[tuple[Kind, str]] = [("residual", field) for field in signal.against]
-    if signal.steps:
-        kinds.insert(0, ("rate", ""))
+def _scores_of(signal: Signal) -> Iterator[Score]:
+    """Yield all scores of a signal, with scales 1: its magnitude, its step, and its distance from
+    other signals, each for every set of channels that are observed together.
+    """
+    # The kind of each score, and the other signal of a residual.
+    kinds: list[tuple[Kind, str]] = []
     if signal.bounded:
-        kinds.insert(0, ("bound", ""))
+        kinds.append(("bound", ""))
+    if signal.steps:
+        kinds.append(("rate", ""))
+    for field in signal.against:
+        kinds.append(("residual", field))
     for kind, against in kinds:
-        for label, channels in _channels(signal):
-            named = tuple(signal.channels[place] for place in channels) or ("",)
-            words = (signal.field, kind, against, label)
+        for set_name, indices in _channel_sets(signal):
+            # A signal without channels has one number, without a label.
+            labels = tuple(signal.channels[index] for index in indices) or ("",)
+            words = (signal.field, kind, against, set_name)
             yield Score(
-                "_".join(filter(None, words)),
-                kind,
-                signal.field,
-                channels,
-                named,
-                tuple(signal.unit_of(name) for name in named),
-                (1.0,) * len(named),
-                signal.layer,
-                against,
+                name="_".join(word for word in words if word),
+                kind=kind,
+                signal=signal.field,
+                channels=indices,
+                labels=labels,
+                units=tuple(signal.unit_of(label) for label in labels),
+                scales=(1.0,) * len(labels),
+                layer=signal.layer,
+                against=against,
             )
 
 
-def _channels(signal: Signal) -> Iterator[tuple[str, tuple[int, ...]]]:
-    """Yield (name, indices) of each set of channels that are observed together.
+def _channel_sets(signal: Signal) -> Iterator[tuple[str, tuple[int, ...]]]:
+    """Yield (name, channel indices) of each set of channels that are observed together.
 
-    The first set has no name and contains all channels that are in no other set.
+    The first set has no name and contains all channels that are in no other set. A signal without
+    channels has one set without indices.
     """
     if not signal.channels:
         yield "", ()
         return
-    joined = {channel for _, channels in signal.together for channel in channels}
-    yield "", tuple(place for place, channel in enumerate(signal.channels) if channel not in joined)
+    in_named_set = {channel for _, channels in signal.together for channel in channels}
+    yield ("", tuple(i for i, channel in enumerate(signal.channels) if channel not in in_named_set))
     for name, channels in signal.together:
         yield name, tuple(signal.channels.index(channel) for channel in channels)

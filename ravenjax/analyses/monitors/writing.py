@@ -14,7 +14,7 @@ from pydantic import TypeAdapter
 from ravenjax import consent
 from ravenjax.analyses.monitors import calibration, code, score_folder
 from ravenjax.analyses.monitors.calibration import Calibrated
-from ravenjax.analyses.monitors.monitor import Monitor, Segments, list_reads
+from ravenjax.analyses.monitors.monitor import Monitor, Segments, input_expressions
 from ravenjax.analyses.monitors.operations import OperationDesign
 from ravenjax.analyses.monitors.scores import Score
 from ravenjax.campaign import compile_cache, plan
@@ -40,10 +40,13 @@ ENGINE = "simd"
 def write_monitor(
     out: Path, config: CampaignConfig, design: OperationDesign, result: Calibrated
 ) -> None:
-    """Write the files of a monitor into `out`, which already contains its operations."""
+    """Write a monitor's code in Python and C, test vector, reference scores and record into the
+    folder `out`, which already contains its operations.
+    """
     monitor, notes = result.monitor, describe_promise(result, design)
-    detector = {"name": "monitor", "file": code.PART, "threshold": [_short(monitor.threshold)]}
-    title = f"{' '.join(notes)} As a detector: threshold = {detector['threshold']}"
+    thresholds = [_nine_digits(monitor.threshold)]
+    detector = {"name": "monitor", "file": code.PART, "threshold": thresholds}
+    title = f"{' '.join(notes)} As a detector: threshold = {thresholds}"
     operations = score_folder.read_scores(out / score_folder.FOLDER)
     texts = {
         code.PART: code.write_part(monitor.terms, monitor.segments, monitor.scales, title),
@@ -56,13 +59,13 @@ def write_monitor(
     for name, text in texts.items():
         files.write_text(out / name, text)
     templates = wording.text_templates(__package__)
-    templates.filters |= {"short": _short, "toml": lambda value: tomlkit.item(value).as_string()}
+    templates.filters |= {"short": _nine_digits, "toml": lambda x: tomlkit.item(x).as_string()}
     record = templates.get_template(f"{RECORD}.j2").render(
         config=config,
         design=design,
         result=result,
         promise=" ".join(notes),
-        reads=list_reads(monitor.terms, monitor.segments),
+        inputs=input_expressions(monitor.terms, monitor.segments),
         code=manifest.code_hash(config.robot),
         sha256={name: files.hash_file(out / name) for name in texts},
         asdict=dataclasses.asdict,
@@ -71,7 +74,7 @@ def write_monitor(
 
 
 def describe_promise(result: Calibrated, design: OperationDesign) -> list[str]:
-    """Return the monitor's guaranteed false-alarm rate and its conditions, as lines of text."""
+    """Return lines of text on the largest false-alarm rate of the monitor and its conditions."""
     template = wording.text_templates(__package__).get_template("promise.txt.j2")
     return template.render(
         target=result.target, threshold=result.threshold, design=design
@@ -79,16 +82,20 @@ def describe_promise(result: Calibrated, design: OperationDesign) -> list[str]:
 
 
 def read_monitor(folder: Path) -> tuple[Monitor, dict[str, Any]]:
-    """Read the monitor of a folder and its record. Raises StoreError."""
+    """Return the monitor of a folder, and the content of its file RECORD. Raise StoreError if a
+    file is missing, damaged, or was changed after the calibration.
+    """
     path = folder / RECORD
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
+        # A term in the file has a scale for each segment, but a score has one for each channel.
         terms = [table | {"scales": [1.0]} for table in content["term"]]
+        scales = [tuple(map(_float32, table["scales"])) for table in content["term"]]
         monitor = Monitor(
-            TypeAdapter(tuple[Score, ...]).validate_python(terms),
-            Segments.parsed(content["monitor"]["segments"]),
-            tuple(tuple(map(_float32, one["scales"])) for one in content["term"]),
-            _float32(content["monitor"]["threshold"]),
+            terms=TypeAdapter(tuple[Score, ...]).validate_python(terms),
+            segments=Segments.parsed(content["monitor"]["segments"]),
+            scales=tuple(scales),
+            threshold=_float32(content["monitor"]["threshold"]),
         )
     except OSError as error:
         raise StoreError(
@@ -111,27 +118,27 @@ def read_monitor(folder: Path) -> tuple[Monitor, dict[str, Any]]:
 
 
 def _reference(peaks: OperationScores, monitor: Monitor) -> pd.DataFrame:
-    """Return reference scores, with which `ravenjax monitor` compares those of new operations.
+    """Return the scores with which `ravenjax monitor check` compares the scores of new operations.
 
-    There is one row for the first operation of each operator who was not used to scale the scores.
+    There is one row for the first operation of each operator who did not determine the scales.
     """
-    first = peaks.one_each()
-    unscaled = ~calibration.assign_uses(first.unit).scale
+    first = peaks.first_operations()
+    determined_scales = calibration.assign_uses(first.unit).scale
     scores = {"operator": first.unit, **score_columns(monitor, first.score)}
-    return pd.DataFrame(scores).loc[unscaled]
+    return pd.DataFrame(scores).loc[~determined_scales]
 
 
-def score_columns(monitor: Monitor, peak: np.ndarray) -> dict[str, np.ndarray]:
-    """Return columns [operations] by name: SCORE, the joint score, and one for each term of the
-    monitor in each segment. peak: largest scores [operations, terms * segments].
+def score_columns(monitor: Monitor, peaks: np.ndarray) -> dict[str, np.ndarray]:
+    """Return columns [operations] by name: the joint score (SCORE), and the score of each term in
+    each segment. `peaks`: largest scores [operations, terms * segments].
     """
     names = [
         term.name if monitor.segments.count == 1 else f"{term.name}/{segment}"
         for term in monitor.terms
         for segment in range(monitor.segments.count)
     ]
-    joint = threshold.joint_scores(peak, np.array(monitor.scales))
-    return {SCORE: joint, **dict(zip(names, peak.T, strict=True))}
+    joint = threshold.joint_scores(peaks, np.array(monitor.scales))
+    return {SCORE: joint, **dict(zip(names, peaks.T, strict=True))}
 
 
 def _csv(table: pd.DataFrame) -> str:
@@ -139,7 +146,7 @@ def _csv(table: pd.DataFrame) -> str:
     return table.to_csv(index=False, float_format="%.9g", lineterminator="\n")
 
 
-def _short(value: float) -> float:
+def _nine_digits(value: float) -> float:
     """Round to nine digits, from which the bits of a float32 can be restored."""
     return float(f"{value:.9g}")
 
@@ -158,7 +165,6 @@ FAULT = {
     "duration_ms": 100,
 }
 """Fault of the test vector, for a robot with this site. It is large enough to cause an alarm."""
-_NAME, _CONSECUTIVE = "monitor", 2
 
 
 def compute_test_vector(
@@ -173,36 +179,39 @@ def compute_test_vector(
     compile_cache.enable_cache()
     with TemporaryDirectory() as folder, consent.given_for(Path(folder)):
         file = Path(folder) / "monitor.py"
-        text = code.write_part(monitor.terms, monitor.segments, monitor.scales, records=True)
+        text = code.write_part(monitor.terms, monitor.segments, monitor.scales, stores_inputs=True)
         file.write_text(text, encoding="utf-8")
-        ready = plan.make_plan(_campaign(config, monitor, seed, file))
+        ready = plan.make_plan(_test_vector_campaign(config, monitor, seed, file))
         program: Any = ready.program
         tracer = selection.select_engine(
             engine, program.setup.precision, compile_cache.object_cache()
         ).tracer(program, LANES)
-        golden, block = (
-            Block(*ready.lanes([0], LANES, harmless=harmless), None) for harmless in (True, False)
-        )
-        *_, signals = tracer.run(golden, block, ready.columns)
+        golden = Block(*ready.lanes([0], LANES, harmless=True), None)
+        faulty = Block(*ready.lanes([0], LANES, harmless=False), None)
+        *_, signals = tracer.run(golden, faulty, ready.columns)
     signals = program.loop.name_signals(program.setup, signals)
+    # The campaign has one arm and one detector, whose file stores its inputs in its state.
     detectors = signals["detectors"]
-    own, before = detectors.own[0][0], detectors.detectors[0].recent[0]
+    detector_state = detectors.own[0][0]
+    score = np.asarray(detectors.detectors[0].recent[0], np.float32)
     armed_after = ready.program.params.detectors.armed_after
-    live = np.asarray(signals["live"]).astype(bool) & (np.arange(len(before)) >= armed_after)
-    score = np.asarray(before, np.float32)
+    live = np.asarray(signals["live"]).astype(bool) & (np.arange(len(score)) >= armed_after)
     inputs = {
-        name: np.asarray(getattr(own, f"read_{name}"), np.float32)
-        for name in list_reads(monitor.terms, monitor.segments)
+        name: np.asarray(getattr(detector_state, f"read_{name}"), np.float32)
+        for name in input_expressions(monitor.terms, monitor.segments)
     }
     alarm = score > np.float32(monitor.threshold)
     columns = {"live": live.astype(int), **inputs, "score": score, "alarm": alarm.astype(int)}
     return pd.DataFrame({"ms": range(len(score))} | columns)
 
 
-def _campaign(config: CampaignConfig, monitor: Monitor, seed: int, file: Path) -> CampaignConfig:
-    # Returns a campaign with one short run, whose signals become the test vector. The detector
-    # waits for 2 consecutive scores, because it then stores its last score, which is recorded.
-    own, robot = config.model_dump(mode="json"), config.robot
+def _test_vector_campaign(
+    config: CampaignConfig, monitor: Monitor, seed: int, file: Path
+) -> CampaignConfig:
+    """Return a campaign with one short run of one arm, whose signals become the test vector. Its
+    only detector is the monitor, in the Python file `file`.
+    """
+    content, robot = config.model_dump(mode="json"), config.robot
     group: dict[str, Any] = {"name": "vector"}
     if FAULT["site"] in robot.sites:
         group["fault"] = [FAULT | {"channel": robot.joints[0]}]
@@ -213,21 +222,16 @@ def _campaign(config: CampaignConfig, monitor: Monitor, seed: int, file: Path) -
         "limit": None,
         "observe_ms": None,
     }
-    raw = own | {"reaction": None, "stop": None, "cross": {}, "group": [group]}
-    raw["campaign"] = own["campaign"] | settings
+    raw = content | {"reaction": None, "stop": None, "cross": {}, "group": [group]}
+    raw["campaign"] = content["campaign"] | settings
     # Parameters with several values, and parameters of other arms, are left out.
-    lost = {f".{arm}." for arm in config.campaign.arms[1:]}
+    other_arms = {f".{arm}." for arm in config.campaign.arms[1:]}
     raw["parameters"] = {
         path: value
-        for path, value in own["parameters"].items()
-        if config.parameters[path].kind == "fixed" and not any(arm in path for arm in lost)
+        for path, value in content["parameters"].items()
+        if config.parameters[path].kind == "fixed" and not any(arm in path for arm in other_arms)
     }
-    raw["detector"] = [
-        {
-            "name": _NAME,
-            "file": str(file),
-            "consecutive": _CONSECUTIVE,
-            "threshold": [monitor.threshold],
-        }
-    ]
+    # Only a detector that waits for several scores stores its last score, which is recorded.
+    detector = {"name": "monitor", "file": str(file), "consecutive": 2}
+    raw["detector"] = [detector | {"threshold": [monitor.threshold]}]
     return validate_tables(raw)

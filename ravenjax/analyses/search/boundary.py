@@ -49,18 +49,21 @@ class SearchRange:
     # Accepted width of a bracket, as a share of its lower end (log) or of the whole range.
     tolerance: float
 
-    def spread(self, low: np.ndarray, high: np.ndarray, points: int) -> np.ndarray:
-        """Return [points, cells] evenly spaced from `low` to `high` [cells], both included."""
+    def spaced(self, low: np.ndarray, high: np.ndarray, points: int) -> np.ndarray:
+        """Return [points, cells] evenly spaced on the scale, from `low` to `high` [cells]."""
         share = np.linspace(0.0, 1.0, points)[:, None]
         if self.log:
             values = np.exp(np.log(low) * (1.0 - share) + np.log(high) * share)
         else:
             values = low * (1.0 - share) + high * share
+        # The exact ends, without rounding.
         values[0], values[-1] = low, high
         return values
 
-    def narrow(self, low: np.ndarray, high: np.ndarray, whole: np.ndarray) -> np.ndarray:
-        """Return whether brackets are narrow enough, or contain no further whole number."""
+    def is_narrow(self, low: np.ndarray, high: np.ndarray, whole: np.ndarray) -> np.ndarray:
+        """Return whether brackets from `low` to `high` are narrow enough, bool [cells]. A bracket
+        of whole numbers is narrow, too, if no whole number lies inside.
+        """
         width = self.tolerance * (low if self.log else self.high - self.low)
         return (high - low <= width) | (whole & (high - low <= 1.0))
 
@@ -79,14 +82,13 @@ class Brackets:
 
     @property
     def monotone(self) -> np.ndarray:
-        """Return whether all values of the scan after the first harmful one are harmful; bool
-        [cells].
-        """
-        single = [
-            len(changes) <= (state != ALWAYS)
+        """Whether all values of the scan after the first harmful one are harmful; bool [cells]."""
+        # Harm begins at one change, or at the first value without a change.
+        monotone = [
+            len(changes) <= (0 if state == ALWAYS else 1)
             for state, changes in zip(self.state, self.changes, strict=True)
         ]
-        return np.array(single, bool)
+        return np.array(monotone, bool)
 
 
 def find_brackets(
@@ -98,56 +100,60 @@ def find_brackets(
     are tried first, evenly spaced over the range. A bisection follows.
     """
     cells = len(whole)
-    tried = within.spread(np.full(cells, within.low), np.full(cells, within.high), scan)
-    tried = np.where(whole, np.rint(tried), tried)
-    answer = evaluate(np.tile(np.arange(cells), scan), tried.reshape(-1)).reshape(tried.shape)
-    state, low, high = _first(answer, tried)
-    changes = tuple(_changes(answer[:, cell], tried[:, cell]) for cell in range(cells))
+    values = within.spaced(np.full(cells, within.low), np.full(cells, within.high), scan)
+    values = np.where(whole, np.rint(values), values)
+    harm = evaluate(np.tile(np.arange(cells), scan), values.reshape(-1)).reshape(values.shape)
+    state, low, high = _bracket_first_harm(harm, values)
+    changes = tuple(_list_changes(harm[:, cell], values[:, cell]) for cell in range(cells))
     steps = 0
-    while len(active := np.flatnonzero((state == CROSSING) & ~within.narrow(low, high, whole))):
+    while True:
+        active = np.flatnonzero((state == CROSSING) & ~within.is_narrow(low, high, whole))
+        if not len(active):
+            return Brackets(state, low, high, changes, steps)
         steps += 1
-        tried = within.spread(low[active], high[active], 3)
+        # The middle is computed. The lower end is known to be harmless, the upper end harmful.
+        values = within.spaced(low[active], high[active], 3)
         # If whole numbers are more than 1 apart, a whole number lies between them.
-        inner = np.clip(np.rint(tried[1]), low[active] + 1.0, high[active] - 1.0)
-        tried[1] = np.where(whole[active], inner, tried[1])
-        answer = np.repeat([[0.0], [np.nan], [1.0]], len(active), axis=1)
-        answer[1] = evaluate(active, tried[1])
-        state[active], low[active], high[active] = _first(answer, tried)
-    return Brackets(state, low, high, changes, steps)
+        whole_middle = np.clip(np.rint(values[1]), low[active] + 1.0, high[active] - 1.0)
+        values[1] = np.where(whole[active], whole_middle, values[1])
+        harm = np.repeat([[0.0], [np.nan], [1.0]], len(active), axis=1)
+        harm[1] = evaluate(active, values[1])
+        state[active], low[active], high[active] = _bracket_first_harm(harm, values)
 
 
-def _first(answer: np.ndarray, tried: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return state, low and high of `Brackets` for each column of answers [values, cells].
+def _bracket_first_harm(
+    harm: np.ndarray, values: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return `state`, `low` and `high` of `Brackets`.
 
-    `tried`: the values [values, cells] in ascending order.
+    `values`: ascending [values, cells]. `harm` of each: 1 harm, 0 no harm, NaN no valid outcome.
     """
-    yes = answer == 1.0
-    first = np.argmax(yes, axis=0)
-    cells = np.arange(answer.shape[1])
-    state = np.where(~yes.any(axis=0), NEVER, np.where(first == 0, ALWAYS, CROSSING))
-    state = np.where(np.isnan(answer).any(axis=0), INVALID, state).astype(object)
+    is_harmful = harm == 1.0
+    first = np.argmax(is_harmful, axis=0)
+    cells = np.arange(harm.shape[1])
+    state = np.where(~is_harmful.any(axis=0), NEVER, np.where(first == 0, ALWAYS, CROSSING))
+    state = np.where(np.isnan(harm).any(axis=0), INVALID, state).astype(object)
     crossing = state == CROSSING
-    low = np.select([crossing, state == NEVER], [tried[first - 1, cells], tried[-1]], np.nan)
-    high = np.select([crossing, state == ALWAYS], [tried[first, cells], tried[0]], np.nan)
+    low = np.select([crossing, state == NEVER], [values[first - 1, cells], values[-1]], np.nan)
+    high = np.select([crossing, state == ALWAYS], [values[first, cells], values[0]], np.nan)
     return state, low, high
 
 
-def _changes(answer: np.ndarray, tried: np.ndarray) -> tuple[tuple[float, float], ...]:
-    # Returns pairs of neighbouring values with different answers.
-    at = np.flatnonzero(answer[1:] != answer[:-1])
-    return (
-        tuple((float(tried[i]), float(tried[i + 1])) for i in at)
-        if not np.isnan(answer).any()
-        else ()
-    )
+def _list_changes(harm: np.ndarray, values: np.ndarray) -> tuple[tuple[float, float], ...]:
+    # Returns pairs of neighbouring values with different outcomes; () if an outcome is NaN.
+    if np.isnan(harm).any():
+        return ()
+    last_before = np.flatnonzero(harm[1:] != harm[:-1])
+    return tuple((float(values[i]), float(values[i + 1])) for i in last_before)
 
 
 def expected_runs(template: Template, search: Boundary) -> int:
-    """Return the approximate number of runs of a search."""
+    """Return the approximate number of runs: of the scan and of the bisection in every cell."""
     low, high = template.axis(0).values
     log = template.axis(0).kind == "loguniform"
-    span = math.log(high / low) / search.tolerance if log else 1.0 / search.tolerance
-    steps = math.ceil(math.log2(max(1.0, span / (search.scan - 1))))
+    # Each step of the bisection halves an interval of the scan, until it is narrow enough.
+    narrow_intervals = (math.log(high / low) if log else 1.0) / search.tolerance
+    steps = math.ceil(math.log2(max(1.0, narrow_intervals / (search.scan - 1))))
     return template.cases * len(search.signs) * (search.scan + steps)
 
 
@@ -214,14 +220,17 @@ def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) 
 
 
 def _along(cells: Sequence[dict[str, Any]]) -> str | None:
-    # Returns the key for the chart's x axis: a duration, or else the number with most values.
-    numeric = {
+    # Returns the key for the chart's x axis: a duration, or else the number with most different
+    # values; None if no key has numbers.
+    value_counts = {
         name: len({cell[name] for cell in cells})
         for name in cells[0]
         if all(isinstance(cell[name], int | float) for cell in cells)
     }
-    durations = [name for name in numeric if name.endswith("duration_ms")]
-    return durations[0] if durations else max(numeric, key=numeric.__getitem__, default=None)
+    durations = [name for name in value_counts if name.endswith("duration_ms")]
+    if durations:
+        return durations[0]
+    return max(value_counts, key=value_counts.__getitem__, default=None)
 
 
 def draw(numbers: dict[str, Any]) -> list[Chart]:
@@ -231,13 +240,14 @@ def draw(numbers: dict[str, Any]) -> list[Chart]:
     """
     cells, along = numbers["cells"], numbers["along"]
     names = [name for name in cells[0]["cell"] if name != along]
-    panel = names[0] if len(names) > 1 else None
-    panels: dict[Any, list[dict[str, Any]]] = {}
+    # One other list gives the curves of a single chart.
+    panel_name = names[0] if len(names) > 1 else None
+    records_by_value: dict[Any, list[dict[str, Any]]] = {}
     for record in cells:
-        panels.setdefault(record["cell"].get(panel), []).append(record)
+        records_by_value.setdefault(record["cell"].get(panel_name), []).append(record)
     return [
-        _chart("" if panel is None else describe_case({panel: value}), part, numbers)
-        for value, part in panels.items()
+        _chart("" if panel_name is None else describe_case({panel_name: value}), records, numbers)
+        for value, records in records_by_value.items()
     ]
 
 

@@ -23,7 +23,7 @@ from ravenjax.stats.inputs import sensitivity
 
 RESAMPLES = 500
 """Number of bootstrap samples for an interval."""
-MOST_PANELS = 24
+MAX_PANELS = 24
 
 Indices = dict[str, dict[str, np.ndarray]]
 """Maps the name of an index to its value [inputs], and to low and high if it has an interval."""
@@ -33,33 +33,35 @@ Analyse = Callable[[np.ndarray], Indices]
 
 
 def expected_runs(template: Template, search: Sobol | Morris) -> int:
-    """Return the approximate number of runs."""
+    """Return the number of runs, if no point is repeated."""
     inputs = len(template.inputs)
-    points = (
-        search.n * (inputs + 2) if isinstance(search, Sobol) else search.trajectories * (inputs + 1)
-    )
-    return template.cases * points
+    if isinstance(search, Sobol):
+        return template.cases * search.n * (inputs + 2)
+    return template.cases * search.trajectories * (inputs + 1)
 
 
 def find(
     template: Template, search: Sobol | Morris, evaluator: Evaluator, _: Path
 ) -> dict[str, Any]:
     """Run the design in every case, and return the indices of every outcome for search.json."""
-    unit, analyse = _design(search, len(template.inputs), template.config.campaign.seed)
-    points = len(unit)
+    unit_points, analyse = _design(search, len(template.inputs), template.config.campaign.seed)
+    points = len(unit_points)
     case = np.repeat(np.arange(template.cases), points)
-    outcomes = evaluator(case, template.values(case, np.tile(unit, (template.cases, 1))))
-    wanted = [outcome.parse_outcome(text) for text in search.outcomes]
+    values = evaluator(case, template.values(case, np.tile(unit_points, (template.cases, 1))))
+    outcomes = [outcome.parse_outcome(text) for text in search.outcomes]
     records = []
-    for c in range(template.cases):
-        for one, values in zip(wanted, outcomes[case == c].T, strict=True):
-            records.append(
-                {"case": template.case(c), "outcome": str(one), "unit": one.unit}
-                | _of(values, analyse)
-            )
+    for number in range(template.cases):
+        for wanted, outcome_values in zip(outcomes, values[case == number].T, strict=True):
+            record = {
+                "case": template.case(number),
+                "outcome": str(wanted),
+                "unit": wanted.unit,
+                **_analyse_outcome(outcome_values, analyse),
+            }
+            records.append(record)
     return {
         "method": search.kind,
-        "inputs": template.drawn(),
+        "inputs": template.describe_inputs(),
         "points": points,
         "confidence": 0.95,
         "resamples": RESAMPLES,
@@ -67,32 +69,34 @@ def find(
     }
 
 
-def _of(values: np.ndarray, analyse: Analyse) -> dict[str, Any]:
-    """Return mean, deviation and indices of one outcome.
+def _analyse_outcome(values: np.ndarray, analyse: Analyse) -> dict[str, Any]:
+    """Return mean, standard deviation, number of invalid runs and indices of one outcome.
 
-    The indices are None if a run is invalid or all outcomes are equal.
+    The indices are None if a run is invalid or all values are equal.
     """
     invalid = int(np.count_nonzero(~np.isfinite(values)))
-    mean, deviation = (math.nan,) * 2 if invalid else (float(values.mean()), float(values.std()))
+    mean = deviation = math.nan
+    if not invalid:
+        mean, deviation = float(values.mean()), float(values.std())
+    # A comparison with NaN is false.
     indices = analyse(values) if deviation > 0.0 else None
     return {"mean": mean, "deviation": deviation, "invalid": invalid, "indices": indices}
 
 
 def _design(search: Sobol | Morris, inputs: int, seed: int) -> tuple[np.ndarray, Analyse]:
-    # Returns the design's points of the unit cube, and the function that analyses their outcomes.
+    # Returns the design's points of the unit cube, and the function that analyses outcomes.
     if isinstance(search, Sobol):
 
-        def sobol(values: np.ndarray) -> Indices:
+        def analyse_sobol(values: np.ndarray) -> Indices:
             indices = sensitivity.sobol_analyse(values, inputs, resamples=RESAMPLES, seed=seed)
             return {"S1": indices.first._asdict(), "ST": indices.total._asdict()}
 
-        return sensitivity.sobol_sample(inputs, search.n, seed), sobol
-    unit = sensitivity.morris_sample(inputs, search.trajectories, seed, search.levels)
+        return sensitivity.sobol_sample(inputs, search.n, seed), analyse_sobol
+    points = sensitivity.morris_sample(inputs, search.trajectories, seed, search.levels)
 
-    def morris(values: np.ndarray) -> Indices:
-        # Computes Morris effects from the values of one outcome [runs].
+    def analyse_morris(values: np.ndarray) -> Indices:
         effects = sensitivity.morris_analyse(
-            unit, values, levels=search.levels, resamples=RESAMPLES, seed=seed
+            points, values, levels=search.levels, resamples=RESAMPLES, seed=seed
         )
         return {
             "mu_star": effects.mu_star._asdict(),
@@ -100,33 +104,33 @@ def _design(search: Sobol | Morris, inputs: int, seed: int) -> tuple[np.ndarray,
             "sigma": {"value": effects.sigma},
         }
 
-    return unit, morris
+    return points, analyse_morris
 
 
 def draw(numbers: dict[str, Any]) -> list[Chart]:
-    """Return a chart for each case and outcome, from the results of `find`."""
-    names = tuple(short_axis_name(one["name"]).removeprefix("plant.") for one in numbers["inputs"])
-    make = _shares if numbers["method"] == "sobol" else _effects
-    drawn = [record for record in numbers["results"] if record["indices"] is not None]
-    return [
-        make(
-            "\n".join(filter(None, (record["outcome"], describe_case(record["case"])))),
-            names,
-            record["indices"],
-        )
-        for record in drawn[:MOST_PANELS]
-    ]
+    """Return a chart for each case and outcome, from the results of `find`, at most MAX_PANELS."""
+    names = tuple(short_axis_name(x["name"]).removeprefix("plant.") for x in numbers["inputs"])
+    make_chart = _sobol_chart if numbers["method"] == "sobol" else _morris_chart
+    charts = []
+    for record in numbers["results"]:
+        if record["indices"] is not None:
+            # Without lists in the file, the case has no description.
+            title = f"{record['outcome']}\n{describe_case(record['case'])}".rstrip("\n")
+            charts.append(make_chart(title, names, record["indices"]))
+    return charts[:MAX_PANELS]
 
 
-def _shares(title: str, names: tuple[str, ...], indices: Indices) -> Chart:
+def _sobol_chart(title: str, names: tuple[str, ...], indices: Indices) -> Chart:
     # Returns a chart of Sobol indices with intervals, one row per input.
-    places = np.arange(len(names), dtype=float)
+    rows = np.arange(len(names), dtype=float)
+    series = {"total": indices["ST"], "first order": indices["S1"]}
     dots = tuple(
-        Dots(label, palette.series_colour(number), one["value"], places, one["low"], one["high"])
-        for number, (label, one) in enumerate(
-            (("total", indices["ST"]), ("first order", indices["S1"]))
+        Dots(
+            label, palette.series_colour(number), index["value"], rows, index["low"], index["high"]
         )
+        for number, (label, index) in enumerate(series.items())
     )
+    # Estimates may be outside of 0..1.
     low = min(0.0, *(float(np.min(mark.x_low)) for mark in dots))
     high = max(1.0, *(float(np.max(mark.x_high)) for mark in dots))
     across = ChartAxis("share of the variance", low, high, line=0.0)
@@ -134,7 +138,7 @@ def _shares(title: str, names: tuple[str, ...], indices: Indices) -> Chart:
     return Chart(title, across, up, dots, height=60 + 30 * len(names))
 
 
-def _effects(title: str, names: tuple[str, ...], indices: Indices) -> Chart:
+def _morris_chart(title: str, names: tuple[str, ...], indices: Indices) -> Chart:
     # Returns a chart of Morris effects: mean absolute effect and standard deviation of each input.
     mean, deviation = indices["mu_star"], indices["sigma"]["value"]
     end = 1.08 * float(max(mean["high"].max(), deviation.max()))

@@ -39,15 +39,15 @@ class Journal:
                 self.notes += (f"{rows}: the file was changed, so its runs are computed again",)
         files.require_writable(self._parts)
         recorded = {part.file: part for part in manifest.read_parts(out) or ()}
-        there = parts.part_files(self._parts)
-        for path in there:
+        part_files = parts.part_files(self._parts)
+        for path in part_files:
             try:
                 self.tables.append(parts.read_part(path, identity, recorded.get(path.name)))
             except parts.ForeignPart:
                 raise
             except StoreError as error:
                 self.notes += (folder.set_aside(out, path.name, str(error)),)
-        self._next = max((parts.row_range(path)[1] + 1 for path in there), default=0)
+        self._next = max((parts.row_range(path)[1] + 1 for path in part_files), default=0)
 
     def add(self, rows: pa.Table) -> None:
         """Store finished runs (rows of the result table). Raise StoreError if that fails."""
@@ -67,7 +67,7 @@ class Journal:
         return files.hash_file(self.out / ROWS)
 
     def forget(self) -> None:
-        """Delete the numbered files, if possible. Their runs are in `rows.parquet`, too."""
+        """Delete the numbered files, if possible. `rows.parquet` contains their runs, too."""
         with contextlib.suppress(OSError):
             for path in self._parts.iterdir():
                 path.unlink()

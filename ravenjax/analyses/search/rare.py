@@ -21,16 +21,16 @@ from ravenjax.analyses.search.wording import describe_case
 from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots
 from ravenjax.stats.rare import LimitState, RareEvent, monte_carlo, subset_simulation
 
-FAR = 1e6
+INVALID_DISTANCE = 1e6
 """Distance from the event for a run without a valid outcome. Such a run does not count as an event.
 """
 
-CURVE = 200
+CURVE_POINTS = 200
 """Number of points of an exceedance curve in search.json."""
 
 
 def expected_runs(template: Template, search: Rare) -> int:
-    """Return the approximate number of runs. Rarer events need more levels."""
+    """Return the approximate number of runs, for four levels. Rarer events need more levels."""
     return template.cases * (search.check + 4 * search.runs)
 
 
@@ -40,30 +40,31 @@ def find(template: Template, search: Rare, evaluator: Evaluator, _: Path) -> dic
     records = []
     for case in range(template.cases):
         margins: list[np.ndarray] = []
+        # g appends the margins of its runs to the list.
         g = _limit_state(template, evaluator, case, margins)
         plain = monte_carlo(g, inputs, search.check, seed=seed) if search.check else None
-        sampled = np.concatenate([np.zeros(0), *margins])
+        plain_margins = np.concatenate([np.zeros(0), *margins])
         margins.clear()
-        level = subset_simulation(g, inputs, search.runs, share=1.0 / search.steps, seed=seed + 1)
-        failed = int(np.count_nonzero(np.concatenate([sampled, *margins]) >= FAR))
+        subset = subset_simulation(g, inputs, search.runs, share=1.0 / search.steps, seed=seed + 1)
+        all_margins = np.concatenate([plain_margins, *margins])
         records.append(
             {
                 "case": template.case(case),
-                "subset": _of(level),
-                "monte_carlo": plain and _of(plain),
-                "consistent": plain and level.low <= plain.high and plain.low <= level.high,
-                "invalid": failed,
-                "exceedance": _exceedance(sampled, search),
-                "reached": _reached(level, search),
+                "subset": _json_values(subset),
+                "monte_carlo": plain and _json_values(plain),
+                "consistent": plain and subset.low <= plain.high and plain.low <= subset.high,
+                "invalid": int(np.count_nonzero(all_margins >= INVALID_DISTANCE)),
+                "exceedance": _exceedance(plain_margins, search),
+                "reached": _level_values(subset, search),
             }
         )
-    one = outcome.parse_outcome(search.event)
+    event = outcome.parse_outcome(search.event)
     return {
         "event": search.event,
-        "column": one.column,
-        "relation": one.relation,
-        "bound": one.bound,
-        "inputs": template.drawn(),
+        "column": event.column,
+        "relation": event.relation,
+        "bound": event.bound,
+        "inputs": template.describe_inputs(),
         "per_level": search.runs,
         "share": 1.0 / search.steps,
         "results": records,
@@ -71,52 +72,58 @@ def find(template: Template, search: Rare, evaluator: Evaluator, _: Path) -> dic
 
 
 def _limit_state(
-    template: Template, evaluator: Evaluator, case: int, drawn: list[np.ndarray]
+    template: Template, evaluator: Evaluator, case: int, distances: list[np.ndarray]
 ) -> LimitState:
     """Return the function g that maps points [n, inputs] to their distances from the event [n].
 
-    The event happened if the distance is at most 0. All distances are appended to `drawn`.
+    The event happened if the distance is at most 0. g appends its results to `distances`.
     """
 
-    def g(unit: np.ndarray) -> np.ndarray:
-        cases = np.full(len(unit), case)
-        beyond = evaluator(cases, template.values(cases, unit))[:, 0]
-        drawn.append(np.where(np.isfinite(beyond), -beyond, FAR))
-        return drawn[-1]
+    def g(points: np.ndarray) -> np.ndarray:
+        cases = np.full(len(points), case)
+        margins = evaluator(cases, template.values(cases, points))[:, 0]
+        distances.append(np.where(np.isfinite(margins), -margins, INVALID_DISTANCE))
+        return distances[-1]
 
     return g
 
 
-def _of(found: RareEvent) -> dict[str, Any]:
-    return found._asdict() | {"levels": list(found.levels)}
+def _json_values(result: RareEvent) -> dict[str, Any]:
+    return result._asdict() | {"levels": list(result.levels)}
 
 
-def _column(distance: np.ndarray, search: Rare) -> np.ndarray:
-    one = outcome.parse_outcome(search.event)
-    return one.bound - distance if one.relation == ">=" else one.bound + distance
+def _column_value(distance: np.ndarray, search: Rare) -> np.ndarray:
+    # Returns the value of the event's column at a distance from the event.
+    event = outcome.parse_outcome(search.event)
+    return event.bound - distance if event.relation == ">=" else event.bound + distance
 
 
-def _exceedance(sampled: np.ndarray, search: Rare) -> dict[str, list[float]]:
-    """Return values of the event's column, and the share of plain Monte Carlo runs that were at
-    least as near to the event.
+def _exceedance(distances: np.ndarray, search: Rare) -> dict[str, list[float]]:
+    """Return values of the event's column, and for each value the share of plain Monte Carlo runs
+    that were at least as near to the event. distances: of these runs.
     """
-    valid = np.sort(sampled[sampled < FAR])
+    valid = np.sort(distances[distances < INVALID_DISTANCE])
     if not len(valid):
         return {"value": [], "probability": []}
-    rank = np.unique(np.geomspace(1, len(valid), min(CURVE, len(valid))).astype(int)) - 1
+    # More points of the curve near the event.
+    ranks = np.geomspace(1, len(valid), min(CURVE_POINTS, len(valid))).astype(int)
+    index = np.unique(ranks) - 1
     return {
-        "value": _column(valid[rank], search).tolist(),
-        "probability": ((rank + 1) / len(sampled)).tolist(),
+        "value": _column_value(valid[index], search).tolist(),
+        "probability": ((index + 1) / len(distances)).tolist(),
     }
 
 
-def _reached(found: RareEvent, search: Rare) -> list[dict[str, float]]:
+def _level_values(result: RareEvent, search: Rare) -> list[dict[str, float]]:
     """Return value and probability of each level of the subset simulation, the event last."""
-    levels = [level for level in found.levels if level > 0.0]
-    likely = [search.steps ** -(i + 1.0) for i in range(len(levels))]
+    # Each level is reached by the share 1 / steps of the runs of the level before.
+    distances = [level for level in result.levels if level > 0.0]
+    probabilities = [search.steps ** -(i + 1.0) for i in range(len(distances))]
     return [
-        {"value": float(_column(np.array(distance), search)), "probability": probability}
-        for distance, probability in zip([*levels, 0.0], [*likely, found.probability], strict=True)
+        {"value": float(_column_value(np.array(distance), search)), "probability": probability}
+        for distance, probability in zip(
+            [*distances, 0.0], [*probabilities, result.probability], strict=True
+        )
     ]
 
 
@@ -125,26 +132,26 @@ def draw(numbers: dict[str, Any]) -> list[Chart]:
     relation = "more" if numbers["relation"] == ">=" else "less"
     charts = []
     for record in numbers["results"]:
-        plain, level = record["exceedance"], record["subset"]
-        likely = [one for one in record["reached"] if one["probability"] > 0.0]
-        reached, probability = (
-            np.array([one[name] for one in likely]) for name in ("value", "probability")
-        )
-        found = level["probability"] > 0.0
+        plain, subset = record["exceedance"], record["subset"]
+        # A logarithmic axis cannot show a probability of 0.
+        levels = [level for level in record["reached"] if level["probability"] > 0.0]
+        level_value = np.array([level["value"] for level in levels])
+        probability = np.array([level["probability"] for level in levels])
+        is_reached = subset["probability"] > 0.0
         event, value, low, high = (
-            np.array([number])[: int(found)]
-            for number in (numbers["bound"], level["probability"], level["low"], level["high"])
+            np.array([number] if is_reached else [])
+            for number in (numbers["bound"], subset["probability"], subset["low"], subset["high"])
         )
-        name = f"subset simulation, {level['runs']} runs"
+        name = f"subset simulation, {subset['runs']} runs"
         marks: list[Curve | Dots] = [
-            Curve(name, "series1", reached, probability),
+            Curve(name, "series1", level_value, probability),
             Dots(name, "series1", event, value, y_low=low, y_high=high),
         ]
-        x, y = (np.array(plain[name]) for name in ("value", "probability"))
+        x, y = np.array(plain["value"]), np.array(plain["probability"])
         if len(x):
             name = f"plain Monte Carlo, {record['monte_carlo']['runs']} runs"
             marks.append(Curve(name, "series0", x, y, step=True))
-        across = np.concatenate([x, reached, [numbers["bound"]]])
+        across = np.concatenate([x, level_value, [numbers["bound"]]])
         least = np.concatenate([y, probability, low[low > 0.0], [1.0]]).min()
         charts.append(
             Chart(

@@ -60,7 +60,8 @@ def run_search(
     overrides: Sequence[str] = (),
     on_progress: OnProgress | None = None,
 ) -> SearchResult:
-    """Run a search and write its results into `out`, or continue an interrupted search there.
+    """Run a search and write its results into the folder `out`, or continue a search there that
+    was interrupted.
 
     `file`: a search file, the name of a bundled search, or a loaded search. `out`: folder, by
     default results/NAME. `overrides`: changes of a file, as `key.path=value`. Raise UserError and
@@ -74,15 +75,15 @@ def run_search(
     )
     files.require_writable(folder)
     with lock.hold_lock(folder):
-        return _into(folder, config, evaluator, on_progress)
+        return _search_folder(folder, config, evaluator, on_progress)
 
 
-def _into(
+def _search_folder(
     folder: Path, config: SearchConfig, evaluator: Evaluator, on_progress: OnProgress | None
 ) -> SearchResult:
-    # Runs the search in a folder. An interrupted search continues with the runs of its journal.
+    """Run the search in a folder, from the runs of its journal on, and write its results."""
     search = config.search
-    # What must be equal for a search to continue with the stored runs.
+    # Everything that must be equal for a search to continue with the stored runs.
     identity = files.json_values(
         {
             "config": config.resolved(),
@@ -97,7 +98,7 @@ def _into(
     journal = Journal(folder, manifest.config_hash(identity), earlier.get("rows_sha256"))
     kind, _ = KINDS[search.kind]
     expected = kind.expected_runs(evaluator.template, search)
-    evaluator.keep_in(journal, expected, ProgressFile(folder, on_progress))
+    evaluator.use_journal(journal, expected, ProgressFile(folder, on_progress))
     try:
         result = kind.find(evaluator.template, search, evaluator, folder)
     except BaseException:
@@ -123,14 +124,15 @@ def _into(
 
 
 def _open_folder(out: Path, identity: dict[str, Any]) -> dict[str, Any]:
-    """Begin or continue a search in the folder `out`. Return the existing search.json, if any.
+    """Begin or continue a search in the folder `out`. Return the content of its search.json; {} if
+    the folder has none.
 
     `identity`: everything on which the result depends. Raise UserError if the folder contains
     another search, and StoreError if it cannot be written to.
     """
     path = out / NUMBERS
     if not path.exists():
-        _json(path, identity)
+        _write_json(path, identity)
         return {}
     try:
         earlier = files.parse_json(path.read_text(encoding="utf-8"))
@@ -151,8 +153,10 @@ def _open_folder(out: Path, identity: dict[str, Any]) -> dict[str, Any]:
 
 
 def _write_search(out: Path, record: dict[str, Any]) -> list[str]:
-    # Writes figure, text, page and search.json. Returns the list of findings for the terminal.
-    (kind, template), figure = KINDS[record["kind"]], f"{record['kind']}.svg"
+    # Writes figure, text, page and search.json. Returns the findings, which are the items of the
+    # text's lists, for the terminal.
+    kind, template = KINDS[record["kind"]]
+    figure = f"{record['kind']}.svg"
     save_panels(out / figure, kind.draw(record["result"]))
     templates = wording.text_templates(__package__)
     templates.filters |= FILTERS
@@ -162,11 +166,11 @@ def _write_search(out: Path, record: dict[str, Any]) -> list[str]:
     files.write_text(out / TEXT, text)
     drawing = (out / figure).read_text(encoding="utf-8")
     files.write_text(out / PAGE, html.from_markdown(text, {figure: drawing}))
-    _json(out / NUMBERS, record)
+    _write_json(out / NUMBERS, record)
     return [line[2:] for line in text.splitlines() if line.startswith("- ")]
 
 
-def _json(path: Path, record: dict[str, Any]) -> None:
+def _write_json(path: Path, record: dict[str, Any]) -> None:
     files.write_text(path, json.dumps(files.json_values(record), indent=1) + "\n")
 
 

@@ -10,35 +10,41 @@ def short_axis_name(name: str) -> str:
     match = re.fullmatch(r"fault(\d+)_(\w+?)(_ms)?", name)
     if match is None:
         return name
-    which = f" (fault {match[1]})" if int(match[1]) else ""
-    return match[2] + which + (", ms" if match[3] else "")
+    # The first fault is not numbered.
+    number = f" (fault {match[1]})" if int(match[1]) else ""
+    unit = ", ms" if match[3] else ""
+    return f"{match[2]}{number}{unit}"
 
 
 def describe_inputs(inputs: Sequence[Mapping[str, Any]]) -> str:
-    """Return the inputs and their distributions as text. `inputs`: value of `Template.drawn`."""
+    """Return the inputs of `Template.describe_inputs` and their distributions as text."""
     parts = []
-    for one in inputs:
-        kind, values = next(iter(one["drawn"].items()))
-        unit = f" {one['unit']}" if one["unit"] else ""
-        parts.append(
-            f"{short_axis_name(one['name'])}: {kind} {', '.join(f'{v:g}' for v in values)}{unit}"
-        )
+    for values in inputs:
+        kind, numbers = next(iter(values["drawn"].items()))
+        unit = f" {values['unit']}" if values["unit"] else ""
+        text = ", ".join(f"{number:g}" for number in numbers)
+        parts.append(f"{short_axis_name(values['name'])}: {kind} {text}{unit}")
     return "; ".join(parts)
 
 
 def describe_case(case: Mapping[str, Any]) -> str:
-    """Return a case, given as values by axis name, as text for tables."""
-    parts = ((*short_axis_name(name).partition(", "), value) for name, value in case.items())
-    return ", ".join(
-        f"{name} {value}" + (f" {unit}" if value != "end" and unit else "")
-        for name, _, unit, value in parts
-    )
+    """Return a case, given as values by axis name, as text such as "duration 8 ms"."""
+    parts = []
+    for axis, value in case.items():
+        name, _, unit = short_axis_name(axis).partition(", ")
+        # The word "end", the end of the run, has no unit.
+        has_unit = unit and value != "end"
+        parts.append(f"{name} {value} {unit}" if has_unit else f"{name} {value}")
+    return ", ".join(parts)
 
 
 def group_series(
     records: list[dict[str, Any]], along: str
 ) -> dict[tuple[tuple[str, Any], ...], list[dict[str, Any]]]:
-    """Group records by everything except `along`."""
+    """Return the records of cells, grouped by all values of their cell except the one of `along`.
+
+    A group's key consists of these (name, value).
+    """
     groups: dict[tuple[tuple[str, Any], ...], list[dict[str, Any]]] = {}
     for record in records:
         others = tuple((key, value) for key, value in record["cell"].items() if key != along)

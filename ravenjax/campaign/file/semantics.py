@@ -133,7 +133,7 @@ def _fault(config: CampaignConfig, group: Group, fault: Fault) -> Iterator[tuple
 def _place(
     config: CampaignConfig, fault: Fault, site: Site, paired: bool
 ) -> Iterator[tuple[str, str]]:
-    """Yield mistakes in the arm, the channel, and effects that another site needs."""
+    """Yield (key, message) for each wrong arm or channel, and each effect that the site lacks."""
     arms = config.campaign.arms
     if fault.arm is not None and not site.per_arm:
         yield "arm", f"site {site.name} is not part of an arm: remove the key"

@@ -50,7 +50,7 @@ def run_adaptively(
         return runner.in_temporary_folder(again)
     rule, draws = stop_rule(config), group_draws(config)
     looks: list[Look] = []
-    counts, before = rule.first(), np.zeros(len(draws), np.int64)
+    counts, before = rule.first_sizes(), np.zeros(len(draws), np.int64)
     while True:
         spans = [
             range(group.rows_of(first).stop, group.rows_of(last).stop)
@@ -58,11 +58,11 @@ def run_adaptively(
         ]
         results = compute(out, rows=[span for span in spans if span])
         k, n = count_cases(results, draws, counts, rule.rates, config.rules)
-        looks.append(rule.look(len(looks) + 1, counts, k, n))
+        looks.append(rule.decide(len(looks) + 1, counts, k, n))
         decisions.write_looks(out, looks)
         if looks[-1].stop:
             return results
-        before, counts = counts, rule.following(looks[-1], k, n)
+        before, counts = counts, rule.next_sizes(looks[-1], k, n)
 
 
 class GroupDraws(NamedTuple):

@@ -145,7 +145,7 @@ class Stepper:
     def change(self, function: Callable[[Any], Any]) -> None:
         """Replace the state by `function(state)`, with the state as a record of numbers."""
         kind = self.code.state
-        with lazy.at_once():
+        with lazy.run_eagerly():
             self._state[0] = kind.row(function(kind.read(self._state[0])))
 
     def restore_leaves(self, snapshot: np.ndarray, leaves: Sequence[int]) -> None:

@@ -61,7 +61,7 @@ def compare_rates(after: np.ndarray, before: np.ndarray, among: Units | None) ->
         change, p = paired.rate_difference(after, before), paired.mcnemar_test(after, before)
     else:
         p = paired.exchange_p(after, before, among.unit)
-        unchanged = not difference.any() and among.count >= units.FEWEST
+        unchanged = not difference.any() and among.count >= units.MIN_UNITS
         change = (
             paired.difference_of_counts(0, 0, among.count)
             if unchanged

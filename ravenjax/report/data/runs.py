@@ -19,7 +19,7 @@ from ravenjax.report.data import draws
 from ravenjax.report.data import facts as run_facts
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.fault_free import Motions, make_fault_free_table
-from ravenjax.stats.latency import NONE, Delays
+from ravenjax.stats.latency import NO_DELAYS, Delays
 from ravenjax.store import schema
 from ravenjax.store.access import fault_free, query
 from ravenjax.store.access.fault_free import NO_COMPANIONS, Companions
@@ -151,7 +151,7 @@ class Runs:
             str(key): Delays(*(part[column].to_numpy() for column in ("time", "came", "count")))
             for key, part in frame.groupby("name", observed=True)
         }
-        return by_name if by or by_name else {"": NONE}
+        return by_name if by or by_name else {"": NO_DELAYS}
 
     def matching(self, where: str) -> str:
         """Return a query for the rows of `results` whose facts fulfil a condition."""

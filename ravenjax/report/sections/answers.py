@@ -19,7 +19,7 @@ from ravenjax.report.sections.tables import EventTimes, Quantiles
 from ravenjax.stats import latency
 from ravenjax.stats.alarms.false_alarms import AlarmRate
 from ravenjax.stats.intervals import Estimate, Rate
-from ravenjax.stats.latency import NONE
+from ravenjax.stats.latency import NO_DELAYS
 from ravenjax.store.access.query import RESULTS, quote_name
 from ravenjax.store.manifest import CueRecord
 
@@ -112,8 +112,8 @@ def class_rows(runs: Runs, kind: str = "") -> list[ClassRow]:
     by = f"{FACTS}.{quote_name(kind)}::VARCHAR" if kind else "''"
     rows = []
     for name, groups, n, *hits, mm, not_live, farthest in tables.class_counts(runs, by, columns):
-        half_ms = latency.incidence_curve(delays.get(name, NONE)).quantile_interval(0.5)
-        before = latency.lead_time(lags.get(name, NONE)).before
+        half_ms = latency.incidence_curve(delays.get(name, NO_DELAYS)).quantile_interval(0.5)
+        before = latency.lead_time(lags.get(name, NO_DELAYS)).before
         if not runs.sampled(groups):
             half_ms, before = tables.without_interval(half_ms), tables.without_interval(before)
         evaded, unintended, loss = (tables.fault_share(runs, k, n, groups) for k in hits)

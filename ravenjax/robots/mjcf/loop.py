@@ -139,7 +139,7 @@ def advance(
     clocks = fault.TriggerClocks(now, now + 1, now)
     opened = fault.open_windows(setup, faults, state.faults, clocks)
     inject = make_injector(setup, faults, opened, clocks)
-    usual, params = params, inject.strike_parameters(params)
+    usual, params = params, inject.inject_parameters(params)
 
     plan = Vec(cast_to_real(setup, column[now]) for column in motion)
     (packet,) = inject("packet", (Packet(plan, jnp.bool_(False)),))

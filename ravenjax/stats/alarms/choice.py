@@ -15,7 +15,7 @@ from ravenjax.stats.alarms.false_alarms import rate_bounds
 from ravenjax.stats.comparison.paired import difference_of_counts
 from ravenjax.stats.intervals import Estimate
 
-MOST_TIMES = 1e9
+MAX_FACTOR = 1e9
 """Largest factor on the hours that is tried. If it does not decide, more hours do not help."""
 
 
@@ -61,8 +61,9 @@ def cheapest_alarms(alarms: AlarmCounts, weight: float, times: float = 1.0) -> n
     A missed hazard costs as much as `weight` false alarms. There is one hazard per hour.
     """
     missed, false = missed_difference(alarms), false_rates(alarms, times)
-    dearer = weight * missed.low + false.low[:, None] - false.high[None, :]
-    return ~(dearer > 0).any(axis=1)
+    # The smallest difference of costs between a first and a second alarm, [alarms, alarms].
+    difference = weight * missed.low + false.low[:, None] - false.high[None, :]
+    return ~(difference > 0).any(axis=1)
 
 
 def rarest_alarms(
@@ -74,28 +75,35 @@ def rarest_alarms(
     times: see `false_rates`.
     """
     false = false_rates(alarms, times)
-    keeps = false.high <= per_hour * (1 + 1e-9)
-    worse = (missed_difference(alarms).low > 0) & keeps[None, :]
-    return (false.low <= per_hour) & ~worse.any(axis=1), keeps
+    # The tolerance allows for rounding.
+    keeps_limit = false.high <= per_hour * (1 + 1e-9)
+    # The first alarm misses more than a second one, which keeps the limit.
+    is_worse = (missed_difference(alarms).low > 0) & keeps_limit[None, :]
+    return (false.low <= per_hour) & ~is_worse.any(axis=1), keeps_limit
 
 
 def hours_to_decide(possible: Callable[[float], np.ndarray]) -> float:
     """Return the factor on the hours beyond which more hours exclude no further alarm.
 
-    Rates are assumed to be unchanged. The result is NaN if the present hours are enough.
-    `possible`: maps the factor to the alarms that may be best, as `cheapest_alarms` does.
+    Rates are assumed to be unchanged. The result is NaN if the present hours are enough, and
+    infinite if the factor would be above MAX_FACTOR. `possible`: maps the factor to the alarms that
+    may be best, as `cheapest_alarms` does.
     """
-    end = possible(np.inf)
-    if np.array_equal(possible(1.0), end):
+    final = possible(np.inf)
+    if np.array_equal(possible(1.0), final):
         return np.nan
     low, high = 1.0, 2.0
-    while high < MOST_TIMES and not np.array_equal(possible(high), end):
+    while high < MAX_FACTOR and not np.array_equal(possible(high), final):
         low, high = high, 2 * high
-    if high >= MOST_TIMES:
+    if high >= MAX_FACTOR:
         return np.inf
+    # Bisection on a logarithmic scale, to half a percent.
     while high / low > 1.005:
         middle = np.sqrt(low * high)
-        low, high = (low, middle) if np.array_equal(possible(middle), end) else (middle, high)
+        if np.array_equal(possible(middle), final):
+            high = middle
+        else:
+            low = middle
     return float(high)
 
 
@@ -107,6 +115,7 @@ def unbeaten_choices(first: ArrayLike, second: ArrayLike) -> np.ndarray:
     with a NaN cost is not on the front and excludes no other choice.
     """
     costs = np.stack([np.asarray(first, float), np.asarray(second, float)], axis=1)
-    low = np.all(costs[None] <= costs[:, None], axis=2)
-    lower = np.any(costs[None] < costs[:, None], axis=2)
-    return ~np.any(low & lower, axis=1) & ~np.any(np.isnan(costs), axis=1)
+    # [n, n]: the second choice costs no more than the first, and less in at least one cost.
+    costs_no_more = np.all(costs[None] <= costs[:, None], axis=2)
+    costs_less = np.any(costs[None] < costs[:, None], axis=2)
+    return ~np.any(costs_no_more & costs_less, axis=1) & ~np.any(np.isnan(costs), axis=1)

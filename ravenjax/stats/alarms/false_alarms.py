@@ -25,7 +25,7 @@ class AlarmRate(NamedTuple):
 
 
 def alarm_rate(count: int, hours: float) -> AlarmRate:
-    """Return alarms per hour with the exact 95 % Poisson interval (Garwood 1936)."""
+    """Return the rate of alarms with its exact 95 % Poisson interval (Garwood 1936)."""
     if not hours:
         return AlarmRate(int(count))
     low, high = rate_bounds(count, hours)
@@ -50,15 +50,17 @@ def ending_rate(alarm: np.ndarray, hours: np.ndarray) -> AlarmRate:
     divided by the mean hours of an operation without an alarm. The rate is infinite if all
     operations had an alarm.
     """
-    count, quiet = int(alarm.sum()), hours[~alarm]
+    count, hours_without_alarm = int(alarm.sum()), hours[~alarm]
     if not hours.sum() > 0:
         return AlarmRate(count)
     share = clopper_pearson(count, len(alarm))
-    mean = float(quiet.mean() if quiet.any() else hours.max())
+    # Without such an operation, its mean duration is unknown.
+    has_mean = hours_without_alarm.any()
+    mean = float(hours_without_alarm.mean() if has_mean else hours.max())
     low, high = (
         end / (1.0 - end) / mean if end < 1.0 else math.inf for end in (share.low, share.high)
     )
-    total = float(quiet.sum())
+    total = float(hours_without_alarm.sum())
     return AlarmRate(count, total, count / total if total else math.inf, low, high)
 
 

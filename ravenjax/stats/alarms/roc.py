@@ -40,11 +40,12 @@ def roc_band(
     pointwise. Raise ValueError if a score is NaN or a label is missing.
     """
 
-    def curve(hits: np.ndarray, misses: np.ndarray) -> np.ndarray:
-        tpr, fpr = (np.insert(part, 0, 0.0) / part[-1] for part in (hits, misses))
+    def curve(hits: np.ndarray, false_alarms: np.ndarray) -> np.ndarray:
+        # The curve begins at 0, above the highest score.
+        tpr, fpr = (np.insert(count, 0, 0.0) / count[-1] for count in (hits, false_alarms))
         return np.append(np.interp(grid, fpr, tpr), np.trapezoid(tpr, fpr))
 
-    return _band(score, positive, cluster, curve, grid, resamples, seed)
+    return _curve_band(score, positive, cluster, curve, grid, resamples=resamples, seed=seed)
 
 
 def precision_recall_band(
@@ -58,32 +59,35 @@ def precision_recall_band(
     """Return the precision at the highest threshold whose recall reaches each value of `grid`
     (above 0), and average precision.
 
-    The bands are those of `roc_band`.
+    The bands and the other arguments are as in `roc_band`.
     """
 
-    def curve(hits: np.ndarray, misses: np.ndarray) -> np.ndarray:
-        recall, precision = hits / hits[-1], hits / (hits + misses)
+    def curve(hits: np.ndarray, false_alarms: np.ndarray) -> np.ndarray:
+        recall, precision = hits / hits[-1], hits / (hits + false_alarms)
+        # The tolerance allows for rounding.
         reached = np.searchsorted(recall, grid * (1 - 1e-12))
-        gained = np.diff(recall, prepend=0.0)
-        return np.append(precision[reached], gained[gained > 0] @ precision[gained > 0])
+        gain = np.diff(recall, prepend=0.0)
+        return np.append(precision[reached], gain[gain > 0] @ precision[gain > 0])
 
-    return _band(score, positive, cluster, curve, grid, resamples)
+    return _curve_band(score, positive, cluster, curve, grid, resamples=resamples)
 
 
-def _band(
+def _curve_band(
     score: ArrayLike,
     positive: ArrayLike,
     cluster: ArrayLike,
     curve: Callable[[np.ndarray, np.ndarray], np.ndarray],
     grid: np.ndarray,
+    *,
     resamples: int,
     seed: int = 0,
 ) -> CurveBand:
-    """Return the band of `curve`, by a bootstrap over clusters.
+    """Return the values of `curve` at the points of `grid` and the area under the curve, with their
+    bands, by a bootstrap over clusters.
 
-    `curve`: maps hits and misses [thresholds], the numbers of positives and negatives with at least
-    each score, to values. Scores fall. scikit-learn would sort for each resample, which is about 5
-    times slower.
+    `curve`: maps the numbers of hits and false alarms at each threshold, which are the scores from
+    the highest to the lowest, to these values and the area. scikit-learn would sort for each
+    resample, which is about 5 times slower.
     """
     values, truth = np.asarray(score, float), np.asarray(positive, bool)
     if np.isnan(values).any():
@@ -92,21 +96,19 @@ def _band(
         )
     order = np.argsort(-values, kind="stable")
     falling = values[order]
-    # Keep the last of equal scores.
+    # Of equal scores, the last has the counts of all.
     last = np.flatnonzero(np.append(falling[1:] != falling[:-1], True))
 
     def statistic(weight: np.ndarray) -> np.ndarray:
-        # Returns the curve for each row of resampling weights [draws, operations].
+        # Returns the curve for each resample. weight: of each run in each resample [b, runs].
         ordered = weight[:, order]
         hits = np.cumsum(ordered * truth[order], axis=1)[:, last]
-        misses = np.cumsum(ordered * ~truth[order], axis=1)[:, last]
+        false_alarms = np.cumsum(ordered * ~truth[order], axis=1)[:, last]
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.stack([curve(*pair) for pair in zip(hits, misses, strict=True)])
+            return np.stack([curve(*counts) for counts in zip(hits, false_alarms, strict=True)])
 
     (value,) = statistic(np.ones((1, len(values))))
-    low, high = band_ends(group_units(cluster).resampled(statistic, resamples, seed))
-    return CurveBand(
-        grid,
-        Estimate(value[:-1], low[:-1], high[:-1]),
-        Estimate(*(float(part[-1]) for part in (value, low, high))),
-    )
+    low, high = band_ends(group_units(cluster).resample_statistic(statistic, resamples, seed))
+    # The last value is the area.
+    area = Estimate(float(value[-1]), float(low[-1]), float(high[-1]))
+    return CurveBand(grid, Estimate(value[:-1], low[:-1], high[:-1]), area)

@@ -24,12 +24,12 @@ from numpy.typing import ArrayLike
 
 from ravenjax.stats.intervals import ALPHA, Estimate, Rate, rate_bounds
 
-FEWEST = 5
+MIN_UNITS = 5
 """Smallest number of units for an interval; fewer are too few to resample."""
-FEW = 20
+ENOUGH_UNITS = 20
 """With fewer units an interval is somewhat too narrow, and a table states the number of units."""
 RESAMPLES = 1000
-_ELEMENTS = 2_000_000  # number of weights in a batch of resamples, 16 MB
+_MAX_WEIGHTS = 2_000_000  # largest number of weights in a batch of resamples, 16 MB
 
 
 class Units(NamedTuple):
@@ -40,11 +40,11 @@ class Units(NamedTuple):
 
     @property
     def count(self) -> int:
-        """Return the number of units."""
+        """Number of units."""
         return len(self.stratum)
 
     def where(self, rows: np.ndarray) -> Units:
-        """Return the units of some rows (bool [rows] or indices)."""
+        """Return the units of a part of the rows: `rows` is bool [rows], or indices of rows."""
         present, unit = np.unique(self.unit[rows], return_inverse=True)
         return Units(unit, self.stratum[present])
 
@@ -52,22 +52,22 @@ class Units(NamedTuple):
         """Return each unit's weight in each resample, [resamples, units]; mean 1 per stratum."""
         rng = np.random.default_rng(seed)
         weight = np.empty((resamples, self.count))
-        for members in _collapsed(self.stratum):
+        for members in _units_by_stratum(self.stratum):
             n = len(members)
-            weight[:, members] = rng.multinomial(n - 1, np.full(n, 1 / n), resamples) * (
-                n / (n - 1)
-            )
+            counts = rng.multinomial(n - 1, np.full(n, 1 / n), resamples)
+            weight[:, members] = counts * (n / (n - 1))
         return weight
 
-    def resampled(
-        self, value: Callable[[np.ndarray], np.ndarray], resamples: int, seed: int
+    def resample_statistic(
+        self, statistic: Callable[[np.ndarray], np.ndarray], resamples: int, seed: int
     ) -> np.ndarray:
-        """Return `value` of each resample [resamples, ...]. value: maps row weights [b, n] to [b,
-        ...].
+        """Return the statistic of each resample, [resamples, ...].
+
+        statistic: maps weights of the rows in b resamples, [b, rows], to values [b, ...].
         """
         weight = self.weights(resamples, seed)
-        batch = max(1, _ELEMENTS // max(1, len(self.unit)))
-        parts = [value(weight[i : i + batch, self.unit]) for i in range(0, resamples, batch)]
+        batch = max(1, _MAX_WEIGHTS // max(1, len(self.unit)))
+        parts = [statistic(weight[i : i + batch, self.unit]) for i in range(0, resamples, batch)]
         return np.concatenate(parts)
 
 
@@ -94,12 +94,13 @@ def group_units(label: ArrayLike, stratum: ArrayLike | None = None) -> Units:
     unit, count = label_codes(label)
     if stratum is None:
         return Units(unit, np.zeros(count, int))
-    rows, _ = label_codes(stratum)
-    of_unit = np.zeros(count, int)
-    of_unit[unit] = rows
-    if (of_unit[unit] != rows).any():
+    row_stratum, _ = label_codes(stratum)
+    unit_stratum = np.zeros(count, int)
+    unit_stratum[unit] = row_stratum
+    # Another row of the unit has overwritten the stratum.
+    if (unit_stratum[unit] != row_stratum).any():
         raise ValueError("units: each unit must be in one stratum, but a unit is in several")
-    return Units(unit, of_unit)
+    return Units(unit, unit_stratum)
 
 
 def ratio_band(
@@ -107,15 +108,16 @@ def ratio_band(
 ) -> Estimate:
     """Return sum(above) / sum(below) over rows [n] with its percentile band.
 
-    With `below` = 1 it is a mean. The band is NaN for fewer than FEWEST units. If all units have
+    With `below` = 1 it is a mean. The band is NaN for fewer than MIN_UNITS units. If all units have
     the same ratio, the band has zero width; `rate_band` avoids this for shares.
     """
-    parts = [np.broadcast_to(np.asarray(part, float), among.unit.shape) for part in (above, below)]
-    sums = np.stack([np.bincount(among.unit, part, minlength=among.count) for part in parts])
+    # Sums of both columns over the rows of each unit, [2, units].
+    columns = np.broadcast_arrays(np.asarray(above, float), np.asarray(below, float), among.unit)
+    sums = np.stack([np.bincount(among.unit, x, minlength=among.count) for x in columns[:2]])
     with np.errstate(invalid="ignore", divide="ignore"):
         total = sums.sum(axis=1)
         value = total[0] / total[1]
-        if among.count < FEWEST:
+        if among.count < MIN_UNITS:
             return Estimate(value)
         numerator, denominator = sums @ among.weights(resamples, seed).T
         samples = numerator / denominator
@@ -136,39 +138,42 @@ def rate_band(hit: ArrayLike, among: Units, *, resamples: int = RESAMPLES, seed:
     if 0 < k < n:
         band = ratio_band(hits, 1.0, among, resamples=resamples, seed=seed)
         return Rate(k, n, k / n, float(band.low), float(band.high))
-    if among.count < FEWEST:
+    if among.count < MIN_UNITS:
         return Rate(k, n, k / n)
     low, high = rate_bounds(np.array(k / n * among.count), np.array(among.count))
     return Rate(k, n, k / n, float(low), float(high))
 
 
 def statistic_band(
-    value: Callable[[np.ndarray], np.ndarray], among: Units, *, seed: int = 0
+    statistic: Callable[[np.ndarray], np.ndarray], among: Units, *, seed: int = 0
 ) -> Estimate:
     """Return a statistic of weighted rows with its 95 % percentile band.
 
-    `value`: maps weights [b, n] to values [b]. Equal weights give the statistic itself. A bound is
-    NaN if it falls among resamples without a value, or for fewer than FEWEST units.
+    `statistic`: maps weights [b, n] to values [b]. Equal weights give the statistic itself. A bound
+    is NaN if it falls among resamples without a value, or for fewer than MIN_UNITS units.
     """
-    whole = float(value(np.ones((1, len(among.unit))))[0])
-    if among.count < FEWEST:
-        return Estimate(whole)
+    value = float(statistic(np.ones((1, len(among.unit))))[0])
+    if among.count < MIN_UNITS:
+        return Estimate(value)
     # Resamples without a value (NaN) sort last, like an event that never happens.
-    values = np.sort(among.resampled(value, RESAMPLES, seed))
-    return Estimate(whole, *(float(values[round(q * RESAMPLES)]) for q in (0.025, 0.975)))
+    samples = np.sort(among.resample_statistic(statistic, RESAMPLES, seed))
+    low, high = (float(samples[round(share * RESAMPLES)]) for share in (0.025, 0.975))
+    return Estimate(value, low, high)
 
 
-def _collapsed(stratum: np.ndarray) -> list[np.ndarray]:
-    """Return the units of each stratum. Strata of one unit are merged with another stratum."""
+def _units_by_stratum(stratum: np.ndarray) -> list[np.ndarray]:
+    """Return the units of each stratum. Strata of one unit are merged: with each other, or else
+    with the smallest other stratum.
+    """
     strata = [np.flatnonzero(stratum == number) for number in np.unique(stratum)]
-    several = sorted((one for one in strata if len(one) > 1), key=len)
-    alone = [one for one in strata if len(one) == 1]
-    if not alone:
-        return several
-    joined = np.concatenate(alone)
-    if len(joined) > 1 or not several:
-        return [*several, joined]
-    return [np.concatenate([several[0], joined]), *several[1:]]
+    large_strata = sorted((members for members in strata if len(members) > 1), key=len)
+    single_units = [members for members in strata if len(members) == 1]
+    if not single_units:
+        return large_strata
+    merged = np.concatenate(single_units)
+    if len(merged) > 1 or not large_strata:
+        return [*large_strata, merged]
+    return [np.concatenate([large_strata[0], merged]), *large_strata[1:]]
 
 
 def bootstrap(
@@ -179,7 +184,7 @@ def bootstrap(
     seed: int = 0,
     batch: int = 100,
 ) -> Estimate:
-    """Return the percentile band of a statistic of `units` exchangeable units.
+    """Return a statistic of `units` exchangeable units with its 95 % percentile band.
 
     `statistic`: maps indices of drawn units [b, m] to values [b, ...]. `batch`: largest b, which
     limits memory and does not change the result. With fewer than about 20 units the band is too
@@ -193,14 +198,16 @@ def bootstrap(
     with np.errstate(invalid="ignore", divide="ignore"):
         value = np.asarray(statistic(np.arange(units)[None]), float)[0]
         samples = np.concatenate(
-            [np.asarray(statistic(rng.integers(units, size=(n, units))), float) for n in sizes]
+            [np.asarray(statistic(rng.integers(units, size=(b, units))), float) for b in sizes]
         )
     low, high = band_ends(samples)
     return Estimate(value, low, high)
 
 
 def band_ends(samples: np.ndarray) -> np.ndarray:
-    """Return both ends [2, ...] of the central share of samples [b, ...]; NaN if all are NaN."""
+    """Return both ends [2, ...] of the central 95 % of samples [b, ...]. Samples that are NaN are
+    left out; the ends are NaN if all are NaN.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         return np.nanquantile(samples, [ALPHA / 2, 1 - ALPHA / 2], axis=0)

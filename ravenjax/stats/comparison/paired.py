@@ -9,16 +9,16 @@ from ravenjax.stats.intervals import ALPHA, Estimate
 
 
 def mcnemar_test(first: ArrayLike, second: ArrayLike) -> float:
-    """Return the p-value of McNemar's exact test of two bool [n] over the same runs; 1 if no pair
-    is discordant.
+    """Return the p-value of McNemar's exact test of an event under two conditions; 1 if no run
+    differs.
 
-    Raises ValueError if the lengths differ.
+    first, second: bool [n], the event occurred. Raise ValueError if the lengths differ.
     """
     from scipy.stats import binomtest
 
-    one, two = _pairs(first, second)
-    only, other = int((one & ~two).sum()), int((two & ~one).sum())
-    return float(binomtest(only, only + other).pvalue) if only + other else 1.0
+    first_only, second_only = _discordant_pairs(*_pairs(first, second))
+    differing = first_only + second_only
+    return float(binomtest(first_only, differing).pvalue) if differing else 1.0
 
 
 def rate_difference(first: ArrayLike, second: ArrayLike) -> Estimate:
@@ -29,8 +29,8 @@ def rate_difference(first: ArrayLike, second: ArrayLike) -> Estimate:
     recommended by Fagerland, Lydersen and Laake (Stat. Med. 33, 2014). No installed library has an
     interval for pairs. Raises ValueError if the lengths differ.
     """
-    one, two = _pairs(first, second)
-    return difference_of_counts(int((one & ~two).sum()), int((two & ~one).sum()), len(one))
+    pairs = _pairs(first, second)
+    return difference_of_counts(*_discordant_pairs(*pairs), len(pairs[0]))
 
 
 def difference_of_counts(first_only: ArrayLike, second_only: ArrayLike, n: int) -> Estimate:
@@ -45,10 +45,12 @@ def difference_of_counts(first_only: ArrayLike, second_only: ArrayLike, n: int) 
     if not n:
         return Estimate()
     z = norm.isf(ALPHA / 2)
+    # The adjusted shares of pairs with the event only in the first or only in the second setting.
     p, q = (first + 1) / (n + 2), (second + 1) / (n + 2)
     half = z * np.sqrt((p + q - (p - q) ** 2) / (n + 2))
-    parts = (first - second) / n, np.maximum(p - q - half, -1.0), np.minimum(p - q + half, 1.0)
-    return Estimate(*(part if part.ndim else float(part) for part in parts))
+    value = (first - second) / n
+    low, high = np.maximum(p - q - half, -1.0), np.minimum(p - q + half, 1.0)
+    return Estimate(*(x if x.ndim else float(x) for x in (value, low, high)))
 
 
 def exchange_p(first: ArrayLike, second: ArrayLike, unit: ArrayLike) -> float:
@@ -60,15 +62,22 @@ def exchange_p(first: ArrayLike, second: ArrayLike, unit: ArrayLike) -> float:
     this is McNemar's exact test. The result is NaN if no unit has a difference.
     """
     difference = np.asarray(first, bool).astype(int) - np.asarray(second, bool).astype(int)
-    size = np.abs(np.bincount(np.asarray(unit), difference).round().astype(int))
-    if not size.any():
+    unit_difference = np.abs(np.bincount(np.asarray(unit), difference).round().astype(int))
+    if not unit_difference.any():
         return math.nan
-    total = abs(int(difference.sum()))
-    law = np.ones(1)  # distribution of the sum, from -reach to reach
-    for step in size[size > 0]:
-        law = 0.5 * (np.pad(law, (2 * step, 0)) + np.pad(law, (0, 2 * step)))
-    sums = np.abs(np.arange(len(law)) - len(law) // 2)
-    return min(1.0, float(law[sums >= total].sum()))
+    observed_sum = abs(int(difference.sum()))
+    # Distribution of the sum of the units' differences, with 0 in the middle. A unit with the
+    # difference d moves it by d up or down, and so makes the range longer by 2 d.
+    probability = np.ones(1)
+    for d in unit_difference[unit_difference > 0]:
+        probability = 0.5 * (np.pad(probability, (2 * d, 0)) + np.pad(probability, (0, 2 * d)))
+    sums = np.abs(np.arange(len(probability)) - len(probability) // 2)
+    return min(1.0, float(probability[sums >= observed_sum].sum()))
+
+
+def _discordant_pairs(first: np.ndarray, second: np.ndarray) -> tuple[int, int]:
+    # Returns the number of pairs with the event only in the first, and only in the second setting.
+    return int((first & ~second).sum()), int((second & ~first).sum())
 
 
 def _pairs(first: ArrayLike, second: ArrayLike) -> tuple[np.ndarray, np.ndarray]:

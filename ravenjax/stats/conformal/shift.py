@@ -20,72 +20,88 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-JUMP = 0.01
+JUMP_SHARE = 0.01
 """Share of the capital that changes its bet at each step, as in the publication."""
 BETS = (-1.0, 0.0, 1.0)
+"""The bets: that p-values are small, uniform, or large."""
 
 
 class Shift(NamedTuple):
     """The test results for one score."""
 
-    p: float  # both tests together; at or below the level: shifted
+    p: float  # of both tests, by Bonferroni's inequality; at or below the level: shifted
     p_distribution: float  # Kolmogorov-Smirnov
     martingale: float  # largest value of the martingale
-    # Median rank of the new scores among the calibration's, 0..1; about 0.5 if nothing changed.
-    place: float
-    fresh: int  # number of new units
-    calibration: int  # number of units of the calibration
+    # Median share of calibration scores below a new score; about 0.5 if nothing changed.
+    median_rank: float
+    new_units: int
+    calibration_units: int
 
 
-def test_shift(calibration: np.ndarray, fresh: np.ndarray, seed: int = 0) -> Shift:
-    """Test whether scores of new units [fresh] have the distribution of those of the calibration
-    [calibration]. Units are independent. `seed` breaks ties at random.
+def test_shift(calibration_scores: np.ndarray, new_scores: np.ndarray, seed: int = 0) -> Shift:
+    """Test whether scores of new units come from the same distribution as the calibration scores.
+
+    Each array has one score per independent unit. A Kolmogorov-Smirnov test and a martingale test
+    are combined by Bonferroni's inequality: the smaller p-value is doubled. `seed`: of the random
+    numbers that put equal scores in order.
     """
     from scipy.stats import ks_2samp  # slow to import
 
-    pooled = np.concatenate([calibration, fresh])
-    jitter = np.random.default_rng(seed).random(len(pooled))
-    rank = np.empty(len(pooled))
-    rank[np.lexsort((jitter, pooled))] = np.arange(len(pooled))
-    own, other = rank[: len(calibration)], rank[len(calibration) :]
-    comparison: Any = ks_2samp(own, other, method="auto")
+    # The exact test needs distinct values. Ranks are distinct, with equal scores in random order.
+    pooled = np.concatenate([calibration_scores, new_scores])
+    tie_breakers = np.random.default_rng(seed).random(len(pooled))
+    ranks = np.empty(len(pooled))
+    # lexsort sorts by its last key, and by the first key where the last is equal.
+    ranks[np.lexsort((tie_breakers, pooled))] = np.arange(len(pooled))
+    calibration_count = len(calibration_scores)
+    calibration_ranks, new_ranks = ranks[:calibration_count], ranks[calibration_count:]
+    comparison: Any = ks_2samp(calibration_ranks, new_ranks, method="auto")
     p_distribution = float(comparison.pvalue)
-    peak = float(martingale_capital(p_values(calibration, fresh, seed)).max(initial=1.0))
-    place = np.searchsorted(np.sort(own), other) / len(own)
+    capital = martingale_capital(p_values(calibration_scores, new_scores, seed))
+    peak_capital = float(capital.max(initial=1.0))
+    below = np.searchsorted(np.sort(calibration_ranks), new_ranks)
     return Shift(
-        p=min(1.0, 2.0 * min(p_distribution, 1.0 / peak)),
+        # 1 / peak_capital is the p-value of the martingale test, by Ville's inequality.
+        p=min(1.0, 2.0 * min(p_distribution, 1.0 / peak_capital)),
         p_distribution=p_distribution,
-        martingale=peak,
-        place=float(np.median(place)),
-        fresh=len(fresh),
-        calibration=len(calibration),
+        martingale=peak_capital,
+        median_rank=float(np.median(below / calibration_count)),
+        new_units=len(new_scores),
+        calibration_units=calibration_count,
     )
 
 
-def p_values(calibration: np.ndarray, fresh: np.ndarray, seed: int = 0) -> np.ndarray:
-    """Return the conformal p-value of each new score, [fresh].
+def p_values(calibration_scores: np.ndarray, new_scores: np.ndarray, seed: int = 0) -> np.ndarray:
+    """Return the conformal p-value of each new score, [new scores], in their order of arrival.
 
-    A score is compared with the scores of the calibration and with earlier new scores. Under the
-    null hypothesis p-values are independent and uniform on 0..1. High scores have small p-values.
+    A score is compared with the calibration scores and with earlier new scores. Under the null
+    hypothesis p-values are independent and uniform on 0..1. High scores have small p-values.
+    `seed`: random numbers that put equal scores in order.
     """
-    theta = np.random.default_rng([seed, 1]).random(len(fresh))
-    before = np.sort(np.asarray(calibration, float))
-    out = np.empty(len(fresh))
-    for i, score in enumerate(np.asarray(fresh, float)):
-        low, high = np.searchsorted(before, score, "left"), np.searchsorted(before, score, "right")
+    tie_breakers = np.random.default_rng([seed, 1]).random(len(new_scores))
+    earlier = np.sort(np.asarray(calibration_scores, float))
+    p = np.empty(len(new_scores))
+    for i, score in enumerate(np.asarray(new_scores, float)):
+        first_equal = np.searchsorted(earlier, score, "left")
+        first_above = np.searchsorted(earlier, score, "right")
+        above_count = len(earlier) - first_above
         # The score itself is counted among its equals.
-        above, alike = len(before) - high, high - low + 1
-        out[i] = (above + theta[i] * alike) / (len(before) + 1)
-        before = np.insert(before, high, score)
-    return out
+        equal_count = first_above - first_equal + 1
+        p[i] = (above_count + tie_breakers[i] * equal_count) / (len(earlier) + 1)
+        earlier = np.insert(earlier, first_above, score)
+    return p
 
 
 def martingale_capital(p: np.ndarray) -> np.ndarray:
-    """Return the capital of the simple jumper after each p-value, [p]. It begins at 1."""
+    """Return the capital of the simple jumper after each p-value, [p]. It begins at 1.
+
+    The capital is divided among BETS. A p-value of v multiplies the capital on bet b by
+    1 + b (v - 0.5). Before each p-value, JUMP_SHARE of the capital is divided again equally.
+    """
     shares = np.full(len(BETS), 1.0 / len(BETS))
     bets, path = np.array(BETS), np.empty(len(p))
     for i, value in enumerate(p):
-        shares = (1 - JUMP) * shares + JUMP * shares.sum() / len(BETS)
+        shares = (1 - JUMP_SHARE) * shares + JUMP_SHARE * shares.sum() / len(BETS)
         shares = shares * (1.0 + bets * (value - 0.5))
         path[i] = shares.sum()
     return path

@@ -16,8 +16,8 @@ The test is by betting (`excess_p`). It is valid for losses of any distribution 
 units the less they differ. With one operation per unit, whose loss is 0 or 1, the test is exact. It
 then equals the order statistic of Wilks (Ann. Math. Stat. 12, 1941): as many alarms among n as the
 binomial tail allows. Units with several operations are clusters and are counted as units.
-`one_each` takes one operation of each unit, called subsampling by Dunn, Wasserman, Ramdas (JASA
-118, 2023).
+`first_operations` takes one operation of each unit, called subsampling by Dunn, Wasserman, Ramdas
+(JASA 118, 2023).
 """
 
 from __future__ import annotations
@@ -39,16 +39,16 @@ class OperationScores(NamedTuple):
 
     @property
     def units(self) -> int:
-        """Return the number of sampled units."""
+        """Number of sampled units."""
         return len(np.unique(self.unit))
 
     def taken_from(self, units: np.ndarray) -> OperationScores:
-        """Return the operations of these units."""
+        """Return the operations of the units with these numbers."""
         mask = np.isin(self.unit, units)
         return OperationScores(*(values[mask] for values in self))
 
-    def one_each(self) -> OperationScores:
-        """Return the first operation of each unit: these are independent of each other."""
+    def first_operations(self) -> OperationScores:
+        """Return the first operation of each unit. These are independent of each other."""
         _, first = np.unique(self.unit, return_index=True)
         return OperationScores(*(values[first] for values in self))
 
@@ -77,58 +77,53 @@ class FalseAlarmTarget(NamedTuple):
 
     @property
     def risk(self) -> float:
-        """Return the largest mean loss of an operation."""
+        """The largest accepted mean loss of an operation (a)."""
         expected = self.per_hour * self.length_h
         return expected / (1.0 + expected)
 
     @property
-    def fewest_units(self) -> int:
-        """Return the smallest number n of independent units without an alarm that is enough to show
-        the limit: (1 - a)^n <= 1 - c.
+    def min_units(self) -> int:
+        """The smallest number n of independent units without an alarm that is enough to show the
+        limit with confidence c: (1 - a)^n <= 1 - c.
 
         n times the length of an operation is about -ln(1 - c) / r, for any length. Raise ValueError
         unless rate and length are above 0 and the confidence is between 0 and 1.
         """
-        if not (
-            self.per_hour > 0 and self.length_h > 0 and math.isfinite(self.per_hour * self.length_h)
-        ):
+        expected = self.per_hour * self.length_h
+        if not (self.per_hour > 0 and self.length_h > 0 and math.isfinite(expected)):
             raise ValueError(
                 f"expected a rate and a length above 0, got {self.per_hour} an hour and"
                 f" {self.length_h} h"
             )
-        # Tolerance, so that rounding does not add a unit.
-        return max(
-            1, math.ceil(math.log(alpha_of(self.confidence)) / math.log1p(-self.risk) - 1e-9)
-        )
+        units = math.log(alpha_of(self.confidence)) / math.log1p(-self.risk)
+        # The tolerance prevents that rounding adds a unit.
+        return max(1, math.ceil(units - 1e-9))
 
     @property
-    def fewest_clusters(self) -> int:
-        """Return the smallest number n of units without loss that is enough, if units have several
-        operations or detectors are not always active.
+    def min_clusters(self) -> int:
+        """The smallest number n of units without loss that is enough to show the limit by the
+        betting test, which is used if units have several operations.
 
-        The capital of the betting test grows by the factor 1 + a per unit: (1 + a)^n >= 1 / (1 -
-        c). If detectors are not always active, more units are needed.
+        The capital of the test grows by the factor 1 + a per unit: (1 + a)^n >= 1 / (1 - c). If
+        detectors are not always active, more units are needed.
         """
-        return max(
-            self.fewest_units,
-            math.ceil(-math.log(alpha_of(self.confidence)) / math.log1p(self.risk) - 1e-9),
-        )
+        clusters = -math.log(alpha_of(self.confidence)) / math.log1p(self.risk)
+        # The tolerance prevents that rounding adds a unit.
+        return max(self.min_units, math.ceil(clusters - 1e-9))
 
     def without_alarm(self, hours: np.ndarray) -> np.ndarray:
-        """Return the loss of operations without an alarm [operations].
+        """Return the loss L of operations without an alarm [operations], r (T - H) / (1 + r T).
 
-        hours: time in which detectors are active [operations]. Raise ValueError outside of 0..T.
+        hours: time in which detectors are active [operations], H. Raise ValueError outside of 0..T.
         """
+        # Rounding may make the hours slightly larger than the duration.
         if not ((hours >= 0) & (hours <= self.length_h * (1 + 1e-9))).all():
             raise ValueError(
                 f"hours of an operation must be in 0..{self.length_h:g}, got"
                 f" {hours.min():g}..{hours.max():g}"
             )
-        return (
-            self.per_hour
-            * np.maximum(self.length_h - hours, 0.0)
-            / (1.0 + self.per_hour * self.length_h)
-        )
+        inactive_hours = np.maximum(self.length_h - hours, 0.0)
+        return self.per_hour * inactive_hours / (1.0 + self.per_hour * self.length_h)
 
 
 class Threshold(NamedTuple):
@@ -145,36 +140,51 @@ class Threshold(NamedTuple):
 class TooFewUnits(ValueError):
     """Raised if the units are too few for any threshold. It states how many would be enough."""
 
-    def __init__(self, units: int, fewest: int) -> None:
-        super().__init__(f"got {units} units, expected at least {fewest}")
-        self.units, self.fewest = units, fewest
+    def __init__(self, units: int, min_units: int) -> None:
+        super().__init__(f"got {units} units, expected at least {min_units}")
+        self.units, self.min_units = units, min_units
 
 
-def least_threshold(operations: OperationScores, target: FalseAlarmTarget) -> Threshold:
-    """Return the smallest score that keeps the target as a threshold. Raise TooFewUnits."""
+def smallest_threshold(operations: OperationScores, target: FalseAlarmTarget) -> Threshold:
+    """Return the smallest score that, as a threshold, keeps the target with the target's
+    confidence.
+
+    Raise TooFewUnits if no score does.
+    """
     if not len(operations.unit):
-        raise TooFewUnits(0, target.fewest_units)
+        raise TooFewUnits(0, target.min_units)
     score = np.where(np.isnan(operations.score), np.inf, operations.score)
     _, unit, sizes = np.unique(operations.unit, return_inverse=True, return_counts=True)
-    base = target.without_alarm(operations.hours)
-    exact = bool(sizes.max() == 1 and (base <= 1e-15).all())
+    base_loss = target.without_alarm(operations.hours)
+    # Losses are 0 or 1 if each unit has one operation, with detectors active all the time.
+    exact = bool(sizes.max() == 1 and (base_loss <= 1e-15).all())
     order = np.argsort(-score, kind="stable")
     # Different scores, descending, and the number of scores above each.
-    values, above = np.unique(-score[order], return_index=True)
-    owner, more = unit[order], (1.0 - base)[order] / sizes[unit[order]]
-    quiet = np.bincount(unit, base) / sizes  # loss of each unit without an alarm
+    negative_values, alarm_counts = np.unique(-score[order], return_index=True)
+    # Units of the operations, highest score first, and what an alarm adds to the loss of the unit.
+    ordered_unit = unit[order]
+    added_loss = (1.0 - base_loss)[order] / sizes[ordered_unit]
+    unit_base_loss = np.bincount(unit, base_loss) / sizes
     best: Threshold | None = None
-    for value, alarms in zip(-values, above, strict=True):
+    # From the highest threshold down to the first one that does not keep the target.
+    for value, alarms in zip(-negative_values, alarm_counts, strict=True):
+        # An infinite score exceeds every threshold, so it cannot be a threshold.
         if not np.isfinite(value):
             continue
-        losses = quiet + np.bincount(owner[:alarms], more[:alarms], len(sizes))
-        p = excess_p(losses, target.risk, target.confidence, exact)
+        alarm_losses = np.bincount(ordered_unit[:alarms], added_loss[:alarms], len(sizes))
+        p = excess_p(unit_base_loss + alarm_losses, target.risk, target.confidence, exact)
         if p > alpha_of(target.confidence):
             break
-        hours = float(operations.hours.sum())
-        best = Threshold(float(value), len(sizes), len(score), hours, int(alarms), p)
+        best = Threshold(
+            value=float(value),
+            units=len(sizes),
+            operations=len(score),
+            hours=float(operations.hours.sum()),
+            alarms=int(alarms),
+            p=p,
+        )
     if best is None:
-        raise TooFewUnits(len(sizes), target.fewest_units)
+        raise TooFewUnits(len(sizes), target.min_units)
     return best
 
 
@@ -193,43 +203,48 @@ def excess_p(losses: np.ndarray, risk: float, confidence: float, exact: bool = F
     units = len(losses)
     if exact:
         return float(binom.cdf(round(float(losses.sum())), units, risk))
-    t = np.arange(1, units + 1)
-    mean = (risk + np.cumsum(losses)) / (1 + t)
-    after = (risk / 4 + np.cumsum((losses - mean) ** 2)) / (1 + t)
-    variance = np.concatenate([[risk / 4], after[:-1]])  # uses only losses before the unit
+    count = np.arange(1, units + 1)
+    # Running mean and variance of the losses, which begin with one assumed loss.
+    mean = (risk + np.cumsum(losses)) / (1 + count)
+    variance_after = (risk / 4 + np.cumsum((losses - mean) ** 2)) / (1 + count)
+    # A bet may use only losses before its unit.
+    variance = np.concatenate([[risk / 4], variance_after[:-1]])
     bet = np.minimum(1.0, np.sqrt(-2.0 * np.log(alpha_of(confidence)) / (units * variance)))
-    capital = np.cumsum(np.log1p(-bet * (losses - risk)))
-    return float(np.exp(-max(0.0, capital.max())))
+    log_capital = np.cumsum(np.log1p(-bet * (losses - risk)))
+    # By Ville's inequality, the inverse of the largest capital is a p-value.
+    return float(np.exp(-max(0.0, log_capital.max())))
 
 
-SHARE = 0.95
+SCALE_QUANTILE = 0.95
 """The scale of a signal is this quantile of the maxima of operations."""
-LEAST = 1e-6
+MIN_SCALE = 1e-6
 """Smallest scale of a signal in a segment, as a fraction of its largest scale in any segment."""
 
 
 def signal_scales(peaks: np.ndarray) -> np.ndarray:
-    """Return the scale of each signal in each segment, float32 [signals, segments].
+    """Return the scale of each signal in each segment, float32 [signals, segments]: the quantile
+    SCALE_QUANTILE of the operations' maxima.
 
     peaks: maxima of operations [operations, signals, segments]. A signal that is 0 in all segments
     has scale 1. Raise ValueError without operations, or if a maximum is infinite or NaN.
     """
     if not len(peaks) or not np.isfinite(peaks).all():
         raise ValueError("scales need finite maxima of at least one operation")
-    level = np.quantile(peaks, SHARE, axis=0)
-    largest = level.max(axis=-1, keepdims=True)
-    level = np.maximum(level, LEAST * largest)
-    return np.where(level > 0, level, 1.0).astype(np.float32)
+    scales = np.quantile(peaks, SCALE_QUANTILE, axis=0)
+    # A signal that hardly changes in one segment gets a scale above 0 there.
+    largest = scales.max(axis=-1, keepdims=True)
+    scales = np.maximum(scales, MIN_SCALE * largest)
+    return np.where(scales > 0, scales, 1.0).astype(np.float32)
 
 
-def joint_scores(peaks: np.ndarray, scale: np.ndarray) -> np.ndarray:
+def joint_scores(peaks: np.ndarray, scales: np.ndarray) -> np.ndarray:
     """Return the score of each operation: the largest of its maxima divided by their scales.
 
-    peaks: maxima [operations, signals * segments]. scale: [signals, segments]. A failed operation
+    peaks: maxima [operations, signals * segments]. scales: [signals, segments]. A failed operation
     has a maximum NaN, and its score is infinite. The computation is in float32, as in a monitor.
     Division by a positive number keeps the order. So the score equals, to the bit, the largest of
     the monitor's scores over time.
     """
-    shares = peaks.reshape(len(peaks), -1).astype(np.float32) / scale.astype(np.float32).ravel()
-    scores = shares.max(axis=1)
+    maxima = peaks.reshape(len(peaks), -1).astype(np.float32)
+    scores = (maxima / scales.astype(np.float32).ravel()).max(axis=1)
     return np.where(np.isnan(scores), np.float32(np.inf), scores)

@@ -56,7 +56,7 @@ def sobol_sample(d: int, n: int, seed: int) -> np.ndarray:
 
 
 def sobol_analyse(outputs: np.ndarray, d: int, *, resamples: int, seed: int = 0) -> SobolIndices:
-    """Return indices from the finite outputs [n (d + 2)] of `sobol_sample(d, n)`, by
+    """Return indices from finite outputs [n (d + 2)] at the points of `sobol_sample(d, n)`, by
     scipy.stats.sobol_indices.
 
     The estimators are those of Saltelli et al. 2010. Bands are by percentile bootstrap over the n
@@ -70,21 +70,22 @@ def sobol_analyse(outputs: np.ndarray, d: int, *, resamples: int, seed: int = 0)
     block = outputs.reshape(-1, d + 2).T
     n = block.shape[1]
 
-    def indices(index: np.ndarray) -> np.ndarray:
+    def compute_indices(base_points: np.ndarray) -> np.ndarray:
+        # Returns first-order and total indices [b, 2, d] of resamples, given as base points [b, n].
         # Axes [d + 2, b, n]. scipy treats the resamples as separate outputs of one model.
-        resample = block[:, index]
+        resample = block[:, base_points]
         functions = {"f_A": resample[0], "f_B": resample[-1], "f_AB": resample[1:-1]}
         result = sobol_indices(func=functions, n=n)
-        still = np.ptp(resample[[0, -1]], axis=(0, 2)) == 0
-        # Axes [b, 2, d]; scipy drops the first axis of a single output.
-        both = np.stack(
-            [np.reshape(part, (-1, d)) for part in (result.first_order, result.total_order)], axis=1
-        )
-        return np.where(still[:, None, None], np.nan, both)
+        # scipy drops the first axis of a single output.
+        first = np.reshape(result.first_order, (-1, d))
+        total = np.reshape(result.total_order, (-1, d))
+        is_constant = np.ptp(resample[[0, -1]], axis=(0, 2)) == 0
+        return np.where(is_constant[:, None, None], np.nan, np.stack([first, total], axis=1))
 
+    # A batch has at most two million outputs, to limit memory.
     batch = max(1, 2_000_000 // outputs.size)
-    band = bootstrap(n, indices, resamples=resamples, seed=seed, batch=batch)
-    return SobolIndices(*(Estimate(*(part[which] for part in band)) for which in (0, 1)))
+    value, low, high = bootstrap(n, compute_indices, resamples=resamples, seed=seed, batch=batch)
+    return SobolIndices(Estimate(value[0], low[0], high[0]), Estimate(value[1], low[1], high[1]))
 
 
 def morris_sample(d: int, n: int, seed: int, levels: int = 4) -> np.ndarray:
@@ -107,8 +108,8 @@ def morris_analyse(
     resamples: int = 1000,
     seed: int = 0,
 ) -> MorrisEffects:
-    """Return effects from a design of `morris_sample` and its finite outputs [runs], by SALib
-    (Campolongo et al. 2007).
+    """Return elementary effects from a design of `morris_sample` and its finite outputs [runs], by
+    SALib (Campolongo et al. 2007).
 
     The band of mu_star is normal, with the standard error of a bootstrap over trajectories, and at
     least 0. With fewer than about 20 trajectories it is too narrow.

@@ -72,7 +72,7 @@ class Interval(BaseModel):
 
     @property
     def half_width(self) -> float:
-        """Return the half-width as a fraction; 1 if no run was valid."""
+        """The half-width as a fraction; 1 if no run was valid."""
         return (self.high - self.low) / 2 if self.n else 1.0
 
 
@@ -111,61 +111,66 @@ class Sequential:
 
     @property
     def size(self) -> np.ndarray:
-        """Return the number of draws of each stratum, int64 [strata]."""
+        """The number of draws of each stratum, int64 [strata]."""
         return np.array([stratum.size for stratum in self.strata], np.int64)
 
     @property
     def judged(self) -> np.ndarray:
-        """Return which strata must have precise rates, bool [strata]."""
+        """Which strata must have precise rates, bool [strata]."""
         return np.array([stratum.judged and stratum.size > 0 for stratum in self.strata])
 
     @property
     def each(self) -> float:
-        """Return the confidence of each interval."""
-        apart = int(self.judged.sum()) if self.of == "groups" else 1
-        return 1 - alpha_of(self.confidence) / (apart * len(self.rates))
+        """The confidence of each interval: by Bonferroni's inequality, the chance to miss is
+        divided by the number of intervals.
+        """
+        populations = int(self.judged.sum()) if self.of == "groups" else 1
+        return 1 - alpha_of(self.confidence) / (populations * len(self.rates))
 
     def sizes(self) -> np.ndarray:
         """Return the planned numbers of draws, int64 [looks, strata]; at least one per stratum."""
-        part = np.ceil(np.outer(self.shares, self.size) - 1e-9).astype(np.int64)
-        return np.where(self.judged, np.clip(part, np.minimum(1, self.size), self.size), self.size)
+        # The tolerance prevents that rounding adds a draw.
+        planned = np.ceil(np.outer(self.shares, self.size) - 1e-9).astype(np.int64)
+        planned = np.clip(planned, np.minimum(1, self.size), self.size)
+        # Strata that need no precise rates are computed at the first look.
+        return np.where(self.judged, planned, self.size)
 
-    def first(self) -> np.ndarray:
+    def first_sizes(self) -> np.ndarray:
         """Return the number of draws of each stratum before the first look, int64 [strata]."""
         return self.sizes()[0]
 
-    def look(self, number: int, taken: np.ndarray, k: np.ndarray, n: np.ndarray) -> Look:
-        """Return the decision of look `number` (from 1), with k[rate, stratum] events in n[stratum]
-        valid draws.
+    def decide(self, number: int, taken: np.ndarray, k: np.ndarray, n: np.ndarray) -> Look:
+        """Return the result and the decision of look `number` (from 1), with k[rate, stratum]
+        events in n[stratum] valid draws.
 
         `taken`: number of computed draws of each stratum, which must be planned sizes.
         """
         names = [stratum.name for stratum in self.strata]
         intervals = list(self._intervals(k, n, taken))
-        wide = [
-            one
-            for one in intervals
-            if one.half_width > self.half_width
-            and (taken < self.size)[self._named(one.stratum)].any()
+        incomplete = taken < self.size
+        wide_intervals = [
+            interval
+            for interval in intervals
+            if interval.half_width > self.half_width
+            and incomplete[self._select(interval.stratum)].any()
         ]
-        waiting = tuple(dict.fromkeys(one.stratum for one in wide))
-        widest = max((one.half_width for one in wide or intervals), default=0.0)
-        stop = not waiting or number == len(self.shares)
+        waiting = tuple(dict.fromkeys(interval.stratum for interval in wide_intervals))
+        half_widths = [interval.half_width for interval in wide_intervals or intervals]
         return Look(
             number=number,
             looks=len(self.shares),
             taken=dict(zip(names, taken.tolist(), strict=True)),
             held=dict(zip(names, self.size.tolist(), strict=True)),
             intervals=tuple(intervals),
-            widest=widest,
+            widest=max(half_widths, default=0.0),
             waiting=waiting,
-            stop=stop,
+            stop=not waiting or number == len(self.shares),
             half_width=self.half_width,
             each=self.each,
             even=bool((taken == self.sizes()).all(axis=1).any()),
         )
 
-    def following(self, look: Look, k: np.ndarray, n: np.ndarray) -> np.ndarray:
+    def next_sizes(self, look: Look, k: np.ndarray, n: np.ndarray) -> np.ndarray:
         """Return the number of draws of each stratum before the next look, int64 [strata]. Numbers
         never decrease.
 
@@ -179,57 +184,65 @@ class Sequential:
         sizes, counts = self.sizes(), np.array(list(look.taken.values()), np.int64)
         if self.allocation == "proportional":
             return np.maximum(counts, sizes[look.number])
-        waits = self._named(*look.waiting)
+        is_waiting = self._select(*look.waiting)
         # A stratum without an event so far may still have some (Agresti, Coull).
-        guess = ((k + 2) / (n + 4)).clip(0, 1)
-        spread = np.sqrt(guess * (1 - guess)).max(axis=0)
-        spread = spread**2 if self.of == "groups" else spread * self.size
-        most = np.where(waits, np.minimum(sizes[-1], counts + self._more(k, n)), counts)
-        wanted = allocate_runs(
-            int(sizes[look.number].sum()), np.where(waits, spread, 0.0), counts, most
+        rate = ((k + 2) / (n + 4)).clip(0, 1)
+        deviation = np.sqrt(rate * (1 - rate)).max(axis=0)
+        weight = deviation**2 if self.of == "groups" else deviation * self.size
+        needed = np.minimum(sizes[-1], counts + self._needed_draws(k, n))
+        allocated = allocate_runs(
+            int(sizes[look.number].sum()),
+            weight=np.where(is_waiting, weight, 0.0),
+            least=counts,
+            most=np.where(is_waiting, needed, counts),
         )
-        return np.where(sizes >= wanted, sizes, sizes[-1]).min(axis=0)
+        # The smallest planned size that is large enough.
+        return np.where(sizes >= allocated, sizes, sizes[-1]).min(axis=0)
 
-    def _more(self, k: np.ndarray, n: np.ndarray) -> np.ndarray:
-        """Return how many more draws each stratum probably needs, at least 1."""
+    def _needed_draws(self, k: np.ndarray, n: np.ndarray) -> np.ndarray:
+        """Return how many more draws each stratum probably needs, at least 1; for the rate of the
+        whole table, all draws of the stratum.
+        """
         if self.of == "whole":
             return self.size
         alpha = alpha_of(self.each)
         low, high = anytime_bounds(k, n, alpha, self.half_width)
         # The rate may move within its interval towards one half, where a rate is hardest to
-        # estimate. So many draws tell it from a rate at the distance of a half-width.
+        # estimate. `needed` draws distinguish it from a rate at the distance of a half-width.
         worst = np.minimum(np.maximum(0.5, low), high)
-        need = 2 * math.log(2 / alpha) * worst * (1 - worst) / self.half_width**2
-        return np.maximum(1, np.ceil(need - n)).max(axis=0).astype(np.int64)
+        needed = 2 * math.log(2 / alpha) * worst * (1 - worst) / self.half_width**2
+        return np.maximum(1, np.ceil(needed - n)).max(axis=0).astype(np.int64)
 
-    def _named(self, *names: str) -> np.ndarray:
+    def _select(self, *names: str) -> np.ndarray:
         # Returns the judged strata with one of these names, bool [strata]; "" names all strata.
-        return self.judged & [not {stratum.name, ""}.isdisjoint(names) for stratum in self.strata]
+        return self.judged & ["" in names or stratum.name in names for stratum in self.strata]
 
     def _intervals(self, k: np.ndarray, n: np.ndarray, taken: np.ndarray) -> Iterator[Interval]:
-        # Yields the interval of each rate, from hits k [rates, strata] in n valid of `taken` drawn
-        # runs [strata].
-        there = np.flatnonzero(self.judged)
-        names, runs = [self.strata[s].name for s in there], n[there]
-        for rate, hits in zip(self.rates, k[:, there], strict=True):
+        """Yield the interval of each rate, for each judged stratum or for the whole table.
+
+        k: events [rates, strata]. n: valid draws [strata]. taken: computed draws [strata].
+        """
+        judged = np.flatnonzero(self.judged)
+        names, runs = [self.strata[index].name for index in judged], n[judged]
+        for rate_name, hits in zip(self.rates, k[:, judged], strict=True):
             if self.of == "groups":
                 rates = rates_with_intervals(hits, runs, self.each, half_width=self.half_width)
-                found = dict(zip(names, rates, strict=True))
+                rate_by_stratum = dict(zip(names, rates, strict=True))
             # If a stratum has no valid draw, the rate of the whole table is unknown.
             elif not (runs > 0).all():
-                found = {"": Rate()}
+                rate_by_stratum = {"": Rate()}
             else:
                 # Draws without a valid run, such as faults that never act, are not counted in the
                 # size of a stratum.
-                weight = self.size[there] * runs / taken[there]
+                weight = self.size[judged] * runs / taken[judged]
                 estimate = stratified_rate(hits, runs, weight, self.each, self.half_width)
-                found = {"": Rate(int(hits.sum()), int(runs.sum()), *estimate)}
-            for name, one in found.items():
-                yield Interval(rate=rate, stratum=name, **one._asdict())
+                rate_by_stratum = {"": Rate(int(hits.sum()), int(runs.sum()), *estimate)}
+            for stratum, rate in rate_by_stratum.items():
+                yield Interval(rate=rate_name, stratum=stratum, **rate._asdict())
 
 
 def describe_stop(looks: Sequence[Look]) -> str:
-    """Return a sentence about why a campaign stopped or did not stop. `looks`: in order."""
+    """Return a sentence that says why a campaign stopped, or did not stop, after these looks."""
     return resources.render_text(Path(__file__).with_name("stop.j2"), looks=looks)
 
 
@@ -240,8 +253,8 @@ def stratified_rate(
     confidence: float = 0.95,
     half_width: float | None = None,
 ) -> Estimate:
-    """Return the rate sum of w[s] k[s]/n[s] over strata, with its confidence interval. With
-    `half_width` the interval is `anytime_bounds` instead of Wilson's.
+    """Return a rate over several strata, the sum of w[s] k[s]/n[s], with its confidence interval.
+    With `half_width` the interval is `anytime_bounds` instead of Wilson's.
 
     Stratum s has k[s] hits in n[s] runs. Its share of the population is w[s]: weight[s] divided by
     the sum of all weights. The arguments are arrays [strata]; each weight and each n is above 0.
@@ -268,25 +281,26 @@ def stratified_rate(
     return Estimate(value, float(low), float(high))
 
 
-def allocate_runs(total: int, spread: ArrayLike, least: ArrayLike, most: ArrayLike) -> np.ndarray:
-    """Return runs per stratum, int64 [strata], in proportion to spread[s], between least[s] and
+def allocate_runs(total: int, weight: ArrayLike, least: ArrayLike, most: ArrayLike) -> np.ndarray:
+    """Return runs per stratum, int64 [strata], in proportion to weight[s], between least[s] and
     most[s].
 
-    Their sum is `total`, or the nearest sum that the bounds allow. Runs that strata with spread
-    cannot have are divided evenly among the other strata.
+    Their sum is `total`, or the nearest sum that the bounds allow. Runs that strata with a weight
+    cannot have are divided evenly among the strata without a weight.
     """
-    want, low, high = np.asarray(spread, float), np.asarray(least), np.asarray(most)
+    weights, low, high = np.asarray(weight, float), np.asarray(least), np.asarray(most)
     total = int(np.clip(total, low.sum(), high.sum()))
-    full = np.where(want > 0, high, low)
+    full = np.where(weights > 0, high, low)
     if total > full.sum():
-        return allocate_runs(total, np.ones(len(want)), full, high)
-    # The level at which the clipped multiples of the spreads sum to the total.
-    bounds = np.stack([low, high])[:, want > 0] / want[want > 0]
+        return allocate_runs(total, np.ones(len(weights)), full, high)
+    # The factor with which the clipped multiples of the weights sum to the total. The sum is linear
+    # between the factors at which a stratum reaches a bound.
+    bounds = np.stack([low, high])[:, weights > 0] / weights[weights > 0]
     corners = np.unique(np.append(0.0, bounds))
-    sums = np.clip(corners[:, None] * want, low, high).sum(axis=1)
-    exact = np.clip(np.interp(total, sums, corners) * want, low, high)
+    sums = np.clip(corners[:, None] * weights, low, high).sum(axis=1)
+    exact = np.clip(np.interp(total, sums, corners) * weights, low, high)
     runs = np.floor(exact).astype(np.int64)
-    # Distribute by remainders, the largest first.
-    largest = np.argsort(runs - exact, kind="stable")
-    runs[largest[: total - int(runs.sum())]] += 1
+    # Runs that rounding removed go to the strata with the largest remainders.
+    by_remainder = np.argsort(runs - exact, kind="stable")
+    runs[by_remainder[: total - int(runs.sum())]] += 1
     return runs

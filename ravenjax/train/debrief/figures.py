@@ -18,48 +18,47 @@ from ravenjax.train.protocol import TISSUE, Json
 from ravenjax.train.recording.reader import Recording
 from ravenjax.train.robot import JAW_LENGTH, jaw_rotation, run_levels
 
-_LOOKS = resources.read_tables(__file__, "charts.toml")
-MOMENTS: dict[str, tuple[str, str]] = _LOOKS["moments"]
+_CHARTS = resources.read_tables(__file__, "charts.toml")
+MOMENTS: dict[str, tuple[str, str]] = _CHARTS["moments"]
 """Name and colour of each moment of a hazard."""
 # Range of a hazard's chart: time before its start, time after its last moment, limits of the end.
-BEFORE_MS, AFTER_MS, SHORTEST_MS, LONGEST_MS = 400.0, 800.0, 1500.0, 8000.0
-POINTS = 900
+BEFORE_MS, AFTER_MS, MIN_END_MS, MAX_END_MS = 400.0, 800.0, 1500.0, 8000.0
+MAX_POINTS = 900
 """The largest number of points of a drawn curve."""
 HEIGHT, SMALL_HEIGHT = 210, 110  # px
 
-Moment = tuple[str, float, str]
-"""Kind, time on the chart's axis, text above the line."""
-EVERY_MS, EVERY_HAZARD_MS = 40, 10
+Moment = tuple[str, float, str]  # Kind, time on the chart's axis, text above the line
+INTERVAL_MS, HAZARD_INTERVAL_MS = 40, 10
 """Time between two pictures of the replay. The second value applies around a hazard."""
-MOST = 20_000
+MAX_PICTURES = 20_000
 """The largest number of pictures of a replay. Longer sessions get fewer pictures per second."""
-AROUND_MS = (400, 3000)
-"""Times before and after the start of a hazard that `EVERY_HAZARD_MS` covers."""
-PER_M = 10_000
-"""Units of the replay's positions in a metre."""
+HAZARD_WINDOW_MS = (400, 3000)
+"""Times before and after the start of a hazard that `HAZARD_INTERVAL_MS` covers."""
+UNITS_PER_M = 10_000  # Units of the replay's positions in a metre
 
 
 def hazard_charts(
     course: Recording, row: HazardRow, limits: Mapping[str, float], blinded: bool
 ) -> list[Chart]:
-    """Return the charts of one hazard over ms after its start; none if it was not recorded.
-    limits: mm by name, drawn as lines across the distances.
+    """Return the charts of one hazard over ms after its start; [] if it was not recorded. limits:
+    mm by name, drawn as lines across the distances. blinded: hide the cue.
     """
     if row.struck_ms is None:
         return []
     # Moments may be a few ms apart, so their lines have no text. The page lists their colours.
-    moments = [("strike", 0.0, "")] + [
-        (kind, ms, "") for kind, ms in row.after.items() if kind != "cue" or not blinded
-    ]
+    moments = [("strike", 0.0, "")]
+    for kind, ms in row.times_after_activation.items():
+        if kind != "cue" or not blinded:
+            moments.append((kind, ms, ""))
     end = max(ms for _, ms, _ in moments) + AFTER_MS
-    end = min(max(end, SHORTEST_MS), LONGEST_MS)
-    inside = (course.ms >= row.struck_ms - BEFORE_MS) & (course.ms <= row.struck_ms + end)
-    if inside.sum() < 2:
+    end = min(max(end, MIN_END_MS), MAX_END_MS)
+    is_inside = (course.ms >= row.struck_ms - BEFORE_MS) & (course.ms <= row.struck_ms + end)
+    if is_inside.sum() < 2:
         return []
     arms = [row.arm] if row.arm in course.layout.arms else list(course.layout.arms)
     axis = ChartAxis("ms after the start of the hazard", -BEFORE_MS, end, unit="ms")
-    part = replace(course, rows=course.rows[inside], numbers=course.numbers[inside])
-    return _charts(part, part.ms - row.struck_ms, axis, arms, moments, limits, blinded)
+    section = replace(course, rows=course.rows[is_inside], numbers=course.numbers[is_inside])
+    return _charts(section, section.ms - row.struck_ms, axis, arms, moments, limits, blinded)
 
 
 def session_charts(
@@ -84,32 +83,40 @@ def session_charts(
 
 
 def learning_charts(attempts: Sequence[Json]) -> list[Chart]:
-    """Return one chart per measure over a person's sessions; none for less than two sessions."""
+    """Return one chart per measure over a person's sessions; [] for less than two sessions.
+    attempts: of `dexterity.read_attempts`. A session without a value has no dot in a chart.
+    """
     if len(attempts) < 2:
         return []
     charts = []
-    for number, measure in enumerate(name for name in attempts[0] if name != "name"):
+    measures = [name for name in attempts[0] if name != "name"]
+    for number, measure in enumerate(measures):
         values = np.array([attempt[measure] for attempt in attempts], float)
         known = np.flatnonzero(np.isfinite(values)).tolist()
-        if known:
-            x, y, colour = np.array(known) + 1.0, values[known], palette.series_colour(number)
-            tips = tuple(attempts[place]["name"] for place in known)
-            dots = Dots(measure, colour, x, y, tips=tips, in_legend=False)
-            low, high = min(0.0, float(y.min())), max(0.0, float(y.max()))
-            axis = ChartAxis("session", 0.5, len(attempts) + 0.5)
-            line = Curve(measure, colour, x, y, in_legend=False)
-            level = ChartAxis(measure, low, high if high > low else low + 1.0)
-            charts.append(Chart(measure, axis, level, (line, dots), SMALL_HEIGHT))
+        if not known:
+            continue
+        x, y, colour = np.array(known) + 1.0, values[known], palette.series_colour(number)
+        tips = tuple(attempts[index]["name"] for index in known)
+        dots = Dots(measure, colour, x, y, tips=tips, in_legend=False)
+        line = Curve(measure, colour, x, y, in_legend=False)
+        low, high = min(0.0, float(y.min())), max(0.0, float(y.max()))
+        # The axis needs a length if all values are 0.
+        y_axis = ChartAxis(measure, low, high if high > low else low + 1.0)
+        x_axis = ChartAxis("session", 0.5, len(attempts) + 0.5)
+        charts.append(Chart(measure, x_axis, y_axis, (line, dots), SMALL_HEIGHT))
     return charts
 
 
 def thin_curve(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Reduce a curve to at most `POINTS` points: the greatest value of each interval."""
+    """Return times and values of a curve with about `MAX_POINTS` points instead of [T]. The
+    greatest value of each interval remains, as do both ends. NaN and infinity become 0.
+    """
     finite = np.where(np.isfinite(values), values, 0.0).astype(float)
-    stride = -(-len(time) // POINTS)
+    # Rounded up.
+    stride = -(-len(time) // MAX_POINTS)
     starts = range(0, len(time), stride)
-    best = [start + int(finite[start : start + stride].argmax()) for start in starts]
-    indices = np.unique([0, *best, len(time) - 1])
+    peaks = [start + int(finite[start : start + stride].argmax()) for start in starts]
+    indices = np.unique([0, *peaks, len(time) - 1])
     return time[indices], finite[indices]
 
 
@@ -124,8 +131,8 @@ def _charts(
 ) -> list[Chart]:
     # Returns charts of distances, depth, force and run level over `time`, with lines at moments.
     distances = [
-        _curve(time=time, values=course.greatest(channel, arms), **look)
-        for channel, look in _LOOKS["distances"].items()
+        _curve(time=time, values=course.greatest_of_arms(channel, arms), **style)
+        for channel, style in _CHARTS["distances"].items()
     ]
     ends = np.array([axis.low, axis.high])
     lines = [
@@ -133,8 +140,9 @@ def _charts(
         for name, mm in limits.items()
     ]
     charts = [_chart("Distances", "mm", axis, [*distances, *lines], moments, HEIGHT)]
-    for channel, (title, unit, colour) in _LOOKS["amounts"].items():
-        values = course.greatest(channel, arms)
+    for channel, (title, unit, colour) in _CHARTS["amounts"].items():
+        values = course.greatest_of_arms(channel, arms)
+        # Only the force that the operator felt is drawn, and none if the session is blinded.
         if channel == "force":
             values = values * ((course["cue_on"] > 0) & (not blinded))
         if np.nanmax(values) > 0:
@@ -175,58 +183,70 @@ def _chart(
     height: int,
     share: bool = False,
 ) -> Chart:
+    # Returns a chart with vertical lines at moments. share: the values are 0 to 1. Only the highest
+    # chart, which comes first, shows the texts of the moments, above its lines.
     top = 1.0 if share else 1.1 * max(1e-3, *(float(curve.y.max()) for curve in curves))
     marks: list[Mark] = [
         Curve("", MOMENTS[kind][1], np.full(2, at), np.array([0.0, top]), in_legend=False)
         for kind, at, _ in moments
     ]
     if height == HEIGHT:
-        places, texts = [at for _, at, _ in moments], tuple(text for *_, text in moments)
-        x, y, sizes = np.array(places), np.full(len(places), top), (0.0,) * len(places)
+        x, texts = np.array([at for _, at, _ in moments]), tuple(text for *_, text in moments)
+        # Dots of size 0 show only their texts.
+        y, sizes = np.full(len(x), top), (0.0,) * len(x)
         marks.append(Dots("", palette.SAME, x, y, size=sizes, texts=texts, in_legend=False))
     return Chart(title, axis, ChartAxis(unit, 0.0, top, share=share), (*curves, *marks), height)
 
 
 def player_data(course: Recording, header: Json, hazards: Sequence[HazardRow]) -> Json | None:
-    """Return the replay's data as JSON; None if the header lacks the positions of the arms."""
+    """Return the replay's pictures as JSON: times, pedal, target, tips and marks. None if the
+    header lacks the positions of the arms. header: content of session.json.
+    """
     bases, arms = header.get("bases") or {}, course.layout.arms
     if any(arm not in bases for arm in arms):
         return None
     first, last = course.ms[0], course.ms[-1]
-    times = [np.arange(first, last, max(EVERY_MS, int(last - first) // MOST)), [last]]
+    interval = max(INTERVAL_MS, int(last - first) // MAX_PICTURES)
+    times = [np.arange(first, last, interval), [last]]
     marks: list[Moment] = []
     for row in hazards:
         if row.struck_ms is not None:
-            begin, end = row.struck_ms - AROUND_MS[0], row.struck_ms + AROUND_MS[1]
-            times.append(np.arange(begin, end, EVERY_HAZARD_MS))
+            begin, end = row.struck_ms - HAZARD_WINDOW_MS[0], row.struck_ms + HAZARD_WINDOW_MS[1]
+            times.append(np.arange(begin, end, HAZARD_INTERVAL_MS))
             marks.append(("strike", row.struck_ms, row.title or row.hazard))
             if row.response_ms is not None:
                 marks.append(("response", row.response_ms, row.response))
+    # Times after the last row have no row.
     rows = np.unique(np.searchsorted(course.ms, np.concatenate(times)))
     rows = rows[rows < len(course.ms)]
+    blinded = bool(header.get("blinded"))
     return {
         "ms": (course.ms[rows] - first).astype(int).tolist(),
         **{name: course[name][rows].astype(int).tolist() for name in ("pedal", "target")},
-        "arms": {
-            arm: _arm(course, arm, bases[arm], rows, bool(header.get("blinded"))) for arm in arms
-        },
+        "arms": {arm: _arm_positions(course, arm, bases[arm], rows, blinded) for arm in arms},
         "task": header.get("task") or {},
         "tissue": TISSUE,
         "marks": [{"ms": ms - first, "kind": kind, "text": text} for kind, ms, text in marks],
     }
 
 
-def _arm(course: Recording, arm: str, base: Json, rows: np.ndarray, blinded: bool) -> Json:
+def _arm_positions(
+    course: Recording, arm: str, base: Json, rows: np.ndarray, blinded: bool
+) -> Json:
+    # Returns positions in the world, in whole units: the remote centre of motion, and in each row
+    # the end of the jaws of the robot and its model. The model would show the cue, so it is hidden
+    # if the session is blinded. base: origin and quaternion of frame 0.
     # The import takes half a second.
     from scipy.spatial.transform import Rotation
 
     origin = np.asarray(base["origin"], float)
-    turn = Rotation.from_quat(base["quaternion"]).as_matrix()
-    drawing = {"remote": np.rint(PER_M * origin).astype(int).tolist()}
-    for name, axis, joints in (("tip", "tip", "link_jpos"), ("model", "model_tip", "model_jpos"))[
-        : 1 if blinded else 2
-    ]:
+    rotation = Rotation.from_quat(base["quaternion"]).as_matrix()
+    positions = {"remote": np.rint(UNITS_PER_M * origin).astype(int).tolist()}
+    channels = {"tip": ("tip", "link_jpos"), "model": ("model_tip", "model_jpos")}
+    if blinded:
+        del channels["model"]
+    for name, (axis, joints) in channels.items():
         jaws = JAW_LENGTH * jaw_rotation(arm, course[f"{arm}/{joints}"][rows])[..., 0]
-        points = origin + np.nan_to_num(course[f"{arm}/{axis}"][rows] + jaws) @ turn.T
-        drawing[name] = np.rint(PER_M * points).astype(int).tolist()
-    return drawing
+        points = origin + np.nan_to_num(course[f"{arm}/{axis}"][rows] + jaws) @ rotation.T
+        positions[name] = np.rint(UNITS_PER_M * points).astype(int).tolist()
+    return positions

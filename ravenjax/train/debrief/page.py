@@ -16,10 +16,9 @@ CHANNELS = resources.read_tables(__file__, "charts.toml")["channels"]
 
 
 def write_debrief(folder: Path) -> Path:
-    """Write debrief.html into a session's folder and return its path.
-
-    The function also adds the measures of the motion to session.json, for later learning curves.
-    Raises StoreError if the folder has no session.
+    """Write debrief.html into a session's folder and return its path. The function also adds the
+    measures of the motion to session.json, for later learning curves. Without a readable recording
+    the page has no charts, and tells why. Raises StoreError if the folder has no session.
     """
     # jinja takes a while to import.
     from ravenjax.document import html
@@ -27,18 +26,19 @@ def write_debrief(folder: Path) -> Path:
     folder = Path(folder)
     header = description.read_session(folder)
     recording = course = None
-    trouble = ""
+    reading_error = ""
     try:
         if reader.find_recording(folder) is not None:
             recording = reader.read_recording(folder, CHANNELS)
     except StoreError as error:
-        trouble = str(error)
+        reading_error = str(error)
     if recording is not None and len(recording.rows) > 1:
         course = recording.without_pauses()
         measures = dexterity.measure_dexterity(course)
         header = description.update_session(folder, {"summary": {dexterity.KEY: measures}})
     has_table = (folder / reader.TABLE).exists()
     hazards = reader.read_table(folder)
+    # A session that was killed has no table.
     if not has_table and recording is not None:
         hazards = reader.from_recording(recording, header)
     blinded = bool(header.get("blinded"))
@@ -49,13 +49,13 @@ def write_debrief(folder: Path) -> Path:
     }
     limits = {name: mm for name, mm in limits.items() if mm is not None}
     charts: Json = {"hazards": [[] for _ in hazards], "session": []}
-    shown, contact = None, {}
+    replay, contact = None, {}
     if course is not None:
         charts = {
             "hazards": [figures.hazard_charts(course, row, limits, blinded) for row in hazards],
             "session": figures.session_charts(course, hazards, limits, blinded),
         }
-        shown = figures.player_data(course, header, hazards)
+        replay = figures.player_data(course, header, hazards)
         if header.get("contact_units_per_n") is not None:
             contact = dexterity.measure_contact(course)
     attempts = dexterity.read_attempts(folder.absolute())
@@ -70,10 +70,10 @@ def write_debrief(folder: Path) -> Path:
         has_table=has_table,
         recording=recording,
         began_ms=recording.began_ms if recording else 0.0,
-        trouble=trouble,
+        trouble=reading_error,
         charts=charts,
         learning=figures.learning_charts(attempts),
-        replay=shown,
+        replay=replay,
         contact=contact,
     )
     path = folder / FILE

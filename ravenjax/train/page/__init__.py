@@ -2,10 +2,8 @@
 
 The page reads frames and events from rings in shared memory. It writes the browsers' commands into
 another ring, which the realtime process reads once a tick. The realtime process never waits for the
-page.
-
-This module opens the page's port at once and answers browsers until the page has started. So it
-imports no slow module.
+page. This module opens the page's port at once and answers browsers until the page has started. So
+it imports no slow module.
 """
 
 import contextlib
@@ -49,8 +47,7 @@ class PageOptions:
     header: dict[str, Any]
     folder: str | None = None  # of the session, which gets debrief.html after the end
     host: str = "127.0.0.1"
-    # Token of every request; needed if `host` is not a loopback address.
-    token: str | None = None
+    token: str | None = None  # Token of every request; needed if `host` is not a loopback address
     # Token of an instructor's window; None: there is no instructor.
     instructor_token: str | None = None
 
@@ -64,7 +61,9 @@ def is_loopback(host: str) -> bool:
 
 
 def same_secret(word: str, secret: str | None) -> bool:
-    """Whether `word` is the secret, compared in constant time; False if there is no secret."""
+    """Whether `word` is the secret; False if there is no secret (None). The time of the comparison
+    does not depend on the number of equal characters.
+    """
     return secret is not None and hmac.compare_digest(
         word.encode(errors="replace"), secret.encode()
     )
@@ -76,8 +75,8 @@ def query_parameters(path: str) -> dict[str, str]:
 
 
 def choose_tokens(host: str, token: str | None, instructor: str | None) -> tuple[str | None, str]:
-    """Return the tokens of visitors and instructor. A needed token that is None is generated.
-    Raises UserError if both are the same.
+    """Return the tokens of visitors and instructor. A token that is None is generated, but visitors
+    need none if only this machine reaches the page. Raises UserError if both are the same.
     """
     if token is None and not is_loopback(host):
         token = secrets.token_urlsafe(24)
@@ -92,8 +91,8 @@ def choose_tokens(host: str, token: str | None, instructor: str | None) -> tuple
 def open_port(
     host: str, port: int, token: str | None, instructor: str, say: Callable[[str], None]
 ) -> socket.socket:
-    """Listen at this port, or the next free one, and print the addresses of both roles. Raises
-    UserError if the page cannot listen at `host`.
+    """Return a socket that listens at this port or the next free port, and print the addresses for
+    operator and instructor. Raises UserError if the page cannot listen at `host`.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     for number in range(port, port + _PORTS):
@@ -101,16 +100,18 @@ def open_port(
             listening = socket.create_server((host, number), family=family)
             break
         except (OSError, OverflowError) as error:
-            trouble = error
+            last_error = error
     else:
         raise UserError(
-            f"host is {host!r}, port {port}, where the page cannot listen ({trouble}); give an"
+            f"host is {host!r}, port {port}, where the page cannot listen ({last_error}); give an"
             " address of this machine: 127.0.0.1 for this machine only, 0.0.0.0 for every network"
         )
     number = listening.getsockname()[1]
     if port not in (0, number):
         say(f"port {port} is in use: the page is at port {number}")
-    shown = "127.0.0.1" if host in ("0.0.0.0", "") else f"[{host}]" if ":" in host else host
+    # A server on all networks is at this machine's address, too. IPv6 addresses need brackets.
+    address = f"[{host}]" if ":" in host else host
+    shown = "127.0.0.1" if host in ("0.0.0.0", "") else address
     url, query = f"http://{shown}:{number}/?role=", f"&token={token}" if token else ""
     say(f"operator: {url}operator{query}")
     say(f"instructor: {url}instructor{query}&instructor_token={instructor}")
@@ -118,10 +119,9 @@ def open_port(
 
 
 def run_when_told(session: Connection, listening: socket.socket) -> None:
-    """Import the page, then serve it with the `PageOptions` that `session` sends.
-
-    Until then, browsers show the texts that `session` sends: what the session waits for. The answer
-    is the port. This ends when the process is terminated or the session's process has ended.
+    """Import the page, then serve it with the `PageOptions` that `session` sends. Until then,
+    browsers show the texts that `session` sends, such as what the session waits for. The answer to
+    the options is the port. The function returns when the session has ended.
     """
     # viser and MuJoCo take seconds to import, and only the page's process needs them. MuJoCo draws
     # nothing, so it needs no OpenGL.
@@ -129,22 +129,23 @@ def run_when_told(session: Connection, listening: socket.socket) -> None:
     page = "ravenjax.train.page.process"
     importing = threading.Thread(target=importlib.import_module, args=(page,), daemon=True)
     importing.start()
-    look, text = (STATIC / "waiting.html").read_text(encoding="utf-8"), ""
+    waiting_page, text = (STATIC / "waiting.html").read_text(encoding="utf-8"), ""
     options: PageOptions | None = None
     # EOFError: the session ended before the page began.
     with contextlib.suppress(EOFError):
         while options is None or importing.is_alive():
             for ready in wait([session, listening], _PATIENCE_S):
                 if ready is listening:
-                    _ask_to_wait(listening, look.replace("WAITING", text))
-                elif isinstance(told := session.recv(), str):
-                    text = told
+                    _ask_to_wait(listening, waiting_page.replace("WAITING", text))
+                elif isinstance(received := session.recv(), str):
+                    text = received
                 else:
-                    options = told
+                    options = received
         importlib.import_module(page).serve_page(options, listening, session)
 
 
 def _ask_to_wait(listening: socket.socket, text: str) -> None:
+    # Answers one browser, which then asks again after a second.
     visitor, _ = listening.accept()
     with visitor, contextlib.suppress(OSError):
         visitor.settimeout(_PATIENCE_S)

@@ -3,10 +3,8 @@
 The roles are operator, instructor and watcher. The hub checks types, ranges and size of every
 message from a browser, and whether the role may send it. Operators receive no data about hazards.
 As at a real console, they learn of a check only if it raises an alarm or stops the robot (event
-"alarm"). In a blinded session, no window receives data that would show
-the group of the study.
-
-This code runs in the server's event loop. A slow window skips frames and gets the newest frame.
+"alarm"). In a blinded session, no window receives data that would show the group of the study. This
+code runs in the server's event loop. A slow window skips frames and gets the newest frame.
 """
 
 import asyncio
@@ -23,36 +21,23 @@ from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
 from ravenjax.bundled import resources
+from ravenjax.store.ring import Ring, put_json
 from ravenjax.train import protocol
 from ravenjax.train.page import PageOptions, query_parameters, same_secret
-from ravenjax.train.protocol import (
-    CONSOLES,
-    PHASES,
-    VIEWS,
-    Command,
-    Event,
-    Frame,
-    FrameLayout,
-    Input,
-    Json,
-    Message,
-)
-from ravenjax.train.realtime.ring import Ring, put_json
+from ravenjax.train.protocol import Command, Event, Frame, FrameLayout, Input, Json, Message
 from ravenjax.train.robot import ROBOT
 
-LARGEST = 2048
-"""The largest size of a message in bytes."""
-NOTE = 700
-"""The largest size of a note as JSON in bytes, so that an event can contain it."""
+MAX_MESSAGE_BYTES = 2048  # The largest size of a message in bytes
+MAX_NOTE_BYTES = 700  # The largest size of a note as JSON in bytes, so that an event can contain it
 _COMMANDS = resources.read_tables(__file__, "commands.toml")
-_SEEN: dict[str, list[str]] = _COMMANDS.pop("seen")
+_VISIBLE: dict[str, list[str]] = _COMMANDS.pop("seen")
 """What operators see, and what blinding hides."""
-MOST_PER_S = 400
+MAX_MESSAGES_PER_S = 400
 """The largest rate of messages of one window; more than a gamepad at 144 Hz with all keys."""
 KEPT_EVENTS = 1000
-_SIGNED = ("operator", "seat")
+_COMMANDS_WITH_SENDER = ("operator", "seat")
 """Types of commands to which the hub adds the role of the window, if it is not the operator."""
-LEFT = {"type": "seat", "do": "left"}
+LEFT_COMMAND = {"type": "seat", "do": "left"}
 """Command after the operator's window has closed: the pedal goes up, which is a release."""
 
 
@@ -90,36 +75,39 @@ class Inbox:
     blinded: bool
 
     def read(self, message: str | bytes, role: str) -> Json:
-        """Return a message of `protocol`, or one of type "page". Raises RefusedMessage."""
-        if len(message) > LARGEST:
-            raise RefusedMessage(f"{len(message)} bytes, expected {LARGEST} at most")
+        """Return a browser's message as a command of `protocol`, or as a message of type "page".
+        Raises RefusedMessage if it is invalid, if this role may not send it, or if it does not fit
+        the session. `commands.toml` lists the keys of each command and the roles that may send it.
+        """
+        if len(message) > MAX_MESSAGE_BYTES:
+            raise RefusedMessage(f"{len(message)} bytes, expected {MAX_MESSAGE_BYTES} at most")
         try:
             content = _MESSAGE.validate_json(message).model_dump(exclude_none=True)
         except ValidationError as error:
             first = error.errors(include_url=False, include_input=False, include_context=False)[0]
             raise RefusedMessage(f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from None
-        kind, do = content["type"], content.get("do", "")
-        name, keys = f"{kind} {do}".rstrip(), content.keys() - {"type", "do"}
-        rule = _COMMANDS[kind].get(do)
+        kind, action = content["type"], content.get("do", "")
+        name, keys = f"{kind} {action}".rstrip(), content.keys() - {"type", "do"}
+        rule = _COMMANDS[kind].get(action)
         if rule is None:
             raise RefusedMessage(f"got {name}, expected one of {', '.join(_COMMANDS[kind])}")
         if role not in rule["by"]:
             raise RefusedMessage(f"a {role} may not send {name}")
-        needs = rule.get("needs", [])
-        known = [*needs, *rule.get("may", [])]
-        if not set(needs) <= keys <= set(known):
-            got, expected = " ".join(keys) or "nothing", " ".join(known) or "nothing"
+        required = rule.get("needs", [])
+        allowed = [*required, *rule.get("may", [])]
+        if not set(required) <= keys <= set(allowed):
+            got, expected = " ".join(keys) or "nothing", " ".join(allowed) or "nothing"
             raise RefusedMessage(f"{name}: got {got}, expected {expected}")
-        self._require_sense(name, content)
+        self._check_session(name, content)
         return content
 
-    def _require_sense(self, name: str, content: Json) -> None:
+    def _check_session(self, name: str, content: Json) -> None:
         # Refuses a message with numbers or names that this session does not have.
         for arm in content.get("arms", ()):
             if arm not in self.arms:
                 raise RefusedMessage(f"arm {arm}, the session has {' and '.join(self.arms)}")
-        if len(json.dumps(content.get("text", ""))) > NOTE:
-            raise RefusedMessage(f"a note of more than {NOTE} bytes")
+        if len(json.dumps(content.get("text", ""))) > MAX_NOTE_BYTES:
+            raise RefusedMessage(f"a note of more than {MAX_NOTE_BYTES} bytes")
         if name == "instructor cue" and self.blinded:
             raise RefusedMessage("the session is blinded, so instructors cannot set its cue")
         if content.get("hazard", -1) >= self.hazards:
@@ -144,26 +132,26 @@ class Visibility:
     blinded: bool
 
     def shows_event(self, event: Event) -> bool:
+        """Whether this role may see an event. A blinded session hides the cue from everybody."""
         kind = event.get("kind", "")
         if self.role == "instructor":
             return kind != "hazard_row" and not (self.blinded and kind == "cue")
-        felt = [] if self.blinded else _SEEN["felt_events"]
-        return kind in _SEEN["operators_events"] or kind in felt
+        felt_kinds = [] if self.blinded else _VISIBLE["felt_events"]
+        return kind in _VISIBLE["operators_events"] or kind in felt_kinds
 
     def header(self, header: Json) -> Json:
-        """Return the session's header without the hidden entries."""
-        hidden = [] if self.role == "instructor" else _SEEN["instructors_header"]
+        """Return the entries of session.json that the role may see, and the scenario's texts."""
+        hidden = [] if self.role == "instructor" else _VISIBLE["instructors_header"]
         if self.blinded:
-            hidden = hidden + _SEEN["unblinded_header"]
+            hidden = hidden + _VISIBLE["unblinded_header"]
         scenario = header.get("scenario") or {}
-        words = {name: scenario[name] for name in ("title", "description") if scenario.get(name)}
-        return words | {name: value for name, value in header.items() if name not in hidden}
+        texts = {name: scenario[name] for name in ("title", "description") if scenario.get(name)}
+        return texts | {name: value for name, value in header.items() if name not in hidden}
 
     def frame(self, row: np.ndarray, extras: np.ndarray) -> bytes:
         """Return the bytes of a frame, float32: extras [arms, 5] of `Page._extras`, then the row.
-
-        Values that the role may not see are replaced. With the cue off, operators see no force;
-        the instructor sees the force that the cue would have.
+        Values that the role may not see are replaced. With the cue off, operators see no force; the
+        instructor sees the force that the cue would have.
         """
         frame, extras = Frame(self.layout, row.copy()), extras.copy()
         is_felt = frame.number("cue_on") != 0
@@ -171,14 +159,15 @@ class Visibility:
             frame["cue_on"] = 1
         if self.role != "instructor":
             frame["hazard"] = -1
-            for name in _SEEN["instructors_channels"]:
+            for name in _VISIBLE["instructors_channels"]:
                 frame[name] = 0
             for i, arm in enumerate(self.layout.arms):
-                for name in _SEEN["instructors_arm_channels"]:
+                for name in _VISIBLE["instructors_arm_channels"]:
                     frame[f"{arm}/{name}"] = 0
                 if not is_felt:
                     extras[i, 1] = 0
                     frame[f"{arm}/force"] = 0
+                # Operators of a blinded session see the robot's own pose in place of the model's.
                 if self.blinded:
                     frame[f"{arm}/error_mm"] = extras[i, 0] = 0
                     frame[f"{arm}/model_jpos"] = frame[f"{arm}/link_jpos"]
@@ -197,10 +186,12 @@ class Client:
     """Whether the window has the instructor's token."""
 
     def __post_init__(self) -> None:
+        # What is not sent yet: texts, and the newest frame with its extras.
         self._texts: list[str] = []
         self._frame: tuple[np.ndarray, np.ndarray] | None = None
         self._wake = asyncio.Event()
-        self._room, self._counted = float(MOST_PER_S), time.monotonic()
+        # How many messages the window may send now, and the time at which this was computed.
+        self._allowance, self._updated_s = float(MAX_MESSAGES_PER_S), time.monotonic()
 
     def send_soon(self, message: Json) -> None:
         """Queue a text; texts are sent in order."""
@@ -208,7 +199,9 @@ class Client:
         self._wake.set()
 
     def show(self, row: np.ndarray, extras: np.ndarray) -> None:
-        """Queue a frame in place of one that was not sent yet, with the greater peaks of both."""
+        """Queue a frame, float32 row, and its extras. They replace a frame that was not sent yet.
+        Its peaks, the first two extras, stay visible: the greater value of both frames is sent.
+        """
         if self._frame:
             extras = extras.copy()
             extras[:, :2] = np.maximum(extras[:, :2], self._frame[1][:, :2])
@@ -216,13 +209,14 @@ class Client:
         self._wake.set()
 
     def admits(self) -> bool:
-        """Whether one more message is within the largest rate, `MOST_PER_S`."""
+        """Count a message, and return whether it is within the rate `MAX_MESSAGES_PER_S`."""
         now = time.monotonic()
-        self._room = min(MOST_PER_S, self._room + (now - self._counted) * MOST_PER_S)
-        self._counted = now
-        if self._room < 1:
+        gained = (now - self._updated_s) * MAX_MESSAGES_PER_S
+        self._allowance = min(MAX_MESSAGES_PER_S, self._allowance + gained)
+        self._updated_s = now
+        if self._allowance < 1:
             return False
-        self._room -= 1
+        self._allowance -= 1
         return True
 
     async def send(self, visibility: Callable[[], Visibility]) -> None:
@@ -249,7 +243,7 @@ class Hub:
         on_page: Callable[[Client, Command], None],
         on_input: Callable[[], None],
     ) -> None:
-        """place: of `describe_place`. on_page: called with each message of type "page". on_input:
+        """place: of `describe_field`. on_page: called with each message of type "page". on_input:
         called when the operator's input changes.
         """
         header, blinded = options.header, bool(options.header.get("blinded"))
@@ -273,15 +267,15 @@ class Hub:
         """Serve one websocket, from its greeting to its end."""
         options = query_parameters(connection.request.path if connection.request else "")
         window = options.get("window", "")[:64]
-        self._drop_earlier(window)
-        asks = options.get("role") == "instructor"
+        self._drop_earlier_connection(window)
+        wants_to_instruct = options.get("role") == "instructor"
         token = options.get("instructor_token", "")
-        instructs = asks and same_secret(token, self._instructor_token)
+        instructs = wants_to_instruct and same_secret(token, self._instructor_token)
         # A second instructor begins as a watcher and takes over only by a message of their own.
         if instructs and not self._has("instructor"):
             role = "instructor"
         else:
-            role = "watcher" if asks or not self._seat_is_free() else "operator"
+            role = "watcher" if wants_to_instruct or not self._seat_is_free() else "operator"
         client = Client(connection, role, window, instructs)
         self._greet(client)
         self.clients.append(client)
@@ -311,8 +305,8 @@ class Hub:
                 client.send_soon({"type": "event", **event})
 
     def _visible(self, client: Client, events: list[Event]) -> list[Event]:
-        """Return the events that a window may see, without their rows of hazards.csv: these tell
-        whether the cue is on, which blinding hides.
+        """Return the events that a window may see, without their key "row": a row of hazards.csv
+        shows whether the cue is on, which blinding hides.
         """
         shown = filter(self._visibility[client.role].shows_event, events)
         return [{key: value for key, value in event.items() if key != "row"} for event in shown]
@@ -322,18 +316,20 @@ class Hub:
         if client not in self.clients:
             return
         self.clients.remove(client)
-        drove = client.role == "operator"
-        # Messages that it sent before may still arrive.
+        was_operator = client.role == "operator"
+        # Messages that the window sent before may still arrive, and must not move the robot.
         client.role = "watcher"
-        if drove:
-            self._forward(LEFT)
+        if was_operator:
+            self._forward(LEFT_COMMAND)
             self._announce_seat()
 
-    def _drop_earlier(self, window: str) -> None:
+    def _drop_earlier_connection(self, window: str) -> None:
         """Drop the earlier connection of a window that connects again. It may have failed
         unnoticed.
         """
-        for client in [known for known in self.clients if window and known.window == window]:
+        # A window without a name cannot be recognized.
+        same_window = [client for client in self.clients if window and client.window == window]
+        for client in same_window:
             self._remove(client)
             closing = asyncio.create_task(
                 client.connection.close(reason="the window is on another connection")
@@ -364,17 +360,18 @@ class Hub:
                 "layout": places,
                 "size": self._layout.size,
                 "run_levels": ROBOT.run_levels,
-                "phases": PHASES,
-                "views": VIEWS,
-                "consoles": CONSOLES,
+                "phases": protocol.PHASES,
+                "views": protocol.VIEWS,
+                "consoles": protocol.CONSOLES,
                 "stale_ms": protocol.STALE_MS,
                 "events": self._visible(client, self._events),
             }
         )
 
     def _announce_seat(self) -> None:
-        for client in (client for client in self.clients if client.role == "watcher"):
-            client.send_soon({"type": "seat", "free": self._seat_is_free()})
+        for client in self.clients:
+            if client.role == "watcher":
+                client.send_soon({"type": "seat", "free": self._seat_is_free()})
 
     def _receive(self, client: Client, message: str | bytes) -> None:
         # Checks a window's message, and carries it out or forwards it to the session.
@@ -387,7 +384,7 @@ class Hub:
             return
         if command["type"] == "page":
             self._change_role(client, command)
-        elif client.role != "operator" and command["type"] in _SIGNED:
+        elif client.role != "operator" and command["type"] in _COMMANDS_WITH_SENDER:
             self._forward({**command, "by": client.role})
         else:
             self._forward(command)

@@ -30,15 +30,15 @@ from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
+from ravenjax.store.ring import Ring, parent_has_ended, read_json
 from ravenjax.train.page import STATIC, PageOptions, query_parameters, same_secret
 from ravenjax.train.page.hub import Hub
-from ravenjax.train.page.scene import Scene, Windows, describe_place, window
+from ravenjax.train.page.scene import Scene, Windows, describe_field, window
 from ravenjax.train.protocol import Frame, FrameLayout, closing_point, with_tips
-from ravenjax.train.realtime.ring import Ring, parent_has_ended, read_json
 from ravenjax.train.robot import ARMS, tip_pose
 
 # Reads the model of the operating field, which takes 0.2 s, while the session prepares its robot.
-describe_place(ARMS)
+describe_field(ARMS)
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 
 
@@ -60,39 +60,40 @@ class Auth:
 
     def _refusal(self, request: Request) -> str | None:
         # Returns why a request is refused; None if it is this server's page with the right token.
-        names = ("Host", "Origin", "Upgrade", "Sec-Fetch-Site", "Cookie")
-        # No browser sends a header twice.
-        host, origin, upgrade, site, cookies = (
-            None if not values else values[0] if len(values) == 1 else ""
-            for values in map(request.headers.get_all, names)
-        )
+        def header(name: str) -> str | None:
+            # No browser sends a header twice, so a repeated header is invalid.
+            values = request.headers.get_all(name)
+            return None if not values else values[0] if len(values) == 1 else ""
+
+        host, origin = header("Host"), header("Origin")
         name, _, port = (host or "").lower().rpartition(":")
-        # With a token any name is allowed: a foreign one has no cookie, and the names that lead to
-        # this host are unknown.
-        here = name in (*LOOPBACK, self.host) and port == str(self.port)
-        is_own = self.token is not None or here
-        if not host or not is_own:
+        # With a token any name is allowed: another site's name has no cookie, and the names that
+        # lead to this machine are unknown.
+        is_known_name = name in (*LOOPBACK, self.host) and port == str(self.port)
+        if not host or not (self.token is not None or is_known_name):
             return f"host {host!r} is not this server's"
         if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
             return f"origin {origin!r} is not this server's page"
-        if upgrade is None and site == "cross-site":
+        # A websocket, which has the header Upgrade, was checked by its origin.
+        if header("Upgrade") is None and header("Sec-Fetch-Site") == "cross-site":
             return "another site asks for it"
         if self.token is None:
             return None
-        words = [query_parameters(request.path).get("token", "")]
-        try:
-            cookie = SimpleCookie(cookies or "").get(self._cookie_name)
-            words += [cookie.value] if cookie else []
-        except CookieError:
-            pass
-        if not any(same_secret(word, self.token) for word in words):
+        tokens = [query_parameters(request.path).get("token", "")]
+        # An invalid cookie contains no token.
+        with contextlib.suppress(CookieError):
+            cookie = SimpleCookie(header("Cookie") or "").get(self._cookie_name)
+            tokens += [cookie.value] if cookie else []
+        if not any(same_secret(token, self.token) for token in tokens):
             return (
                 "the token is missing or wrong: open the address that was printed, with ?token=..."
             )
         return None
 
     def cookie(self, request: Request) -> str | None:
-        """Return the cookie to set if the address has a token, so that later requests carry it."""
+        """Return the cookie to set if the address has a token, so that later requests have it; None
+        without a token.
+        """
         if self.token is None or not query_parameters(request.path).get("token"):
             return None
         return f"{self._cookie_name}={self.token}; HttpOnly; SameSite=Strict; Path=/"
@@ -105,7 +106,7 @@ class Auth:
 
 SESSION = "/session"
 SCENE = "/scene/"
-LARGEST_BYTES = 65536
+MAX_MESSAGE_BYTES = 65536
 """A longer message closes the connection. `Inbox` checks the length of other messages."""
 DEBRIEF, TABLE = "debrief.html", "hazards.csv"
 _TYPES = {
@@ -113,20 +114,20 @@ _TYPES = {
     ".html": "text/html; charset=utf-8",
     ".js": "text/javascript; charset=utf-8",
 }
-_EARLY = '<script src="/static/early.js"></script>'
-_LOOK = (
+_FIRST_TAG = '<script src="/static/early.js"></script>'
+_SCENE_TAGS = (
     '<link rel="stylesheet" href="/static/page.css">'
     '<script type="module" src="/static/scene.js"></script>'
 )
-_LATE = (
-    f'{_LOOK}<link rel="stylesheet" href="/static/instructor.css"><script type="module"'
+_PANEL_TAGS = (
+    f'{_SCENE_TAGS}<link rel="stylesheet" href="/static/instructor.css"><script type="module"'
     ' src="/static/page.js"></script>'
 )
 _WITHOUT_SCENE = (
-    f'<!doctype html><html lang="en"><head>{_EARLY}<meta charset="utf-8" />'
+    f'<!doctype html><html lang="en"><head>{_FIRST_TAG}<meta charset="utf-8" />'
     '<link rel="icon" href="data:," />'
     '<meta name="viewport" content="width=device-width, initial-scale=1" />'
-    f"<title>ravenjax</title>{_LATE}</head><body>PANEL</body></html>"
+    f"<title>ravenjax</title>{_PANEL_TAGS}</head><body>PANEL</body></html>"
 )
 
 _POLICY = (
@@ -139,9 +140,8 @@ Handler = Callable[[ServerConnection], Awaitable[None]]
 
 
 class PageServer:
-    """A viser server that also serves the page and the files of one session.
-
-    `Auth` checks each request. A refused request gets 403, a request for another file 404.
+    """A viser server that also serves the page and the files of one session. `Auth` checks each
+    request. A refused request gets 403, a request for another file 404.
     """
 
     def __init__(self, options: PageOptions, listening: socket.socket, session: Handler) -> None:
@@ -161,12 +161,12 @@ class PageServer:
         scene = client.read_text(encoding="utf-8")
         pages = {
             "panel": _WITHOUT_SCENE.replace("PANEL", panel),
-            "scene": _with_panel(scene, _LATE, panel),
-            "inset": _with_panel(scene, _LOOK, ""),
+            "scene": _with_panel(scene, _PANEL_TAGS, panel),
+            "inset": _with_panel(scene, _SCENE_TAGS, ""),
         }
         self._pages = {name: gzip.compress(text.encode(), 6) for name, text in pages.items()}
-        # Number of sockets that show the scene.
-        self.watching = 0
+        self.watching = 0  # Number of sockets that show the scene
+        # viser has no option for a listening socket and other requests, so its server is wrapped.
         original = websocket_server.serve
         websocket_server.serve = self._serving(original)  # pyright: ignore
         try:
@@ -201,7 +201,7 @@ class PageServer:
                     self.watching -= 1
 
             def process(connection: ServerConnection, request: Request) -> Response | None:
-                connection.protocol.max_message_size = LARGEST_BYTES
+                connection.protocol.max_message_size = MAX_MESSAGE_BYTES
                 return self._answer(request)
 
             settings |= {"process_request": process, "sock": self._listening}
@@ -242,9 +242,9 @@ class PageServer:
         if self._folder is None or not same_secret(token, self._instructor_token):
             return _refusal(HTTPStatus.FORBIDDEN, "the list of sessions is the instructor's")
         # These take a while to import.
-        from ravenjax.train.recording.reader import sessions_beside
+        from ravenjax.train.recording.reader import find_sessions
 
-        sessions = sessions_beside(self._folder.parent)
+        sessions = find_sessions(self._folder.parent)
         if path == "/sessions":
             from ravenjax.document import html
 
@@ -277,10 +277,13 @@ def _refusal(status: HTTPStatus, text: str) -> Response:
 
 
 def _response(
-    kind: str, body: bytes, extra: dict[str, str] | None = None, status: HTTPStatus = HTTPStatus.OK
+    media_type: str,
+    body: bytes,
+    extra: dict[str, str] | None = None,
+    status: HTTPStatus = HTTPStatus.OK,
 ) -> Response:
     headers = {
-        "Content-Type": kind,
+        "Content-Type": media_type,
         "Content-Length": str(len(body)),
         "Cache-Control": "no-store",
         "X-Content-Type-Options": "nosniff",
@@ -291,14 +294,16 @@ def _response(
     return Response(status.value, status.phrase, Headers(headers), body)
 
 
-def _with_panel(client: str, late: str, panel: str) -> str:
-    """Return the page of viser's client, which is self-contained, with a panel over it."""
-    text = client.replace("<head>", f"<head>{_EARLY}", 1)
+def _with_panel(client: str, head_tags: str, panel: str) -> str:
+    """Return the HTML page of viser's client with these tags in its head and a panel over it.
+    Raises RuntimeError if the client of this version of viser has no place for a part.
+    """
+    text = client.replace("<head>", f"<head>{_FIRST_TAG}", 1)
     text = text.replace("<title>Viser</title>", "<title>ravenjax</title>", 1)
     head, _, rest = text.rpartition("</head>")
     root = '<div id="root"></div>'
-    text = f"{head}{late}</head>{rest}".replace(root, f"{root}{panel}", 1)
-    for part in (_EARLY, late, panel):
+    text = f"{head}{head_tags}</head>{rest}".replace(root, f"{root}{panel}", 1)
+    for part in (_FIRST_TAG, head_tags, panel):
         if part not in text:
             raise RuntimeError(
                 f"viser {viser.__version__}: the page of its client lacks {part[:60]!r}"
@@ -306,8 +311,8 @@ def _with_panel(client: str, late: str, panel: str) -> str:
     return text
 
 
-# Interval between frames while the answer to a key is awaited, and duration of that wait.
-PROMPT_S, ANSWER_S = 0.004, 0.06
+# Interval between frames after an input, whose effect is shown soon, and how long this lasts.
+FAST_PERIOD_S, FAST_S = 0.004, 0.06
 PERIOD_S = 1 / 60
 """Interval between frames at other times."""
 
@@ -325,8 +330,8 @@ def serve_page(options: PageOptions, listening: socket.socket, ready: Connection
 class Page:
     """The page of one session."""
 
-    _next_event = _frames_seen = 0
-    _answer_until = 0.0
+    _next_event = _next_frame = 0
+    _fast_until = 0.0
 
     def __init__(self, options: PageOptions, listening: socket.socket) -> None:
         self._layout = FrameLayout.of(options.arms)
@@ -336,7 +341,7 @@ class Page:
         self._changed = threading.Event()
         windows = Windows()
         self._hub = Hub(
-            options, describe_place(options.arms), commands, windows.obey, self._await_answer
+            options, describe_field(options.arms), commands, windows.set_camera, self._speed_up
         )
         # Refused connections are not logged.
         logging.getLogger("websockets").setLevel(logging.CRITICAL)
@@ -351,12 +356,12 @@ class Page:
         last_frame = time.monotonic()
         while not parent_has_ended():
             now = time.monotonic()
-            self._pass_on()
+            self._forward()
             if now >= last_frame + PERIOD_S - 1e-3:
                 last_frame = now
                 self._draw()
             until_frame = max(0.0, last_frame + PERIOD_S - time.monotonic())
-            self._changed.wait(PROMPT_S if now < self._answer_until else until_frame)
+            self._changed.wait(FAST_PERIOD_S if now < self._fast_until else until_frame)
             self._changed.clear()
 
     def close(self) -> None:
@@ -366,8 +371,9 @@ class Page:
         for ring in self._rings:
             ring.close()
 
-    def _pass_on(self) -> None:
-        # Passes new events and rows of the session on to the browsers.
+    def _forward(self) -> None:
+        # Forwards new events and rows of the session to the browsers. Of several rows they get the
+        # last.
         call_soon = self._server.loop.call_soon_threadsafe
         first, rows = self._events.read(self._next_event)
         if len(rows):
@@ -376,9 +382,9 @@ class Page:
             for event in events:
                 self._scene.follow(event)
             call_soon(self._hub.announce, events)
-        _, rows = self._frames.read(self._frames_seen)
+        _, rows = self._frames.read(self._next_frame)
         if len(rows):
-            self._frames_seen = self._frames.written
+            self._next_frame = self._frames.written
             if self._hub.clients:
                 frames = rows.view(np.float32)
                 row = with_tips(self._layout, frames[-1])
@@ -386,30 +392,27 @@ class Page:
 
     def _extras(self, frames: np.ndarray) -> np.ndarray:
         """Return float32 [arms, 5]: greatest error_mm and force of these frames, then the desired
-        tip.
-
-        With the greatest values, a peak of one millisecond stays visible. The desired tip is the
-        control software's, m, in the arm's frame 0.
+        tip of the last frame, m, in the arm's frame 0. With the greatest values, a peak of one
+        millisecond stays visible.
         """
         out = np.zeros((len(self._layout.arms), 5), np.float32)
         for i, arm in enumerate(self._layout.arms):
-            error, force, wanted = (
-                frames[:, self._layout.places[f"{arm}/{name}"]]
-                for name in ("error_mm", "force", "jpos_d")
-            )
-            out[i, 0] = error.max()
-            out[i, 1] = np.linalg.norm(force, axis=1).max()
-            joints = wanted[-1].tolist()
+            places = self._layout.places
+            out[i, 0] = frames[:, places[f"{arm}/error_mm"]].max()
+            out[i, 1] = np.linalg.norm(frames[:, places[f"{arm}/force"]], axis=1).max()
+            joints = frames[-1, places[f"{arm}/jpos_d"]].tolist()
             out[i, 2:] = closing_point(arm, tip_pose(arm, joints)[0].tolist(), joints)
         return out
 
     def _draw(self) -> None:
+        # Draws the scene as in the newest frame, if any window shows the scene.
         if self._frames.written and self._server.watching:
             _, rows = self._frames.read(self._frames.written - 1)
             if len(rows):
                 row = with_tips(self._layout, rows[-1].view(np.float32))
                 self._scene.update(Frame(self._layout, row))
 
-    def _await_answer(self) -> None:
-        self._answer_until = time.monotonic() + ANSWER_S
+    def _speed_up(self) -> None:
+        # Shows frames at the shortest interval for a while, because the operator's input changed.
+        self._fast_until = time.monotonic() + FAST_S
         self._changed.set()

@@ -2,10 +2,8 @@
 
 The scene shows the current target, the next target smaller, and the last reached targets in grey.
 All targets at once would hide the tip. The current target is pink, and a ring around it shrinks as
-the tip approaches.
-
-The library viser sends changes of the scene to browsers. The roots of its node tree are /robot,
-/ghost, /virtual, /force, /task and /plumb.
+the tip approaches. The library viser sends changes of the scene to browsers. The roots of its node
+tree are /robot, /ghost, /virtual, /force, /task and /plumb.
 """
 
 # MuJoCo's compiled module carries no types.
@@ -26,45 +24,34 @@ from ravenjax.campaign import compile_cache
 from ravenjax.engines import trace_key
 from ravenjax.robots.raven2.dynamics import arm_model, body_shapes
 from ravenjax.robots.raven2.dynamics.scene_views import ENDOSCOPES, FIELD, VIEWS, view_pose
+from ravenjax.train import protocol
 from ravenjax.train.page.hub import Client
-from ravenjax.train.protocol import (
-    TISSUE,
-    VIRTUAL,
-    Command,
-    Event,
-    Frame,
-    Json,
-    frame0_in_world,
-    jaw_tips,
-    tissue_height,
-)
+from ravenjax.train.protocol import Command, Event, Frame, Json, tissue_height
 from ravenjax.train.robot import ARMS, ArmName, Arms, scene
 
 Rgb = tuple[int, int, int]
 Shapes = dict[int, tuple[bytes, np.ndarray, np.ndarray]]
 """Of each body: its GLB file, and the vertices [n, 3], m, and faces [m, 3] of its mesh."""
 
-LOOKS = resources.read_tables(__file__, "scene.toml")
-GOAL = (245, 61, 240)
-DONE = (118, 135, 154)
+STYLES = resources.read_tables(__file__, "scene.toml")
+GOAL_COLOUR = (245, 61, 240)
+REACHED_COLOUR = (118, 135, 154)
 # Relative sizes of pegs that are not the goal, of the next target, and of targets reached.
-OTHER_PEG, NEXT, REACHED = 0.55, 0.5, 0.35
-LAST_REACHED = 5
+PEG_SCALE, NEXT_SCALE, REACHED_SCALE = 0.55, 0.5, 0.35
+SHOWN_REACHED = 5
 RING_M = (0.004, 0.03)
 """Least and greatest radius of the ring around the goal."""
 _ANGLES = np.linspace(0, 2 * np.pi, 49)
 _RING = np.stack([np.cos(_ANGLES), np.sin(_ANGLES), np.zeros(49)], axis=1)
 _FLAT: Json = {"cast_shadow": False, "receive_shadow": False}
-_NOWHERE = np.zeros((1, 2, 3), np.float32)
+_NO_SEGMENT = np.zeros((1, 2, 3), np.float32)
 GHOST_MM = (0.5, 0.8)
 """A ghost disappears below the first distance from the robot and appears above the second."""
-CONTACT_M = 0.03
-"""m of arrow per N of contact force."""
-FORCE_M = 0.9
-"""m of arrow per device unit; the published cue ends at 0.05."""
+CONTACT_M_PER_N = 0.03  # m of arrow per N of contact force
+FORCE_M_PER_UNIT = 0.9  # m of arrow per device unit; the published cue ends at 0.05
 _SHAPE_MAKERS = ("mujoco", "mjviser", "trimesh")
-FIRST = "endoscope"
-FAR = "theatre"
+FIRST_VIEW = "endoscope"
+VIEW_WITHOUT_LETTERS = "theatre"
 """View of an inset without letters, which would hide the instruments."""
 UP = (0.0, 0.0, 1.0)
 window: contextvars.ContextVar[str] = contextvars.ContextVar("window", default="")
@@ -79,13 +66,13 @@ class DepthLine:
     def __init__(self, server: viser.ViserServer, arm: ArmName) -> None:
         root = f"/plumb/{arm}"
         nodes = server.scene
-        self._line = nodes.add_line_segments(f"{root}/line", _NOWHERE, **LOOKS["plumb"])
-        self._spot = nodes.add_cylinder(f"{root}/spot", **LOOKS["spot"])
-        self._letter = nodes.add_label(f"{root}/letter", **LOOKS["letters"][arm])
+        self._line = nodes.add_line_segments(f"{root}/line", _NO_SEGMENT, **STYLES["plumb"])
+        self._spot = nodes.add_cylinder(f"{root}/spot", **STYLES["spot"])
+        self._letter = nodes.add_label(f"{root}/letter", **STYLES["letters"][arm])
 
     def show(self, tip: np.ndarray) -> None:
         """Follow the tip, world, m."""
-        self._letter.position = tip + LOOKS["above_tip"]
+        self._letter.position = tip + STYLES["above_tip"]
         foot = np.array([*tip[:2], tissue_height(*tip[:2])])
         self._line.visible = self._spot.visible = bool(
             np.all(np.abs(tip[:2]) < scene.TISSUE_HALF[:2])
@@ -95,11 +82,10 @@ class DepthLine:
 
 
 class TaskShapes:
-    """Scene nodes of one task, made from its geometry, m, in the world:
-
-    {"targets": [{"number", "at", "radius_m", "colour"}], "pegs": [{"number", "at", "height_m",
-    "radius_m", "colour"}], "object": {"number", "at", "radius_m", "colour"} or None, "path":
-    {"points", "colour"} or None}; all optional.
+    """Scene nodes of one task, made from its geometry, m, in the world: {"targets": [{"number",
+    "at", "radius_m", "colour"}], "pegs": [{"number", "at", "height_m", "radius_m", "colour"}],
+    "object": {"number", "at", "radius_m", "colour"} or None, "path": {"points", "colour"} or None};
+    all optional.
     """
 
     _goal: int | None = None
@@ -114,13 +100,15 @@ class TaskShapes:
         targets = geometry.get("targets") or ()
         self._arms = {int(target["number"]): target.get("arm", "") for target in targets}
         ring = segments_of_path(_RING)
-        self._ring = server.scene.add_line_segments("/task/ring", ring, **LOOKS["ring"])
+        self._ring = server.scene.add_line_segments("/task/ring", ring, **STYLES["ring"])
         if path := geometry.get("path"):
             points = np.asarray(path["points"], float)
             line, colour = segments_of_path(points), _rgb(path["colour"])
-            server.scene.add_line_segments("/task/path", line, colour, **LOOKS["path"])
+            server.scene.add_line_segments("/task/path", line, colour, **STYLES["path"])
             self._places = dict(enumerate(points))
-            self._on_path = self._add_ball("on_path", path["radius_m"], GOAL, 0.55, visible=False)
+            self._on_path = self._add_ball(
+                "on_path", path["radius_m"], GOAL_COLOUR, 0.55, visible=False
+            )
         for target in targets:
             self._add_spot(f"target/{target['number']}", target, 0.55)
         for peg in geometry.get("pegs") or ():
@@ -146,7 +134,7 @@ class TaskShapes:
         """Mark the present goal (-1: none), and move a held object with the tip. tips: world, m."""
         if self._object is not None and self._holder in tips:
             self._object.position = tips[self._holder]
-        self._surround(goal, tips)
+        self._draw_ring(goal, tips)
         if goal == self._goal:
             return
         self._goal = goal
@@ -154,16 +142,24 @@ class TaskShapes:
             self._on_path.visible = goal in self._places
             self._on_path.position = tuple(self._places.get(goal, np.zeros(3)))
         for number, (node, colour) in self._spots.items():
-            is_goal, is_target = number == goal, number in self._arms
-            is_reached = is_target and not number > goal >= 0
-            if is_target:
-                node.visible = goal < 0 or goal - LAST_REACHED <= number <= goal + 1
-            other = REACHED if is_reached else NEXT if is_target else OTHER_PEG
-            node.scale = 1.0 if is_goal else other
-            node.color = GOAL if is_goal else DONE if is_reached else colour
+            if number == goal:
+                scale, colour = 1.0, GOAL_COLOUR
+            elif number not in self._arms:
+                scale = PEG_SCALE
+            # Without a goal, all targets have been reached.
+            elif goal < 0 or number < goal:
+                scale, colour = REACHED_SCALE, REACHED_COLOUR
+            else:
+                scale = NEXT_SCALE
+            # Only the last reached targets, the goal and the next target are visible.
+            if number in self._arms:
+                node.visible = goal < 0 or goal - SHOWN_REACHED <= number <= goal + 1
+            node.scale, node.color = scale, colour
 
-    def _surround(self, goal: int, tips: dict[str, np.ndarray]) -> None:
-        """Draw a ring around the goal whose radius is the distance of the nearest tip in turn."""
+    def _draw_ring(self, goal: int, tips: dict[str, np.ndarray]) -> None:
+        """Draw a ring around the goal. Its radius is the distance of the nearest tip among the arms
+        that may reach the goal, within `RING_M`.
+        """
         place = self._places.get(goal)
         arms = [arm for arm in tips if self._arms.get(goal, "") in ("", arm)]
         self._ring.visible = place is not None and bool(arms)
@@ -180,9 +176,11 @@ class TaskShapes:
         )
 
     def _add_spot(self, name: str, spot: Json, opacity: float | None) -> Any:
-        colour, number, at = _rgb(spot["colour"]), int(spot["number"]), spot["at"]
-        node = self._add_ball(name, spot["radius_m"], colour, opacity, position=tuple(at))
-        self._spots[number], self._places[number] = (node, colour), np.asarray(at, float)
+        # Adds a ball for a target, a peg or the object, and returns its node.
+        colour, number, position = _rgb(spot["colour"]), int(spot["number"]), spot["at"]
+        node = self._add_ball(name, spot["radius_m"], colour, opacity, position=tuple(position))
+        self._spots[number] = node, colour
+        self._places[number] = np.asarray(position, float)
         return node
 
 
@@ -197,7 +195,9 @@ def _rgb(colour: str) -> Rgb:
 
 
 def read_shapes(model: mujoco.MjModel) -> Shapes:
-    """Return the shapes, cached on disk, because their computation takes seconds."""
+    """Return the shapes of all bodies of the model, from the cache if they are stored there. Their
+    computation takes seconds. The key of the cache is the model and the code that computes.
+    """
     objects = compile_cache.object_cache()
     content = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
     mujoco.mj_saveModel(model, None, content)
@@ -237,11 +237,11 @@ class RobotFigure:
         self._nodes: dict[int, Any] = {}
         for arm in arms:
             for body, body_name in body_shapes.moving_bodies(model, arm).items():
-                name, (glb, *mesh) = f"/{layer}/{body_name}", shapes[body]
+                name, (glb, vertices, faces) = f"/{layer}/{body_name}", shapes[body]
                 if layer == "robot":
                     node = server.scene.add_glb(name, glb, receive_shadow=True)
                 else:
-                    node = server.scene.add_mesh_simple(name, *mesh, **LOOKS[layer])
+                    node = server.scene.add_mesh_simple(name, vertices, faces, **STYLES[layer])
                 self._nodes[body] = node
         self._place()
 
@@ -271,10 +271,10 @@ class Scene:
         """blinded: whether ghost and force are left out, which would show cue and hazard."""
         model = arm_model.operating_scene()
         self._server, self._arms = server, arms
-        self._frames = {arm: tuple(map(np.array, frame0_in_world(arm))) for arm in arms}
+        self._frames = {arm: tuple(map(np.array, protocol.frame0_in_world(arm))) for arm in arms}
         shapes = read_shapes(model)
-        shown = () if blinded else arms
-        add = server.scene.add_arrows
+        ghost_arms = () if blinded else arms
+        add_arrows = server.scene.add_arrows
         with server.atomic():
             data = mujoco.MjData(model)
             mujoco.mj_kinematics(model, data)
@@ -289,13 +289,16 @@ class Scene:
             self._robot = RobotFigure(server, "robot", model, ARMS, shapes)
             self._virtual = RobotFigure(server, "virtual", model, arms, shapes)
             self._ghosts = {
-                arm: RobotFigure(server, "ghost", model, (arm,), shapes) for arm in shown
+                arm: RobotFigure(server, "ghost", model, (arm,), shapes) for arm in ghost_arms
             }
-            self._has_ghost = dict.fromkeys(shown, False)
-            self._forces, self._contacts = (
-                {arm: add(f"/force/{kind}_{arm}", _NOWHERE, **LOOKS[kind]) for arm in shown_arms}
-                for kind, shown_arms in (("force", shown), ("contact", arms))
-            )
+            self._has_ghost = dict.fromkeys(ghost_arms, False)
+            self._forces, self._contacts = {}, {}
+            for arm in arms:
+                name = f"/force/contact_{arm}"
+                self._contacts[arm] = add_arrows(name, _NO_SEGMENT, **STYLES["contact"])
+            for arm in ghost_arms:
+                name = f"/force/force_{arm}"
+                self._forces[arm] = add_arrows(name, _NO_SEGMENT, **STYLES["force"])
             self._depth_lines = {arm: DepthLine(server, arm) for arm in arms}
             self._task = TaskShapes(server, task or {})
         for figure in (self._virtual, *self._ghosts.values()):
@@ -306,7 +309,7 @@ class Scene:
         tips: dict[str, np.ndarray] = {}
         with self._server.atomic():
             self._robot.show(frame, "link_jpos")
-            is_virtual = frame.number("view") == VIRTUAL
+            is_virtual = frame.number("view") == protocol.VIRTUAL
             self._virtual.set_visible(is_virtual)
             if is_virtual:
                 self._virtual.show(frame, "virtual_jpos")
@@ -315,14 +318,19 @@ class Scene:
                 origin, turn = self._frames[arm]
                 tip = tips[arm] = origin + turn @ frame[f"{arm}/tip"]
                 if arm in self._ghosts:
-                    _point(self._forces[arm], tip, FORCE_M * turn @ frame[f"{arm}/force"] * is_felt)
-                    least_mm = GHOST_MM[not self._has_ghost[arm]]
-                    self._has_ghost[arm] = bool(frame.number(f"{arm}/error_mm") > least_mm)
+                    _point(
+                        self._forces[arm],
+                        tip,
+                        FORCE_M_PER_UNIT * turn @ frame[f"{arm}/force"] * is_felt,
+                    )
+                    # A visible ghost has the lower threshold, so that it does not flicker.
+                    threshold_mm = GHOST_MM[not self._has_ghost[arm]]
+                    self._has_ghost[arm] = bool(frame.number(f"{arm}/error_mm") > threshold_mm)
                     self._ghosts[arm].set_visible(self._has_ghost[arm])
                     if self._has_ghost[arm]:
                         self._ghosts[arm].show(frame, "model_jpos")
                 contact = turn @ frame[f"{arm}/contact"]
-                _point(self._contacts[arm], self._deeper_jaw(frame, arm), CONTACT_M * contact)
+                _point(self._contacts[arm], self._deeper_jaw(frame, arm), CONTACT_M_PER_N * contact)
                 self._depth_lines[arm].show(tip)
             self._task.show(int(frame.number("target")), tips)
         self._server.flush()
@@ -331,7 +339,7 @@ class Scene:
         """Return the jaw tip, world, that is deeper in the tissue, where most of the force acts."""
         origin, turn = self._frames[arm]
         tip, jpos = frame[f"{arm}/tip"].tolist(), frame[f"{arm}/link_jpos"].tolist()
-        ends = [origin + turn @ np.array(end) for end in jaw_tips(arm, tip, jpos)]
+        ends = [origin + turn @ np.array(end) for end in protocol.jaw_tips(arm, tip, jpos)]
         return min(ends, key=lambda end: end[2] - tissue_height(*end[:2]))
 
     def follow(self, event: Event) -> None:
@@ -340,13 +348,14 @@ class Scene:
             self._task.follow(event)
 
 
-def describe_place(arms: Arms) -> Json:
+def describe_field(arms: Arms) -> Json:
     """Return the positions of arms and tissue as JSON, m, for the 2D view."""
     return {
         "bases": {
-            arm: dict(zip(("origin", "turn"), frame0_in_world(arm), strict=True)) for arm in arms
+            arm: dict(zip(("origin", "turn"), protocol.frame0_in_world(arm), strict=True))
+            for arm in arms
         },
-        "tissue": TISSUE,
+        "tissue": protocol.TISSUE,
     }
 
 
@@ -365,15 +374,15 @@ class Windows:
     def watch(self, server: viser.ViserServer) -> None:
         """Set the scene's look, and register each client that connects."""
         camera = server.initial_camera
-        camera.position, camera.look_at, camera.fov = view_pose(FIRST)
+        camera.position, camera.look_at, camera.fov = view_pose(FIRST_VIEW)
         camera.up, camera.near = UP, 0.01
-        server.gui.configure_theme(**LOOKS["theme"])
+        server.gui.configure_theme(**STYLES["theme"])
         server.scene.configure_environment_map("studio", environment_intensity=0.3)
         server.scene.configure_default_lights(False)
         # `static/scene.js` makes the lights and the materials of this one.
         server.scene.add_light_directional("/key")
-        lamp = tuple(FIELD + ENDOSCOPES[FIRST])
-        server.scene.add_light_point("/lamp", position=lamp, **LOOKS["lamp"])
+        lamp = tuple(FIELD + ENDOSCOPES[FIRST_VIEW])
+        server.scene.add_light_point("/lamp", position=lamp, **STYLES["lamp"])
 
         @server.on_client_connect
         async def _(client: viser.ClientHandle) -> None:
@@ -382,17 +391,17 @@ class Windows:
             _, _, inset = name.partition(".")
             if inset in VIEWS:
                 _look_from(client, inset)
-            if inset == FAR:
+            if inset == VIEW_WITHOUT_LETTERS:
                 # This client's node is the parent of the scene's nodes /plumb/... and hides them.
                 client.scene.add_frame("/plumb", show_axes=False, visible=False)
 
         @server.on_client_disconnect
         async def _(client: viser.ClientHandle) -> None:
-            left = client.client_id
-            clients = self._clients.items()
-            self._clients = {name: other for name, other in clients if other.client_id != left}
+            for name, known in [*self._clients.items()]:
+                if known.client_id == client.client_id:
+                    del self._clients[name]
 
-    def obey(self, client: Client, message: Command) -> None:
+    def set_camera(self, client: Client, message: Command) -> None:
         """Set a window's camera, as its message {"do": "camera", "name"} requests."""
         handle, name = self._clients.get(client.window), str(message.get("name"))
         if handle is not None and name in VIEWS:

@@ -9,8 +9,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-PERIOD_NS = 1_000_000
-"""The period of the robot's control cycle."""
+PERIOD_NS = 1_000_000  # The period of the robot's control cycle
 PHASE_NS = PERIOD_NS // 2
 """Time within a millisecond at which a tick starts. Linux's timer interrupts come at another."""
 _CPUS = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
@@ -21,19 +20,17 @@ With four CPUs or more, the loop never sleeps. With one CPU, the other processes
 """
 WARM_UP_NS = 110_000
 """How long before a tick the cache-warming work begins: the time of that work and a margin."""
-MOST_BEHIND = 100
+MAX_LATE_TICKS = 100
 """The largest number of late ticks to catch up. After a longer delay the schedule moves on."""
-LATE_US = 1000
-"""A tick that begins at least this late counts as a late tick."""
+LATE_US = 1000  # A tick that begins at least this late counts as a late tick
 BINS = 20_000
 """Bins of a histogram, one microsecond each. The last bin also counts everything longer."""
 
 
 class LoopTiming:
-    """Histograms of a loop, in microseconds.
-
-    compute: time from a tick's start until frame and force are sent. whole: time until all work of
-    the tick is done. lateness: delay of the tick's start.
+    """Histograms of a loop, in microseconds. compute: time from a tick's start until frame and
+    force are sent. whole: time until all work of the tick is done. lateness: delay of the tick's
+    start.
     """
 
     late = 0  # ticks that began a period late
@@ -46,21 +43,23 @@ class LoopTiming:
     def ticks(self) -> int:
         return int(self.lateness.sum())
 
-    def percentile(self, what: str, share: float) -> float:
-        """Return the quantile of "compute", "whole" or "lateness", us; NaN without a tick."""
-        counts = getattr(self, what).cumsum()
+    def percentile(self, duration: str, share: float) -> float:
+        """Return the quantile of a duration, us: of "compute", "whole" or "lateness"; NaN without a
+        tick. share: 0 to 1.
+        """
+        counts = getattr(self, duration).cumsum()
         if not counts[-1]:
             return float("nan")
         return float(np.searchsorted(counts, share * counts[-1]))
 
     def facts(self) -> dict[str, float]:
         """Return all numbers by name. Percentiles are in us."""
-        counts = {"ticks": self.ticks, "late_ticks": self.late, "skipped_ms": self.skipped}
-        return counts | {
-            f"{what}_{name}_us": self.percentile(what, share)
-            for what in ("compute", "whole", "lateness")
-            for name, share in (("p50", 0.5), ("p99", 0.99), ("p99_9", 0.999))
-        }
+        facts: dict[str, float] = {"ticks": self.ticks, "late_ticks": self.late}
+        facts["skipped_ms"] = self.skipped
+        for duration in ("compute", "whole", "lateness"):
+            for name, share in (("p50", 0.5), ("p99", 0.99), ("p99_9", 0.999)):
+                facts[f"{duration}_{name}_us"] = self.percentile(duration, share)
+        return facts
 
 
 class Clock:
@@ -74,8 +73,9 @@ class Clock:
         self._due = self._began // PERIOD_NS * PERIOD_NS + PHASE_NS
 
     def wait(self, warm_up: Callable[[], None] | None = None) -> None:
-        """Sleep until shortly before the next tick is due, then poll the clock.
-        warm_up: called as late as possible before the tick.
+        """Wait until the next tick is due, and record how late it begins. The process sleeps until
+        `LEAD_NS` before, then reads the clock all the time. warm_up: fills the CPU's caches; called
+        as late as possible before the tick, and left out if it is late.
         """
         self._due += PERIOD_NS
         due, now = self._due, time.monotonic_ns()
@@ -93,18 +93,19 @@ class Clock:
 
     def done(self) -> None:
         """Record that the tick is computed and its results are sent."""
-        took = (time.monotonic_ns() - self._began) // 1000
-        late = int(self.lateness_us)
+        compute_us = (time.monotonic_ns() - self._began) // 1000
+        lateness_us = int(self.lateness_us)
         timing = self.timing
-        timing.compute[min(took, BINS - 1)] += 1
-        timing.lateness[min(late, BINS - 1)] += 1
-        if late >= LATE_US:
+        timing.compute[min(compute_us, BINS - 1)] += 1
+        timing.lateness[min(lateness_us, BINS - 1)] += 1
+        if lateness_us >= LATE_US:
             timing.late += 1
-            behind = (self._began - self._due) // PERIOD_NS
-            if behind > MOST_BEHIND:
-                timing.skipped += behind
-                self._due += behind * PERIOD_NS
-        self.compute_us = float(took)
+            # After a long delay, the schedule moves on instead of catching up.
+            late_ticks = (self._began - self._due) // PERIOD_NS
+            if late_ticks > MAX_LATE_TICKS:
+                timing.skipped += late_ticks
+                self._due += late_ticks * PERIOD_NS
+        self.compute_us = float(compute_us)
 
     def rest(self) -> None:
         """Record that all work of the tick is done."""
@@ -112,11 +113,10 @@ class Clock:
 
 
 @contextlib.contextmanager
-def use_realtime_priority(choose: Callable[[set[int]], int] = max) -> Iterator[str]:
-    """Give this process one CPU and, where the system allows it, a realtime priority.
-
-    Yields a description of what was granted, and undoes the changes at the end. choose: selects one
-    of the CPUs. `ravenjax robot` selects another CPU than the session that drives the robot.
+def use_realtime_priority(choose_cpu: Callable[[set[int]], int] = max) -> Iterator[str]:
+    """Give this process one CPU and, where the system allows it, a realtime priority. Yields a
+    description of what was granted, and undoes the changes at the end. choose_cpu: selects a CPU.
+    `ravenjax robot` selects another CPU than the session that drives the robot.
     """
     if sys.platform != "linux":
         yield "as the system schedules"
@@ -124,8 +124,8 @@ def use_realtime_priority(choose: Callable[[set[int]], int] = max) -> Iterator[s
     cpus, policy, priority = os.sched_getaffinity(0), os.sched_getscheduler(0), os.sched_getparam(0)
     granted = []
     if len(cpus) > 1:
-        os.sched_setaffinity(0, {choose(cpus)})
-        granted.append(f"CPU {choose(cpus)}")
+        os.sched_setaffinity(0, {choose_cpu(cpus)})
+        granted.append(f"CPU {choose_cpu(cpus)}")
     if LEAD_NS >= PERIOD_NS:
         # A process with a realtime priority that never sleeps would be stopped for 50 ms of every
         # second.

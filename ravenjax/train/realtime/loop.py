@@ -9,17 +9,17 @@ from typing import Protocol
 
 import numpy as np
 
+from ravenjax.store.ring import Ring, put_json, read_json
 from ravenjax.train.protocol import PAUSED, Command, Event, Frame
 from ravenjax.train.realtime import clock
-from ravenjax.train.realtime.ring import Ring, put_json, read_json
 from ravenjax.train.robot import Arms
 from ravenjax.train.scenario import Scenario
 from ravenjax.train.session.advance import Session
 from ravenjax.train.session.console_arbiter import ConsoleArbiter, console_of
 
-MOST_COMMANDS = 16
+MAX_COMMANDS = 16
 """The largest number of commands taken in a tick. Further commands wait for the next tick."""
-OF_CONSOLES = ("input", "increments", "seat")
+CONSOLE_COMMANDS = ("input", "increments", "seat")
 """Types of commands to which the loop adds the console that sent them."""
 AFTER_END_MS = 200
 """Number of ticks after the end of a session, so that every process reads the end."""
@@ -57,13 +57,14 @@ class PageCommands:
     _next = 0
 
     def poll(self) -> list[Command]:
+        """Return the commands that have arrived, at most `MAX_COMMANDS`."""
         if self.ring.written == self._next:
             return []
-        first, rows = self.ring.read(self._next, MOST_COMMANDS)
+        first, rows = self.ring.read(self._next, MAX_COMMANDS)
         self._next = first + len(rows)
         commands = []
         for command in read_json(rows):
-            if command.get("type") not in OF_CONSOLES:
+            if command.get("type") not in CONSOLE_COMMANDS:
                 commands.append(command)
             elif self.drives:
                 commands.append({**command, "console": "page"})
@@ -78,71 +79,77 @@ def run_loop(
     consoles: list[Console],
     stopped: Callable[[], bool] = lambda: False,
     rings: tuple[Ring, Ring] | None = None,
-    trouble: Callable[[], str | None] = lambda: None,
+    find_failure: Callable[[], str | None] = lambda: None,
 ) -> clock.LoopTiming:
-    """Run `session` in real time until it is over, or `stopped` returns True.
-
-    rings: receive frames and events; None: nobody reads them. trouble: called once a second; it
-    returns a message if another process has failed. The first message becomes an event.
+    """Run `session` in real time until it is over, or `stopped` returns True. rings: receive frames
+    and events; None: nobody reads them. find_failure: called once a second, returns a message if
+    another process has failed. The first message becomes an event.
     """
-    rehearsal = _Rehearsal(session) if isinstance(session, Session) else None
+    warmer = _CacheWarmer(session) if isinstance(session, Session) else None
     frame, places = session.frame, session.frame.layout.places
     row = frame.row.view(np.uint8)
     timing = slice(places["compute_us"].start, places["late_ticks"].stop)
-    reported = left = ticks = 0
-    troubled = None
+    reported_late_ticks = ticks_after_end = ticks = 0
+    failure = None
     with clock.no_collection():
-        paced = clock.Clock()
-        while left < AFTER_END_MS:
-            paced.wait(rehearsal and rehearsal.tick)
+        loop_clock = clock.Clock()
+        while ticks_after_end < AFTER_END_MS:
+            loop_clock.wait(warmer and warmer.tick)
             commands = [command for console in consoles for command in console.poll()]
             if not session.over and stopped():
                 commands.append({"type": "instructor", "do": "end", "by": "terminal"})
-            frame.row[timing] = paced.compute_us, paced.lateness_us, paced.timing.late
+            frame.row[timing] = (
+                loop_clock.compute_us,
+                loop_clock.lateness_us,
+                loop_clock.timing.late,
+            )
             session.move(commands)
             if rings:
                 rings[0].put(row)
             for console in consoles:
                 console.send_frame(frame)
-            paced.done()
-            notes = session.conclude()
-            if rehearsal:
-                rehearsal.set_commands(commands)
-            if paced.timing.late > reported and session.ticks % 100 == 0:
-                reported = paced.timing.late
-                notes.append({"tick": session.ticks, "kind": "overrun", "late_ticks": reported})
+            loop_clock.done()
+            session_events = session.conclude()
+            if warmer:
+                warmer.set_commands(commands)
+            if loop_clock.timing.late > reported_late_ticks and session.ticks % 100 == 0:
+                reported_late_ticks = loop_clock.timing.late
+                session_events.append(
+                    {"tick": session.ticks, "kind": "overrun", "late_ticks": reported_late_ticks}
+                )
             ticks += 1
-            if troubled is None and ticks % 1000 == 0 and (troubled := trouble()):
-                notes.append({"tick": session.ticks, "kind": "trouble", "text": troubled})
+            if failure is None and ticks % 1000 == 0 and (failure := find_failure()):
+                session_events.append({"tick": session.ticks, "kind": "trouble", "text": failure})
             if rings:
-                for event in notes:
+                for event in session_events:
                     put_json(rings[1], event)
-            left += session.over
-            paced.rest()
-    return paced.timing
+            ticks_after_end += session.over
+            loop_clock.rest()
+    return loop_clock.timing
 
 
-class _Rehearsal:
+class _CacheWarmer:
     """A second session that computes a tick just before each real tick, to keep CPU caches warm.
-
     Without it, a tick takes two to three times as long, because the process sleeps between ticks.
     The second session gets the latest commands of the first. Nothing reads its results.
     """
 
     def __init__(self, session: Session) -> None:
-        self._first = session
-        self._session = Session(session.scenario, session.seed, ready=session.blueprint)
+        self._real_session = session
+        self._second_session = Session(session.scenario, session.seed, ready=session.blueprint)
         self._commands: list[Command] = []
 
     def set_commands(self, commands: list[Command]) -> None:
         """Store the hands' motion of this tick, which the next ticks repeat."""
         if commands:
-            hands = [each for each in commands if each.get("type") in ("input", "increments")]
-            driving = [each for each in hands if console_of(each) == self._first.arbiter.owner]
-            self._commands = [{**each, "console": "script"} for each in driving or hands[:1]]
+            motions = [each for each in commands if each.get("type") in ("input", "increments")]
+            owner = self._real_session.arbiter.owner
+            driving = [each for each in motions if console_of(each) == owner]
+            # In the second session, one console sends them all.
+            self._commands = [{**each, "console": "script"} for each in driving or motions[:1]]
 
     def tick(self) -> None:
         """Advance the second session, unless the first is paused: both must end together."""
-        if not self._session.over and self._first.phase != PAUSED:
-            self._session.tick(self._commands)
-            self._session.command_lines.clear()
+        if not self._second_session.over and self._real_session.phase != PAUSED:
+            self._second_session.tick(self._commands)
+            self._second_session.command_lines.clear()

@@ -38,7 +38,7 @@ class SessionFolder:
 
     @property
     def order(self) -> tuple[str, str]:
-        """A key that sorts sessions by their start."""
+        """A key that sorts sessions by their start, and those of the same time by name."""
         return self.started, self.path.name
 
     @property
@@ -61,9 +61,9 @@ class SessionFolder:
         return self.header.get("summary") or {}
 
 
-def sessions_beside(base: Path) -> dict[str, SessionFolder]:
-    """Return the sessions in the subfolders of `base` by name, in the order of their start. Folders
-    without a readable session.json are left out.
+def find_sessions(base: Path) -> dict[str, SessionFolder]:
+    """Return the sessions in the subfolders of `base`: {folder's name: session}, earliest first.
+    Folders without a readable session.json are left out.
     """
     sessions = []
     for file in sorted(Path(base).glob(f"*/{description.FILE}")):
@@ -104,18 +104,20 @@ class Recording(session_log.SessionLog):
         return float(next(starts, 0.0))
 
     def without_pauses(self) -> Recording:
-        """Return the rows in which the session's time ran, from its beginning on."""
+        """Return a recording of the rows in which the session's time ran, from its beginning on."""
+        # In a pause, rows have the time of the row that follows. The last row always counts.
         advances = np.diff(self.ms, append=self.ms[-1:] + 1) > 0
-        runs = np.flatnonzero(advances & (self.ms >= self.began_ms))
+        kept = np.flatnonzero(advances & (self.ms >= self.began_ms))
         # A slice avoids a copy of the rows if there was no pause.
-        whole = slice(runs[0], runs[-1] + 1) if runs[-1] - runs[0] == len(runs) - 1 else runs
-        return dataclasses.replace(self, rows=self.rows[whole], numbers=self.numbers[whole])
+        has_pause = kept[-1] - kept[0] != len(kept) - 1
+        selection = kept if has_pause else slice(kept[0], kept[-1] + 1)
+        return dataclasses.replace(self, rows=self.rows[selection], numbers=self.numbers[selection])
 
-    def greatest(self, name: str, arms: Sequence[str]) -> np.ndarray:
-        """Return the greatest of the arms' values [T]. A vector counts by its length."""
+    def greatest_of_arms(self, name: str, arms: Sequence[str]) -> np.ndarray:
+        """Return the greatest value of a channel among these arms, [T]; of a vector, its length."""
         channels = [self[f"{arm}/{name}"] for arm in arms]
-        sizes = [np.linalg.norm(x, axis=1) if x.ndim > 1 else x for x in channels]
-        return np.max(sizes, axis=0)
+        values = [np.linalg.norm(x, axis=1) if x.ndim > 1 else x for x in channels]
+        return np.max(values, axis=0)
 
 
 def find_recording(folder: Path) -> Path | None:
@@ -125,10 +127,9 @@ def find_recording(folder: Path) -> Path | None:
 
 
 def read_recording(path: Path, channels: Collection[str] = ()) -> Recording:
-    """Read a recording, complete or cut short, from a file or a session's folder.
-
-    channels: names of channels to read, without the arm, such as "tip"; empty: all. Raises
-    StoreError if the folder has no recording, or another version of ravenjax wrote it.
+    """Read a recording, complete or cut short, from a file or a session's folder. channels: names
+    of channels to read, without the arm, such as "tip"; empty: all. Raises StoreError if the folder
+    has no recording, or another version of ravenjax wrote it.
     """
     path = Path(path)
     if path.is_dir():
@@ -139,6 +140,7 @@ def read_recording(path: Path, channels: Collection[str] = ()) -> Recording:
         path = file
 
     def keeps(name: str) -> bool:
+        # A name in a recording is like gold/tip/0, and its channel is "tip".
         return not channels or name.rstrip("/0123456789").rpartition("/")[2] in channels
 
     log = session_log.read_session_log(path, keeps)
@@ -152,10 +154,8 @@ def read_recording(path: Path, channels: Collection[str] = ()) -> Recording:
 
 
 def read_table(folder: Path) -> list[HazardRow]:
-    """Return the hazards of a session's folder in the order of their activation.
-
-    The list is empty if the folder has no hazards.csv. Raises StoreError if the file is damaged or
-    lacks a column.
+    """Return the hazards of a session's folder in the order of their activation. The list is empty
+    if the folder has no hazards.csv. Raises StoreError if the file is damaged or lacks a column.
     """
     path = Path(folder) / TABLE
     try:
@@ -178,6 +178,7 @@ def read_table(folder: Path) -> list[HazardRow]:
         first = error.errors(include_url=False)[0]
         number, column = first["loc"][:2]
         expected = first["msg"].removeprefix("Value error, ")
+        # The header is line 1, and rows are counted from 0.
         raise StoreError(
             f"{path}: line {int(number) + 2}: {column} is {first['input']!r}, {expected}"
         ) from None
@@ -185,7 +186,9 @@ def read_table(folder: Path) -> list[HazardRow]:
 
 
 def from_recording(recording: Recording, header: Json) -> list[HazardRow]:
-    """Return a row for each armed hazard. Without its end in the recording it has no outcome."""
+    """Return a row for each hazard that was armed, from the events of a recording. A hazard that
+    had not ended when the recording was cut short has no outcome. header: content of session.json.
+    """
     rows: list[Json] = []
     for event in recording.events:
         match event["kind"]:
@@ -207,21 +210,25 @@ def session_columns(header: Json) -> Json:
 
 
 def summarize_hazards(rows: Sequence[HazardRow]) -> Json:
-    """Return counts, medians and extremes of a session's hazards; None if unknown."""
-    struck = [row for row in rows if row.struck_ms is not None]
-    answerable = [row for row in struck if row.outcome in LEFT_ROOM]
+    """Return counts, medians and extremes of a session's hazards, for session.json and the page.
+    Rates and scores are of the hazards that left room for a response. A value is None if no hazard
+    has it.
+    """
+    activated = [row for row in rows if row.struck_ms is not None]
+    answerable = [row for row in activated if row.outcome in LEFT_ROOM]
     right = [row for row in answerable if row.response_ok]
 
     def count(name: str) -> dict[str, int]:
+        # How often each word occurs in this column. Empty fields are not counted.
         return dict(Counter(word for row in rows if (word := getattr(row, name))))
 
-    def reduce(function: Any, name: str, among: Sequence[HazardRow]) -> Any:
-        known = [value for row in among if (value := getattr(row, name)) is not None]
+    def reduce(function: Any, name: str, selected: Sequence[HazardRow]) -> Any:
+        known = [value for row in selected if (value := getattr(row, name)) is not None]
         return round(function(known), 1) if known else None
 
     return {
         "hazards": len(rows),
-        "struck": len(struck),
+        "struck": len(activated),
         "outcomes": count("outcome"),
         "check_responses": count("check_response"),
         "motion_hazards": count("motion_hazard"),
@@ -229,13 +236,15 @@ def summarize_hazards(rows: Sequence[HazardRow]) -> Json:
         "right_responses": len(right),
         "median_reaction_ms": reduce(statistics.median, "reaction_ms", right),
         "score": reduce(statistics.fmean, "score", answerable),
-        "farthest_mm": reduce(max, "farthest_mm", struck),
-        "deepest_mm": reduce(max, "deepest_mm", struck),
+        "farthest_mm": reduce(max, "peak_unintended_mm", activated),
+        "deepest_mm": reduce(max, "deepest_mm", activated),
     }
 
 
 def as_csv(columns: Sequence[str], rows: Iterable[Json]) -> str:
-    """Return the columns of the rows as CSV. An apostrophe makes formulas harmless."""
+    """Return the columns of the rows as CSV. An apostrophe precedes text that a spreadsheet would
+    compute as a formula.
+    """
     out = io.StringIO()
     writer = csv.DictWriter(out, columns, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()

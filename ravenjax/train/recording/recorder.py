@@ -19,24 +19,18 @@ import numpy as np
 
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
+from ravenjax.store.ring import Ring, parent_has_ended, read_json
 from ravenjax.train.protocol import Event, Json
-from ravenjax.train.realtime.ring import Ring, parent_has_ended, read_json
 
-POLL_S = 0.015
-"""s between readings of the rings. A kill loses at most this time and one block."""
-BLOCK = 128
-"""The largest number of rows of a block. A kill loses at most one block."""
-WAITING_MS = 1000
-"""ms between two rows before the first pedal-down."""
-LINGER_S = 0.5
-"""s after "end" in which a last row may still arrive."""
+POLL_S = 0.015  # s between readings of the rings. A kill loses at most this time and one block.
+BLOCK_ROWS = 128  # The largest number of rows of a block. A kill loses at most one block.
+WAITING_MS = 1000  # ms between two rows before the first pedal-down
+LINGER_S = 0.5  # s after "end" in which a last row may still arrive
 
 
 class RowWriter:
-    """Writes rows and events to session.mcap.
-
-    Before the first pedal-down it writes one row a second, so that a waiting session needs little
-    disk space.
+    """Writes rows and events to session.mcap. Before the first pedal-down it writes one row a
+    second, so that a waiting session needs little disk space.
     """
 
     def __init__(self, folder: Path, names: Sequence[str], header: Json) -> None:
@@ -44,18 +38,22 @@ class RowWriter:
         self.summary: Json = {}  # added to session.json at the end
         self.log = session_log.SessionWriter(folder / session_log.FILE, names, header)
         self._columns = [names.index("left_ms"), names.index("pedal")]
-        self._whole_ms = 1e3 * header.get("scenario", {}).get("duration_s", math.inf)
+        self._duration_ms = 1e3 * header.get("scenario", {}).get("duration_s", math.inf)
 
     def add(self, first: int, rows: np.ndarray, events: Sequence[Event]) -> int:
-        """Write rows that are numbered from `first`, and events. Return how many were written."""
+        """Write rows that are numbered from `first`, and events. Return the number of rows written.
+        Of the rows before the first pedal-down, only each `WAITING_MS`th is written.
+        """
         left_ms, pedal = rows[:, self._columns].T
-        numbers = np.arange(len(rows))
-        is_due = (left_ms < self._whole_ms) | (pedal > 0) | ((first + numbers) % WAITING_MS == 0)
-        written = numbers[is_due]
-        *runs, last = np.split(written, np.flatnonzero(np.diff(written) > 1) + 1)
+        indices = np.arange(len(rows))
+        has_begun = (left_ms < self._duration_ms) | (pedal > 0)
+        written = indices[has_begun | ((first + indices) % WAITING_MS == 0)]
+        # The log takes runs of successive rows. The last run, which may be empty, takes the events.
+        *runs, last_run = np.split(written, np.flatnonzero(np.diff(written) > 1) + 1)
         for run in runs:
             self.log.add(first + int(run[0]), rows[run])
-        self.log.add(first + int(last[0] if len(last) else len(rows)), rows[last], events)
+        last_start = int(last_run[0]) if len(last_run) else len(rows)
+        self.log.add(first + last_start, rows[last_run], events)
         return len(written)
 
 
@@ -80,16 +78,16 @@ def record_session(
     header: Json,
     listening: Callable[[], None] = lambda: None,
 ) -> None:
-    """Record until the session ends.
-
-    names: of the numbers of a row, `FrameLayout.names`. header: content of session.json without
-    "version", "started" and "ended". listening: called once session.mcap exists. Raises StoreError
-    if the folder cannot be written.
+    """Record until the session ends. frames_ring, events_ring: names of the rings. names: of the
+    numbers of a row, `FrameLayout.names`. header: content of session.json without "version",
+    "started" and "ended". listening: called once session.mcap exists. Raises StoreError if the
+    folder cannot be written.
     """
-    leaving = threading.Event()
-    signal.signal(signal.SIGTERM, lambda *_: leaving.set())
+    stopping = threading.Event()
+    signal.signal(signal.SIGTERM, lambda *_: stopping.set())
     # Ctrl-C reaches every process, but the session must end first.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Numbers of the next row and the next event.
     row = event = 0
     end_s, late_ticks = math.inf, names.index("late_ticks")
     counts = dict.fromkeys(("rows", "lost_rows", "events", "late_ticks"), 0)
@@ -102,28 +100,32 @@ def record_session(
         while True:
             # Checked before the rings are read, so that everything written before the check is
             # recorded.
-            is_last = leaving.is_set() or parent_has_ended() or time.monotonic() >= end_s
-            first_event, rows_of_events = events.read(event)
-            first, raw = frames.read(row, BLOCK)
-            batch = list(read_json(rows_of_events))
-            for what, lost in (("rows", first - row), ("events", first_event - event)):
-                if lost:
-                    batch.append({"kind": f"lost_{what}", "tick": row, what: lost})
-            counts["lost_rows"] += first - row
+            is_last = stopping.is_set() or parent_has_ended() or time.monotonic() >= end_s
+            first_event, event_rows = events.read(event)
+            first, raw = frames.read(row, BLOCK_ROWS)
+            batch = list(read_json(event_rows))
+            # An event in the recording reports rows and events that the ring has overwritten.
+            lost_rows, lost_events = first - row, first_event - event
+            if lost_rows:
+                batch.append({"kind": "lost_rows", "tick": row, "rows": lost_rows})
+            if lost_events:
+                batch.append({"kind": "lost_events", "tick": row, "events": lost_events})
+            counts["lost_rows"] += lost_rows
             counts["events"] += len(batch)
-            row, event = first + len(raw), first_event + len(rows_of_events)
+            row, event = first + len(raw), first_event + len(event_rows)
             rows = raw.view(np.float32)
             if len(rows) or batch:
                 counts["rows"] += writer.add(first, rows, batch)
             if len(rows):
                 counts["late_ticks"] = int(rows[-1, late_ticks])
-            if any(told["kind"] == "end" for told in batch):
+            if any(each["kind"] == "end" for each in batch):
                 end_s = min(end_s, time.monotonic() + LINGER_S)
-            behind = frames.written - row
-            if is_last and not behind:
+            unread = frames.written - row
+            if is_last and not unread:
                 break
-            if behind < BLOCK:
+            if unread < BLOCK_ROWS:
                 time.sleep(POLL_S)
+        # A row lasts a millisecond.
         writer.summary["recording"] = counts | {"seconds": round(counts["rows"] * 1e-3, 3)}
 
 

@@ -11,13 +11,13 @@ WORDS = resources.read_tables(__file__, "link.toml")
 
 
 @contextlib.contextmanager
-def refuse_errors(what: str, advice: str, *opened: socket.socket) -> Iterator[None]:
+def refuse_errors(failure: str, advice: str, *opened: socket.socket) -> Iterator[None]:
     """Turn an error of the network into a UserError, and close the sockets.
-    what: what cannot be done. advice: what to do.
+    failure: what cannot be done. advice: what to do.
     """
     try:
         yield
     except (OSError, OverflowError) as error:
         for each in opened:
             each.close()
-        raise UserError(f"{what} ({error}): {advice}") from None
+        raise UserError(f"{failure} ({error}): {advice}") from None

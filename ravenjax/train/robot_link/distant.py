@@ -29,10 +29,9 @@ from ravenjax.train.robot_link.joint_stream import JointReport, RobotLink
 from ravenjax.train.session.simulation import SOURCE, Blueprint, hazard_distances
 
 _CHECKS = frozenset(ROBOT.checks)
-_MOST_TRIPS = 2**23
+_MAX_TRIPS = 2**23
 """Limit of a check's count, so that the sum stays a whole number in single precision."""
-_SOURCE = Path(__file__).read_bytes()
-"""Part of the key of compiled code in the cache."""
+_SOURCE = Path(__file__).read_bytes()  # Part of the key of compiled code in the cache
 
 
 class _Reported(NamedTuple):
@@ -47,40 +46,42 @@ class _Reported(NamedTuple):
 class DistantRobot:
     """A robot in another process, with the methods of `simulation.SimulatedRobot`."""
 
-    now = 0
+    next_tick = 0
     _sequence = 0
 
     def __init__(self, blueprint: Blueprint, remote: RobotLink) -> None:
         self.blueprint, self.remote = blueprint, remote
         self.arms = blueprint.setup.arms
-        self._stepper = Stepper(_half(blueprint), ())
+        self._stepper = Stepper(_console_code(blueprint), ())
         self.motion = self._stepper.flat.reshape(len(self._stepper.tables), -1)
         self._frame = Frame(blueprint.layout)
         self.row = self._frame.row[: blueprint.layout.simulated]
-        self._out = np.zeros(self._stepper.code.outputs, np.float32)
-        self._rest = tree.tree_leaves(_resting(blueprint))
-        self._reported = _Reported(*tree.fill_tree(_resting(blueprint), self._stepper.step_inputs))
+        self._output = np.zeros(self._stepper.code.outputs, np.float32)
+        self._resting_numbers = tree.tree_leaves(_resting_report(blueprint))
+        self._reported = _Reported(
+            *tree.fill_tree(_resting_report(blueprint), self._stepper.step_inputs)
+        )
         places = blueprint.layout.places
         names = [f"{arm}/{name}" for arm in self.arms for name in WORDS["of_console"]]
         # Positions in the row of the numbers that the half tick computes. In its output, the
         # packet's numbers follow.
-        self._shown = np.r_[*(places[name] for name in (*names, "halted_ms"))]
+        self._computed_places = np.r_[*(places[name] for name in (*names, "halted_ms"))]
         self._outcomes: Json = {}
-        self._at_rest()
+        self._assume_rest()
 
     def step(self) -> None:
         """Compute one tick: move the model, send the packet, read the newest report."""
-        self._stepper.step(self.now, self._out.ctypes.data)
-        count = len(self._shown)
-        self.row[self._shown] = self._out[:count]
+        self._stepper.step(self.next_tick, self._output.ctypes.data)
+        count = len(self._computed_places)
+        self.row[self._computed_places] = self._output[:count]
         self._sequence += 1
-        report = self.remote.exchange(self._datagram(self._out[count:].tolist()))
+        report = self.remote.exchange(self._datagram(self._output[count:].tolist()))
         if report is not None and not self.remote.stale:
-            self._take(report)
+            self._use_report(report)
         else:
-            self._lose()
-        self._frame["tick"] = self.now
-        self.now += 1
+            self._lose_reports()
+        self._frame["tick"] = self.next_tick
+        self.next_tick += 1
 
     def outcomes(self) -> Json:
         """Return the outcome columns that the robot's reports contain."""
@@ -93,21 +94,22 @@ class DistantRobot:
         """Order the robot to restart, and restart the model."""
         self.remote.order({"order": "reset"})
         self._stepper.begin()
-        self._at_rest()
-        self.now, self._outcomes = 0, {}
+        self._assume_rest()
+        self.next_tick, self._outcomes = 0, {}
         self._frame["trips"] = 0
 
     def stand_by(self) -> None:
         """Move the motion to the beginning of its table. Robot and model do not move."""
         # The next packet's increments count from this row.
-        self.motion[:, 0] = self.motion[:, self.now - 1]
-        past, self.now = self.now - 1, 1
+        self.motion[:, 0] = self.motion[:, self.next_tick - 1]
+        removed_ms, self.next_tick = self.next_tick - 1, 1
         for name in self._outcomes:
+            # A negative time is before the start of the table.
             if name.endswith("_first_ms"):
-                self._outcomes[name] -= past  # negative: before this table's start
+                self._outcomes[name] -= removed_ms
 
     @property
-    def heard(self) -> bool:
+    def reports_arrive(self) -> bool:
         return self.remote.report is not None and not self.remote.stale
 
     def arm(self, row: int) -> None:
@@ -120,22 +122,23 @@ class DistantRobot:
     def disarm(self) -> None:
         self.remote.order({"order": "disarm"})
 
-    def press(self, row: int) -> None:
+    def press_estop(self, row: int) -> None:
         self.remote.order({"order": "estop"})
 
-    def _at_rest(self) -> None:
-        self._enter(self._rest)
+    def _assume_rest(self) -> None:
+        self._set_report(self._resting_numbers)
         # Whether the last report had a stop by this check. Each new stop counts as a trip.
-        self._stopped = {"soft_estop": True, "estop": True}
+        self._was_stopped = {"soft_estop": True, "estop": True}
 
-    def _enter(self, numbers: Sequence[Any]) -> None:
+    def _set_report(self, numbers: Sequence[Any]) -> None:
         for place, number in zip(tree.tree_leaves(self._reported), numbers, strict=True):
             place[0] = number
 
     def _datagram(self, numbers: list[float]) -> bytes:
-        """Return the 124 bytes of this tick's packet. Its fields come from the pedal, then
-        increments, quaternion and grasp of each arm.
+        """Return the bytes of this tick's ITP packet. numbers: the pedal, then increments (3),
+        quaternion (4) and grasp (1) of each arm.
         """
+        # A packet has each component for both arms. An absent arm has the identity rotation.
         delta, quat, grasp = [0] * 6, [0.0] * 6 + [1.0] * 2, [0] * 2
         for i, arm in enumerate(self.arms):
             slot, first = ARMS.index(arm), 1 + 8 * i
@@ -143,37 +146,45 @@ class DistantRobot:
             quat[slot::2] = numbers[first + 3 : first + 7]
             grasp[slot] = int(numbers[first + 7])
         mode = int(numbers[0])
-        total = (mode + self._sequence + sum(delta) + 2**31) % 2**32 - 2**31
-        return FIELDS.pack(self._sequence, 0, 0, *delta, *quat, 0, 0, *grasp, mode, total)
+        # The sum of the fields, as a signed number of 32 bits.
+        checksum = (mode + self._sequence + sum(delta) + 2**31) % 2**32 - 2**31
+        return FIELDS.pack(self._sequence, 0, 0, *delta, *quat, 0, 0, *grasp, mode, checksum)
 
-    def _take(self, report: JointReport) -> None:
-        # Uses the robot's report as the state of this tick.
+    def _use_report(self, report: JointReport) -> None:
+        # Uses the robot's report as the state of this tick. Counts new stops and trips of checks.
         report.fill(self._frame)
         frame, arms = self._frame, self.arms
         stopped = bool(frame.number("soft_estopped"))
-        numbers = [
-            x for name in ("jpos", "mvel") for arm in arms for x in frame[f"{arm}/{name}"].tolist()
-        ]
-        self._enter([*numbers, report.runlevel, stopped])
+        numbers: list[float] = []
+        for name in ("jpos", "mvel"):
+            for arm in arms:
+                numbers += frame[f"{arm}/{name}"].tolist()
+        self._set_report([*numbers, report.runlevel, stopped])
         frame["live"] = observers.is_live(report.runlevel, stopped)
         for check, is_stopped in (("soft_estop", stopped), ("estop", report.runlevel == E_STOP)):
-            if is_stopped and not self._stopped[check]:
-                self._note(check, self._outcomes.get(f"check_{check}_count", 0) + 1, self.now)
-            self._stopped[check] = is_stopped
+            # A robot may not report its checks, so each new stop counts as a trip.
+            if is_stopped and not self._was_stopped[check]:
+                self._record_trips(
+                    check, self._outcomes.get(f"check_{check}_count", 0) + 1, self.next_tick
+                )
+            self._was_stopped[check] = is_stopped
         for check, (count, first_tick) in report.checks.items():
             # A robot of another version may have other checks.
             if check in _CHECKS:
-                self._note(check, count, max(self.now - (report.tick - first_tick), 0))
+                self._record_trips(
+                    check, count, max(self.next_tick - (report.tick - first_tick), 0)
+                )
         counts = [count for key, count in self._outcomes.items() if key.endswith("_count")]
         frame["trips"] = sum(counts)
 
-    def _note(self, check: str, count: int, first_ms: int) -> None:
+    def _record_trips(self, check: str, count: int, first_ms: int) -> None:
         """Raise a check's count to at least `count`, and keep the time of its first trip."""
         key = f"check_{check}_count"
-        self._outcomes[key] = max(self._outcomes.get(key, 0), min(count, _MOST_TRIPS))
+        self._outcomes[key] = max(self._outcomes.get(key, 0), min(count, _MAX_TRIPS))
         self._outcomes.setdefault(f"check_{check}_first_ms", first_ms)
 
-    def _lose(self) -> None:
+    def _lose_reports(self) -> None:
+        # Treats the robot as stopped, because no reports arrive.
         for name in ("runlevel", "surgeon_mode", "plc_runlevel", "fault_active", "live"):
             self._frame[name] = 0
         self._reported.runlevel[0] = E_STOP
@@ -181,15 +192,19 @@ class DistantRobot:
             self._frame[f"{arm}/force"] = 0.0
 
 
-def _resting(blueprint: Blueprint) -> _Reported:
+def _resting_report(blueprint: Blueprint) -> _Reported:
+    # Returns the report of a stopped robot at its start position.
     start = cast(blueprint.plan.program.params.start, "float32")
     return _Reported(
         start, tuple(Vec.full(7, np.float32(0.0)) for _ in start), np.int32(E_STOP), np.int32(0)
     )
 
 
-def _half(blueprint: Blueprint) -> StepCode:
-    """Return the compiled code of the console's half of the tick, with the last report as input."""
+def _console_code(blueprint: Blueprint) -> StepCode:
+    """Return the compiled code of the console's half of the tick. Its input is the last report. Its
+    output is, for each arm, the channels `of_console` of `link.toml`; then halted_ms and the
+    packet's numbers, as `DistantRobot._datagram` reads them.
+    """
     setup = blueprint.setup
     params = blueprint.plan.program.params_of(blueprint.inputs[0])
     unwritten = per_arm(setup, lambda i, arm: Vec.full(7, np.int32(0)))
@@ -208,20 +223,21 @@ def _half(blueprint: Blueprint) -> StepCode:
         robot = observers.RobotView(*entering, unwritten)
         fresh = jnp.bool_(True)
         after, view = observers.update_model_and_cue(setup, params, state, packet, fresh, robot)
-        judged = observers.update_monitor(
+        updated = observers.update_monitor(
             setup, params, state.monitor, packet, fresh, robot, view, None, now
         )
-        after = replace(after, monitor=judged)
+        after = replace(after, monitor=updated)
         out: list[Scalar] = []
         for i, (model, cue) in enumerate(zip(view.models, view.cues, strict=True)):
             distance = cue.distance * 1e3
             out += [*model.jpos, *view.tips[i], *model.tip_position, distance]
             out += [*(x * cue.force[0] for x in cue.direction), view.depth[i] * 1e3]
-            still = Vec.full(3, 0.0)
-            off = monitor.arm_distances(
-                params.monitor, after.monitor.arms[i], model.tip_position, still, still
+            # Without the true tip, false reports are unknown (NaN). These positions do not matter.
+            origin = Vec.full(3, 0.0)
+            distances = monitor.arm_distances(
+                params.monitor, after.monitor.arms[i], model.tip_position, origin, origin
             )
-            unintended, unintended_off, loss, _ = hazard_distances(view.live, off)
+            unintended, unintended_off, loss, _ = hazard_distances(view.live, distances)
             out += [unintended, unintended_off, loss, jnp.nan, distance]
         out += [after.monitor.halted, packet.surgeon_mode]
         for i in range(len(setup.arms)):
@@ -234,5 +250,12 @@ def _half(blueprint: Blueprint) -> StepCode:
     tables = blueprint.code.tables[:1] * len(blueprint.plan.columns)
     key = trace_key.hash_values("distant", SOURCE, _SOURCE, setup, params)
     return StepCode(
-        begin, step, finish, (), _resting(blueprint), tables, compile_cache.object_cache(), key
+        begin,
+        step,
+        finish,
+        (),
+        _resting_report(blueprint),
+        tables,
+        compile_cache.object_cache(),
+        key,
     )

@@ -17,27 +17,10 @@ import numpy as np
 
 from ravenjax.numbers.vec import Vec
 from ravenjax.store.consoles import loading as consoles
+from ravenjax.train import robot
 from ravenjax.train.protocol import STALE_MS, Command, Frame, Json, Say
 from ravenjax.train.realtime.loop import TickedSession
-from ravenjax.train.robot import (
-    ARMS,
-    FIELDS,
-    ITP_AXES,
-    MODE,
-    RESET_GAP,
-    U_STRUCT,
-    UDP_PORT,
-    UNDECIDED,
-    V_STRUCT,
-    ArmName,
-    Arms,
-    ConsoleProfile,
-    Misfit,
-    Packet,
-    ProfileChoice,
-    matching_profile,
-    turn_by,
-)
+from ravenjax.train.robot import ARMS, FIELDS, ArmName, Arms, ConsoleProfile, Misfit, Packet
 from ravenjax.train.robot_link import WORDS, refuse_errors
 from ravenjax.train.session.console_arbiter import packets_message
 from ravenjax.vocabulary.packets import QUIET_MS, RELEASE_MS
@@ -45,7 +28,7 @@ from ravenjax.vocabulary.packets import QUIET_MS, RELEASE_MS
 SIZE = FIELDS.size
 PEDAL, ALIVE, SOFT_ESTOPPED, DRIVES = 1 << 2, 1 << 3, 1 << 4, 1 << 5
 """Bits of jointflags. Bits 0 and 1: the arm is present; bits 8 and 9: its cue pulls."""
-_LAST = 2**32 - 1  # largest packet number
+_MAX_NUMBER = 2**32 - 1  # largest packet number
 TAKEN = "accepted"
 CAUSES = tuple(WORDS["causes"])
 """Possible results of the checks of a datagram. Each datagram has exactly one result."""
@@ -56,7 +39,7 @@ z, w) and `grasp_mrad` (positive closes).
 STILL: Json = {"delta_um": [0, 0, 0], "quat": [0.0, 0.0, 0.0, 1.0], "grasp_mrad": 0}
 """The increment of an arm that does not move."""
 
-GOES_ON = (TAKEN, "restart", "skip")
+CONTINUING = (TAKEN, "restart", "skip")
 """Results of the check of a packet's number that do not interrupt the stream."""
 KEPT_MISFITS, MISFIT_SHARE = 32, 0.02
 """Number of packets that do not fit the profile after which the gate names a profile that fits. If
@@ -66,23 +49,21 @@ same limits apply to the report of dropped packets.
 
 
 class Gate:
-    """Checks each datagram of a console before its content moves the robot.
-
-    The checks are, in this order: size, sender, content by the console's profile, sequence number.
-    Each refusal is counted under its cause. raven2 itself checks no content; its rules for the
-    number are those of `raven2.stages.network`. Two rules here are stricter, so that nobody can
-    replay a stream: a lower number counts as a restart only if it is 1 and the console was quiet
-    for `QUIET_MS`, and a packet more than `RESET_GAP` ahead is dropped. After `RELEASE_MS` of
-    silence any stream may begin. ITP has no secret, so a recorded stream looks like a console: in
-    a shared network, listen on loopback or set the console's address (`only_host`).
+    """Checks each datagram of a console before its content moves the robot. The checks are, in this
+    order: size, sender, content by the console's profile, sequence number. Each refusal is counted
+    under its cause. raven2 itself checks no content; its rules for the number are those of
+    `raven2.stages.network`. Two rules here are stricter, so that nobody can replay a stream: a
+    lower number counts as a restart only if it is 1 and the console was quiet for `QUIET_MS`, and a
+    packet more than `robot.RESET_GAP` ahead is dropped. After `RELEASE_MS` of silence any stream
+    may begin. ITP has no secret, so a recorded stream looks like a console: in a shared network,
+    listen on loopback or set the console's address (`only_host`).
     """
 
-    _misfit_count, _advised = 0, False
-    _warned = False  # whether dropped packets were reported
+    _misfit_count, _misfits_reported = 0, False
+    _drops_reported = False  # whether dropped packets were reported
     _peer: tuple | None = None
-    # Number of the last packet; 0: none yet.
-    _last = 0
-    _heard_ms = -math.inf  # when the last packet was accepted or skipped to
+    _last_number = 0  # Number of the last packet; 0: none yet
+    _last_packet_ms = -math.inf  # when the last packet was accepted or skipped to
 
     def __init__(
         self,
@@ -91,16 +72,17 @@ class Gate:
         only_host: str | None = None,
         say: Say = lambda _: None,
     ) -> None:
-        """arms: the arms whose fields are read; fields of other arms may have any value.
-
-        profiles: of the console, or several of which one fits; empty: raven2's own. only_host: the
-        only address that may send; None: any. say: prints which profile was found or would fit.
+        """arms: the arms whose fields are read; fields of other arms may have any value. profiles:
+        of the console, or several of which one fits; empty: raven2's own. only_host: the only
+        address that may send; None: any. say: prints which profile was found or would fit.
         """
         self._only_host, self._say = only_host, say
         self.counts: dict[str, int] = dict.fromkeys(CAUSES, 0)
         self.arms = arms
-        self._choice = ProfileChoice(profiles or (consoles.load_profile("raven"),), arms)
-        self._open = len(self._choice.readers) > 1  # whether packets have yet to decide the profile
+        self._choice = robot.ProfileChoice(profiles or (consoles.load_profile("raven"),), arms)
+        self._is_undecided = (
+            len(self._choice.readers) > 1
+        )  # whether packets have yet to decide the profile
         self._misfits: deque[Sequence] = deque(maxlen=KEPT_MISFITS)
 
     @property
@@ -109,8 +91,8 @@ class Gate:
 
     def peer(self, now_ms: float) -> tuple | None:
         """Return the address of the console whose packets are accepted, or None."""
-        if self._peer is not None and now_ms - self._heard_ms > RELEASE_MS:
-            self._peer, self._last = None, 0
+        if self._peer is not None and now_ms - self._last_packet_ms > RELEASE_MS:
+            self._peer, self._last_number = None, 0
             self._choice.begin()
         return self._peer
 
@@ -125,9 +107,9 @@ class Gate:
         self.counts[cause] += 1
         drops = WORDS["drops"]
         dropped = sum(self.counts[drop] for drop in drops) if cause in drops else 0
-        many = dropped >= max(KEPT_MISFITS, MISFIT_SHARE * self.received)
-        if many and not self._warned:
-            self._warned = True
+        are_many = dropped >= max(KEPT_MISFITS, MISFIT_SHARE * self.received)
+        if are_many and not self._drops_reported:
+            self._drops_reported = True
             self._say(
                 f"console: {dropped} of {self.received} packets were dropped, the last as {cause}."
                 " Either two consoles send, or the network loses packets"
@@ -146,62 +128,66 @@ class Gate:
         fields = FIELDS.unpack_from(datagram)
         number = fields[0]
         cause = self._check_number(number, now_ms)
-        goes_on = cause in GOES_ON
+        continues = cause in CONTINUING
         reading = self._choice.read(fields, joined=cause == TAKEN)
         if isinstance(reading, Misfit):
-            if reading.cause != UNDECIDED:
-                self._note(fields, reading)
+            if reading.cause != robot.UNDECIDED:
+                self._record_misfit(fields, reading)
                 return None, reading.cause
-            cause = UNDECIDED if cause == TAKEN else cause
-        if goes_on:
-            self._last, self._heard_ms, self._peer = number, now_ms, source
+            # The packet is in order, but may not move the robot before the profile is known.
+            cause = robot.UNDECIDED if cause == TAKEN else cause
+        if continues:
+            self._last_number, self._last_packet_ms, self._peer = number, now_ms, source
             self._choice.follow()
-            if self._open and (profile := self._choice.profile) is not None:
-                self._open = False
+            if self._is_undecided and (profile := self._choice.profile) is not None:
+                self._is_undecided = False
                 self._say(
                     f"console: profile {profile.name}, {profile.title}. {self._choice.reason}"
                 )
         if cause != TAKEN or isinstance(reading, Misfit):
             return None, cause
+        # `reading` has the displacements, turns and jaw increments of all arms.
         tables = dict(zip(self.arms, zip(*reading, strict=True), strict=True))
-        return increments_of(bool(fields[MODE]), tables, "itp"), TAKEN
+        return increments_of(bool(fields[robot.MODE]), tables, "itp"), TAKEN
 
-    def _note(self, fields: Sequence, misfit: Misfit) -> None:
-        """Report once that the profile does not fit the console, and which profile fits, if any."""
+    def _record_misfit(self, fields: Sequence, misfit: Misfit) -> None:
+        """Store a packet that does not fit the profile. Report once which bundled profile fits
+        these packets, or, if they are a large share, that none fits.
+        """
         self._misfits.append(fields)
         self._misfit_count += 1
-        if self._advised or self._misfit_count % KEPT_MISFITS:
+        if self._misfits_reported or self._misfit_count % KEPT_MISFITS:
             return
         profile = self._choice.profile
         others = [other for other in consoles.bundled_profiles() if other != profile]
-        fits = matching_profile(self._misfits, others, self.arms) if profile else ""
-        if not fits and self._misfit_count < MISFIT_SHARE * self.received:
+        fitting = robot.matching_profile(self._misfits, others, self.arms) if profile else ""
+        if not fitting and self._misfit_count < MISFIT_SHARE * self.received:
             return
-        self._advised = True
-        under = f"profile {profile.name}" if profile else "any profile"
-        words = (
-            f"console: {self._misfit_count} of {self.received + 1} packets do not fit {under}, the"
-            f" last for {misfit}"
+        self._misfits_reported = True
+        tried = f"profile {profile.name}" if profile else "any profile"
+        advice = "No bundled profile fits them: write a profile, and start again with --console"
+        advice += " FILE.toml"
+        if fitting:
+            advice = f"They fit {fitting}: start again with --console {fitting}"
+        self._say(
+            f"console: {self._misfit_count} of {self.received + 1} packets do not fit {tried}, the"
+            f" last for {misfit}. {advice}"
         )
-        advice = f"They fit {fits}: start again with --console {fits}"
-        if not fits:
-            advice = "No bundled profile fits them: write a profile, and start again with --console"
-            advice += " FILE.toml"
-        self._say(f"{words}. {advice}")
 
     def _check_number(self, number: int, now_ms: float) -> str:
-        """Return the result of the check of a packet's number."""
-        last = self._last
+        """Return the result of the check of a packet's number, one of `CAUSES`."""
+        last = self._last_number
         if number == 0:
             return "zero"
-        if number == (last + 1 if last < _LAST else 1):
+        # 1 follows the largest number.
+        if number == (last + 1 if last < _MAX_NUMBER else 1):
             return TAKEN
         if number == last:
             return "duplicate"
         if number < last:
-            is_quiet = now_ms - self._heard_ms > QUIET_MS
+            is_quiet = now_ms - self._last_packet_ms > QUIET_MS
             return "restart" if number == 1 and is_quiet else "behind"
-        return "far_ahead" if last and number - last > RESET_GAP else "skip"
+        return "far_ahead" if last and number - last > robot.RESET_GAP else "skip"
 
 
 def increments_of(pedal: bool, tables: Mapping[ArmName, Sequence[Any]], source: str) -> Increments:
@@ -224,23 +210,23 @@ def merge_commands(commands: Sequence[Increments]) -> Increments | None:
     total = commands[0]
     for command in commands[1:]:
         arms = {}
-        for arm, then in command["arms"].items():
-            before = total["arms"][arm]
+        for arm, later in command["arms"].items():
+            earlier = total["arms"][arm]
             arms[arm] = {
-                "delta_um": [*map(operator.add, before["delta_um"], then["delta_um"])],
-                "quat": list(turn_by(before["quat"], then["quat"])),
-                "grasp_mrad": before["grasp_mrad"] + then["grasp_mrad"],
+                "delta_um": [*map(operator.add, earlier["delta_um"], later["delta_um"])],
+                "quat": list(robot.turn_by(earlier["quat"], later["quat"])),
+                "grasp_mrad": earlier["grasp_mrad"] + later["grasp_mrad"],
             }
         total = {**command, "arms": arms}
     return total
 
 
 def packet_of(command: Increments, arms: Sequence[str], sequence: int) -> Packet:
-    """Return the packet of a command, with the number `sequence`."""
+    """Return the packet that a command "increments" is for these arms, numbered `sequence`."""
     tables = [command["arms"][arm] for arm in arms]
     return Packet(
         received=1,
-        size=U_STRUCT.itemsize,
+        size=robot.U_STRUCT.itemsize,
         sequence=sequence,
         delta=tuple(Vec(table["delta_um"]) for table in tables),
         quat=tuple(Vec(table["quat"]) for table in tables),
@@ -250,18 +236,17 @@ def packet_of(command: Increments, arms: Sequence[str], sequence: int) -> Packet
 
 
 LOOPBACK = "127.0.0.1"
-PER_TICK = 8
+MIN_DATAGRAMS_PER_TICK = 8
 """The least number of datagrams that one tick reads. Further datagrams wait in the kernel."""
-USUAL_PER_TICK = 4
+DEFAULT_PACKETS_PER_TICK = 4
 """The largest number of packets accepted in one tick while the console's profile is unknown."""
 BUFFER_BYTES = 1 << 16
 """Size of the kernel's buffer: some 150 datagrams, so that waiting datagrams are never old."""
-SOME_PACKETS = 10
+MIN_REFUSED_PACKETS = 10
 """The number of packets refused within `STALE_MS`, with none accepted, that triggers a message."""
-FORCE_SCALE = 1000.0
-"""Units of a force packet in a device unit."""
+FORCE_SCALE = 1000.0  # Units of a force packet in a device unit
 _FORCE_LIMIT = 2**31 - 1
-_AXES = np.array([ITP_AXES[arm] for arm in ARMS], int)
+_AXES = np.array([robot.ITP_AXES[arm] for arm in ARMS], int)
 """ITP axes of each arm, as columns, in frame 0."""
 
 
@@ -270,14 +255,14 @@ class ItpServer:
 
     last_sequence = 0  # number of the console's packet accepted last
     _pedal = False
-    _taken_ms = -math.inf
-    _sent = 0
+    _accepted_ms = -math.inf
+    _sent_forces = 0
 
     def __init__(
         self,
         gate: Gate,
         host: str = LOOPBACK,
-        port: int = UDP_PORT,
+        port: int = robot.UDP_PORT,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         """gate: checks the datagrams. Raises UserError if the port is taken."""
@@ -298,31 +283,31 @@ class ItpServer:
         return self._socket.getsockname()[:2]
 
     def poll(self) -> list[Command]:
-        """Return the increments since the last call as one command "increments", or [].
-
-        At most `SentStream.per_tick` packets count in one tick. The others wait in the kernel.
+        """Return the increments since the last call as one command "increments", or []. At most
+        `SentStream.per_tick` packets count in one tick. The others wait in the kernel.
         """
         now_ms = self._clock() * 1e-6
         profile = self.gate.profile
-        most = USUAL_PER_TICK if profile is None else profile.stream.per_tick
+        limit = DEFAULT_PACKETS_PER_TICK if profile is None else profile.stream.per_tick
         accepted: list[Command] = []
-        for _ in range(max(PER_TICK, most)):
+        for _ in range(max(MIN_DATAGRAMS_PER_TICK, limit)):
             try:
                 datagram, source = self._socket.recvfrom(SIZE)
             except BlockingIOError:
                 break
-            except OSError:  # the host of a former console reports that its port is closed
+            # The host of a former console reports that its port is closed.
+            except OSError:
                 continue
             increments = self.gate.admit(datagram, source, now_ms)
             if increments is not None:
                 accepted.append(increments)
                 self.last_sequence = int.from_bytes(datagram[:4], "little")
-                if len(accepted) == most:
+                if len(accepted) == limit:
                     break
         total = merge_commands(accepted)
         if total is None:
             return []
-        self._pedal, self._taken_ms = total["pedal"], now_ms
+        self._pedal, self._accepted_ms = total["pedal"], now_ms
         return [total]
 
     def send_force(
@@ -333,31 +318,32 @@ class ItpServer:
         pedal: bool = True,
         drives: bool = True,
     ) -> bool:
-        """Send the force of each arm (3, device units, frame 0 of the arm) to the console.
-
-        Call it at most once a tick. pedal: False if a pedal that the console holds down does not
-        count. drives: False if another console drives; then the force is zero. A stale console gets
-        zero force and pedal up until `RELEASE_MS`. Returns whether a packet was sent.
+        """Send the force of each arm (3, device units, frame 0 of the arm) to the console. Call it
+        at most once a tick. pedal: False if a pedal that the console holds down does not count.
+        drives: False if another console drives; then the force is zero. A stale console gets zero
+        force and pedal up until `RELEASE_MS`. Returns whether a packet was sent.
         """
         now_ms = self._clock() * 1e-6
         peer = self.gate.peer(now_ms)
         if peer is None:
             return False
-        alive = now_ms - self._taken_ms <= STALE_MS
+        alive = now_ms - self._accepted_ms <= STALE_MS
         flags = self._present | SOFT_ESTOPPED * soft_estopped | DRIVES * drives
         components = [0] * 6
         if alive:
             flags |= ALIVE | PEDAL * (pedal and self._pedal)
             for arm, force in forces.items() if drives else ():
+                # A packet has the components of both arms in turn.
                 slot = ARMS.index(arm)  # type: ignore[arg-type]
-                pull = np.dot([_whole(FORCE_SCALE * float(x)) for x in force], _AXES[slot])
-                components[slot::2] = pull
-                flags |= (1 << 8 + slot) if pull.any() else 0
-        self._sent += 1
-        total = sum(components) + int(runlevel) + self._sent
+                units = np.dot([_round_force(FORCE_SCALE * float(x)) for x in force], _AXES[slot])
+                components[slot::2] = units
+                flags |= (1 << 8 + slot) if units.any() else 0
+        self._sent_forces += 1
+        total = sum(components) + int(runlevel) + self._sent_forces
+        # The sum of all fields, as a signed number of 32 bits.
         checksum = (total + 2**31) % 2**32 - 2**31
-        number = self._sent % 2**32
-        datagram = V_STRUCT.pack(
+        number = self._sent_forces % 2**32
+        datagram = robot.V_STRUCT.pack(
             number, self.last_sequence, 0, 0, *components, int(runlevel), flags, checksum
         )
         # If the packet cannot be sent, the next tick sends a newer force.
@@ -367,45 +353,49 @@ class ItpServer:
 
     def counters(self) -> dict[str, int]:
         """Return the counts of datagrams by `CAUSES`, and of force packets."""
-        return {**self.gate.counts, "force_sent": self._sent}
+        return {**self.gate.counts, "force_sent": self._sent_forces}
 
     def close(self) -> None:
         self._socket.close()
 
 
-def _whole(value: float) -> int:
+def _round_force(value: float) -> int:
+    # Returns the nearest number of 32 bits; 0 for NaN, which is not equal to itself.
     return 0 if value != value else round(max(-_FORCE_LIMIT, min(_FORCE_LIMIT, value)))
 
 
 class ItpConsole:
     """An ITP console of the realtime loop: receives increments and sends forces."""
 
-    _polls, _why = 0, ""
+    _polls, _refusal = 0, ""
 
     def __init__(self, server: ItpServer, session: TickedSession) -> None:
         self._server, self._session = server, session
         self._counts = Counter(server.gate.counts)
 
     def poll(self) -> list[Command]:
-        """Return the increments, and "unheard" if the gate starts or stops refusing all packets."""
+        """Return the increments. When the reason changes why all packets are refused, add a command
+        "unheard". The gate's counts are read every `STALE_MS`.
+        """
         commands, self._polls = self._server.poll(), self._polls + 1
-        why = self._why if self._polls % STALE_MS else self._refusal()
-        if why != self._why:
-            self._why = why
-            commands.append({"type": "unheard", "why": why})
+        refusal = self._refusal if self._polls % STALE_MS else self._find_refusal()
+        if refusal != self._refusal:
+            self._refusal = refusal
+            commands.append({"type": "unheard", "why": refusal})
         return [{**command, "console": "itp"} for command in commands]
 
-    def _refusal(self) -> str:
+    def _find_refusal(self) -> str:
         """Return why all packets since the last call were refused; "" if they were not."""
         counts = Counter(self._server.gate.counts)
-        more, self._counts = counts - self._counts, counts
-        accepted = more.pop(TAKEN, 0)
-        if more["stranger"] >= SOME_PACKETS:
+        new_counts, self._counts = counts - self._counts, counts
+        accepted = new_counts.pop(TAKEN, 0)
+        # Another console's packets are refused while the present console drives.
+        if new_counts["stranger"] >= MIN_REFUSED_PACKETS:
             return packets_message("stranger")
         if accepted:
             return ""
-        [(cause, count)] = more.most_common(1) or [("", 0)]
-        return packets_message(cause) if count >= SOME_PACKETS else self._why
+        [(cause, count)] = new_counts.most_common(1) or [("", 0)]
+        return packets_message(cause) if count >= MIN_REFUSED_PACKETS else self._refusal
 
     def send_frame(self, frame: Frame) -> None:
         # Sends the force of this frame to the console: zero unless the console drives.
@@ -428,15 +418,14 @@ class ItpConsole:
 def force_at_hand(
     frame: Frame, arm: ArmName, units_per_n: float, cap: float, cue: bool
 ) -> tuple[float, float, float]:
-    """Return the force at the operator's hand in device units, frame 0.
-
-    The sum of cue and contact force is limited to `cap`, or to the cue alone if the cue is larger.
-    cue: whether the operator feels the cue. The operator always feels the contact.
+    """Return the force at the operator's hand in device units, frame 0. The sum of cue and contact
+    force is limited to `cap`, or to the cue alone if the cue is larger. cue: whether the operator
+    feels the cue. The operator always feels the contact.
     """
     places, numbers = frame.layout.places, frame.numbers
-    pull = numbers[places[f"{arm}/force"]] if cue else [0.0] * 3
-    touch = numbers[places[f"{arm}/contact"]]
-    x, y, z = (a + units_per_n * b for a, b in zip(pull, touch, strict=True))
-    size, most = math.hypot(x, y, z), max(cap, math.hypot(*pull))
-    share = most / size if size > most else 1.0
+    cue_force = numbers[places[f"{arm}/force"]] if cue else [0.0] * 3
+    contact_n = numbers[places[f"{arm}/contact"]]
+    x, y, z = (a + units_per_n * b for a, b in zip(cue_force, contact_n, strict=True))
+    size, limit = math.hypot(x, y, z), max(cap, math.hypot(*cue_force))
+    share = limit / size if size > limit else 1.0
     return x * share, y * share, z * share

@@ -28,10 +28,10 @@ JOINT_PORT = 36002
 BUFFER_BYTES = 1 << 17
 """Size of a listener's buffer here and in the kernel, bytes: a tenth of a second each."""
 READ_BYTES = 1 << 16
-LONGEST_ORDER = 1024  # bytes
+MAX_ORDER_BYTES = 1024  # bytes
 _NOT_ALLOWED = "not from the robot's machine: start robot and session with the same --token"
-_OF_ROBOT, OF_ARM = WORDS["report"], WORDS["report_arm"]
-_SIZES = _OF_ROBOT | OF_ARM
+_ROBOT_SIZES, ARM_SIZES = WORDS["report"], WORDS["report_arm"]
+_SIZES = _ROBOT_SIZES | ARM_SIZES
 PATIENCE_S = 10.0
 """The longest time that a busy robot may take to accept a session."""
 
@@ -51,6 +51,7 @@ class JointReport(BaseModel):
     @field_validator("channels")
     @classmethod
     def _require_sizes(cls, channels: dict[str, list[float]]) -> dict[str, list[float]]:
+        # Refuses channels of another size, and a run level that is missing or unknown.
         for name, numbers in channels.items():
             size = _SIZES.get(name.rpartition("/")[2])
             if len(numbers) != size:
@@ -68,19 +69,19 @@ class JointReport(BaseModel):
         true links and tip, so their channels get the measured values.
         """
         frame["tick"], frame["last_seq"] = self.tick, self.last_seq
-        truth = {"jpos": "link_jpos", "position": "tip"}
+        true_channels = {"jpos": "link_jpos", "position": "tip"}
         for name, numbers in self.channels.items():
             arm, _, quantity = name.rpartition("/")
             if not arm or arm in frame.layout.arms:
                 frame[name] = numbers
-                if quantity in truth:
-                    frame[f"{arm}/{truth[quantity]}"] = numbers
+                if quantity in true_channels:
+                    frame[f"{arm}/{true_channels[quantity]}"] = numbers
 
 
 def encode_report(frame: Frame, tick: int, last_seq: int, checks: TrippedChecks) -> bytes:
     """Return a report as a line. The arguments are those of `JointReport`."""
     numbers, places = frame.row.tolist(), frame.layout.places
-    names = (*_OF_ROBOT, *(f"{arm}/{name}" for arm in frame.layout.arms for name in OF_ARM))
+    names = (*_ROBOT_SIZES, *(f"{arm}/{name}" for arm in frame.layout.arms for name in ARM_SIZES))
     channels = {name: numbers[places[name]] for name in names}
     return encode_line({"tick": tick, "last_seq": last_seq, "checks": checks, "channels": channels})
 
@@ -100,39 +101,42 @@ class LineConnection:
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
         self.local, self.is_closed = local, False
         self._socket = connection
-        self._waiting, self._heard = bytearray(), b""
+        self._outgoing, self._incoming = bytearray(), b""
 
     def send(self, line: bytes = b"") -> bool:
         """Append a line to the buffer, and send as much as the kernel accepts. Returns False if the
         buffer has no room for the line.
         """
-        fits = len(self._waiting) + len(line) <= BUFFER_BYTES
+        fits = len(self._outgoing) + len(line) <= BUFFER_BYTES
         if fits:
-            self._waiting += line
+            self._outgoing += line
         try:
-            if self._waiting and not self.is_closed:
-                del self._waiting[: self._socket.send(self._waiting)]
+            if self._outgoing and not self.is_closed:
+                del self._outgoing[: self._socket.send(self._outgoing)]
         except BlockingIOError:
             pass
         except OSError:
             self.close()
         return fits
 
-    def read(self, longest: int = BUFFER_BYTES) -> list[bytes]:
-        """Return the complete lines that have arrived. Raises ValueError if one is too long."""
+    def read(self, max_bytes: int = BUFFER_BYTES) -> list[bytes]:
+        """Return the complete lines that have arrived. Raises ValueError if a line has more than
+        `max_bytes`. The connection closes when the other end has closed it.
+        """
         if self.is_closed:
             return []
         try:
             content = self._socket.recv(READ_BYTES)
         except BlockingIOError:
             return []
+        # As at the end of the connection, no bytes arrive.
         except OSError:
             content = b""
-        *lines, self._heard = (self._heard + content).split(b"\n")
+        *lines, self._incoming = (self._incoming + content).split(b"\n")
         if not content:
             self.close()
-        if max(map(len, (*lines, self._heard))) > longest:
-            raise ValueError(f"a line has more than {longest} bytes")
+        if max(map(len, (*lines, self._incoming))) > max_bytes:
+            raise ValueError(f"a line has more than {max_bytes} bytes")
         return lines
 
     def close(self) -> None:
@@ -165,7 +169,8 @@ class JointServer:
 
     def poll(self) -> list[ListenerOrder]:
         """Accept new listeners, and return the orders that have arrived."""
-        with contextlib.suppress(OSError):  # no listener, or it has left
+        # An error means that no listener waits, or that it has left.
+        with contextlib.suppress(OSError):
             connection, address = self._socket.accept()
             listener = LineConnection(connection, ipaddress.ip_address(address[0]).is_loopback)
             self.listeners.append(listener)
@@ -182,7 +187,7 @@ class JointServer:
             self.counts["records" if sent else "records_dropped"] += 1
 
     def answer(self, order: ListenerOrder, error: str | None = None) -> None:
-        """Send the result of an order to its listener: success, or the error."""
+        """Send the result of an order to its listener: success if `error` is None, or the error."""
         listener, content = order
         kind = content.get("order")
         reply = {"answer": kind if isinstance(kind, str) else None, "ok": error is None}
@@ -196,7 +201,7 @@ class JointServer:
     def _read_orders(self, listener: LineConnection) -> Iterator[ListenerOrder]:
         """Yield the orders of a listener, and refuse those without the token."""
         try:
-            contents = [json.loads(line) for line in listener.read(LONGEST_ORDER)]
+            contents = [json.loads(line) for line in listener.read(MAX_ORDER_BYTES)]
             if not all(isinstance(content, dict) for content in contents):
                 raise ValueError("an order is no JSON object")
         except (ValueError, RecursionError):
@@ -239,10 +244,10 @@ class RobotLink:
         with contextlib.suppress(OSError):
             self._console.send(datagram)
         if not self.lost:
-            self._read()
+            self._read_reports()
         return self.report
 
-    def _read(self) -> None:
+    def _read_reports(self) -> None:
         """Read the reports that have arrived."""
 
     def order(self, content: Json) -> None:
@@ -256,7 +261,7 @@ class RobotLink:
     def close(self) -> None:
         self._console.close()
 
-    def _arrived(self, report: JointReport) -> None:
+    def _store_report(self, report: JointReport) -> None:
         self.report, self._arrived_ms = report, self.clock() * 1e-6
 
 
@@ -278,8 +283,7 @@ class RemoteRobot(RobotLink):
         """
         super().__init__(host, itp_port)
         self._token = token
-        # The robot's greeting: its arms, scenario, seed and hazards.
-        self.greeting: Json = {}
+        self.greeting: Json = {}  # The robot's greeting: its arms, scenario, seed and hazards
         with refuse_errors(
             f"no robot answers at {host}:{joint_port}",
             "start one there with `ravenjax robot`, and give the port of its joint stream",
@@ -289,21 +293,21 @@ class RemoteRobot(RobotLink):
         self._stream = LineConnection(connection)
         deadline = time.monotonic() + PATIENCE_S
         while not self.greeting and not self.lost and time.monotonic() < deadline:
-            self._read()
+            self._read_reports()
             time.sleep(0.005)
-        there = self.greeting.get("arms", [])
-        missing = [arm for arm in arms if arm not in there]
+        robot_arms = self.greeting.get("arms", [])
+        missing = [arm for arm in arms if arm not in robot_arms]
         if self.greeting and not missing:
             return
         self.close()
         if self.greeting:
             raise UserError(
-                f"the robot at {host}:{joint_port} has arms {there}, but the session needs"
+                f"the robot at {host}:{joint_port} has arms {robot_arms}, but the session needs"
                 f" {', '.join(missing)}: start both with the same scenario"
             )
-        silent = "closed the connection" if self.lost else f"sent nothing for {PATIENCE_S:g} s"
+        behaviour = "closed the connection" if self.lost else f"sent nothing for {PATIENCE_S:g} s"
         raise UserError(
-            f"{host}:{joint_port} accepts connections but {silent}. It is busy or not a"
+            f"{host}:{joint_port} accepts connections but {behaviour}. It is busy or not a"
             " ravenjax robot: start one there with `ravenjax robot`"
         )
 
@@ -319,20 +323,22 @@ class RemoteRobot(RobotLink):
         super().close()
         self._stream.close()
 
-    def _read(self) -> None:
+    def _read_reports(self) -> None:
         try:
             for line in self._stream.read():
-                self._take(line)
+                self._process_line(line)
         except ValueError:
             self.lost = True
         self._stream.send()
         self.lost = self.lost or self._stream.is_closed
 
-    def _take(self, line: bytes) -> None:
-        """Read a report, an answer or a greeting. Raises ValueError if a line is none of these."""
+    def _process_line(self, line: bytes) -> None:
+        """Read a report, an answer or a greeting. Raises ValueError if a line is none of these.
+        Reports are ignored while the answer to an order "reset" is awaited.
+        """
         if line.startswith(b'{"tick"'):
             if not self._resets:
-                self._arrived(JointReport.model_validate_json(line))
+                self._store_report(JointReport.model_validate_json(line))
             return
         content = json.loads(line)
         if not isinstance(content, dict):

@@ -2,7 +2,7 @@
 
 The robot accepts packets of another console until two seconds after the last packet of the present
 one. So the player first repeats one packet until a force packet shows that the robot accepts it. A
-real Raven sends no force packets, so this phase ends after `KNOCK_S`. A robot accepts a pedal only
+real Raven sends no force packets, so this phase ends after `REPEAT_S`. A robot accepts a pedal only
 after the pedal was up. So the player then sends packets with the pedal up for `LEAD_S`.
 """
 
@@ -23,9 +23,9 @@ from ravenjax.train.robot_link.itp import DRIVES, PEDAL
 from ravenjax.vocabulary.packets import RELEASE_MS
 
 # Duration of a phase before the recording, and interval of its packets.
-LEAD_S, LEAD_STEP_S = 0.4, 0.002
-KNOCK_S, KNOCK_STEP_S = RELEASE_MS * 1e-3 + 0.5, 0.02
-_LARGEST = 2**32 - 1  # packet number
+LEAD_S, LEAD_INTERVAL_S = 0.4, 0.002
+REPEAT_S, REPEAT_INTERVAL_S = RELEASE_MS * 1e-3 + 0.5, 0.02
+_MAX_NUMBER = 2**32 - 1  # packet number
 
 
 class Played(NamedTuple):
@@ -39,6 +39,7 @@ class Played(NamedTuple):
     driving: int  # force packets received while the pedal counted
 
     def __str__(self) -> str:
+        """Return a sentence for the terminal."""
         sent = (
             f"{self.packets} of {self.of} packets sent in {self.seconds:.3f} s, at most"
             f" {self.latest_s * 1e3:.1f} ms late"
@@ -52,12 +53,14 @@ class Played(NamedTuple):
         return words if self.driving else f"{words}; the robot's terminal shows why"
 
 
-def lead_packets(first: bytes, count: int = round(LEAD_S / LEAD_STEP_S)) -> list[bytes]:
-    """Return packets with the pedal up, numbered so that the packet `first` follows them."""
+def lead_packets(first: bytes, count: int = round(LEAD_S / LEAD_INTERVAL_S)) -> list[bytes]:
+    """Return `count` packets without motion and with the pedal up. Their numbers precede that of
+    the packet `first`.
+    """
     packets = np.repeat(np.frombuffer(first, U_STRUCT), count)
-    before = int(packets["sequence"][0]) - 1
-    # 0 is not a valid packet number.
-    packets["sequence"] = (before - np.arange(count, 0, -1)) % _LARGEST + 1
+    last_index = int(packets["sequence"][0]) - 1
+    # Numbers are 1 to the largest number, because 0 is not valid.
+    packets["sequence"] = (last_index - np.arange(count, 0, -1)) % _MAX_NUMBER + 1
     for name in (*MOVES, "surgeon_mode"):
         packets[name] = 0
     total = packets["sequence"] + packets["buttonstate"].sum(axis=1)
@@ -68,14 +71,13 @@ def lead_packets(first: bytes, count: int = round(LEAD_S / LEAD_STEP_S)) -> list
 def play_packets(
     datagrams: Sequence[bytes], arrival_s: np.ndarray, address: tuple[str, int], say: Say = print
 ) -> Played:
-    """Send recorded packets to a robot until the end, or Ctrl-C.
-
+    """Send recorded packets to a robot until the end, or Ctrl-C. Return what was sent and received.
     arrival_s: time of each packet after the first. Raises UserError if the address is invalid or
     cannot be reached.
     """
-    ahead = lead_packets(datagrams[0])
-    whole = [*ahead, *datagrams]
-    due = np.concatenate([np.arange(len(ahead)) * LEAD_STEP_S, LEAD_S + np.asarray(arrival_s)])
+    lead = lead_packets(datagrams[0])
+    lead_times = np.arange(len(lead)) * LEAD_INTERVAL_S
+    times_s = np.concatenate([lead_times, LEAD_S + np.asarray(arrival_s)])
     with (
         interruption.until_interrupted() as stop,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port,
@@ -90,43 +92,46 @@ def play_packets(
             f"sending packets with the pedal up to {address[0]}:{address[1]}, then"
             f" {len(datagrams)} recorded packets of {arrival_s[-1]:.3f} s"
         )
-        _knock(port, lead_packets(datagrams[0], len(ahead) + 1)[0], stop)
+        first_packet = lead_packets(datagrams[0], len(lead) + 1)[0]
+        _await_force(port, first_packet, stop)
         begin = time.monotonic()
         delays_s, flags = [0.0], []
-        for at, datagram in zip(due.tolist(), whole, strict=True):
-            if (wait := begin + at - time.monotonic()) > 0:
+        for due_s, datagram in zip(times_s.tolist(), [*lead, *datagrams], strict=True):
+            if (wait := begin + due_s - time.monotonic()) > 0:
                 time.sleep(wait)
             if stop:
                 break
             _send(port, datagram)
-            delays_s.append(time.monotonic() - begin - at)
-            flags += _heard(port)
+            delays_s.append(time.monotonic() - begin - due_s)
+            flags += _receive_flags(port)
         return Played(
-            max(0, len(delays_s) - 1 - len(ahead)),
-            len(datagrams),
-            max(0.0, time.monotonic() - begin - LEAD_S),
-            max(delays_s),
-            len(flags),
-            sum(flag & (PEDAL | DRIVES) == PEDAL | DRIVES for flag in flags),
+            # `delays_s` begins with a zero, and Ctrl-C may come before the recording begins.
+            packets=max(0, len(delays_s) - 1 - len(lead)),
+            of=len(datagrams),
+            seconds=max(0.0, time.monotonic() - begin - LEAD_S),
+            latest_s=max(delays_s),
+            forces=len(flags),
+            driving=sum(flag & (PEDAL | DRIVES) == PEDAL | DRIVES for flag in flags),
         )
 
 
 def _send(port: socket.socket, datagram: bytes) -> None:
-    with contextlib.suppress(ConnectionRefusedError):  # an earlier packet was refused
+    # The kernel reports that an earlier packet was refused.
+    with contextlib.suppress(ConnectionRefusedError):
         port.send(datagram)
 
 
-def _knock(port: socket.socket, packet: bytes, stop: Sequence) -> None:
-    """Send the packet repeatedly until a force packet arrives, for at most `KNOCK_S`."""
-    end = time.monotonic() + KNOCK_S
+def _await_force(port: socket.socket, packet: bytes, stop: Sequence) -> None:
+    """Send the packet repeatedly until a force packet arrives, for at most `REPEAT_S`."""
+    end = time.monotonic() + REPEAT_S
     while time.monotonic() < end and not stop:
         _send(port, packet)
-        time.sleep(KNOCK_STEP_S)
-        if _heard(port):
+        time.sleep(REPEAT_INTERVAL_S)
+        if _receive_flags(port):
             return
 
 
-def _heard(port: socket.socket) -> list[int]:
+def _receive_flags(port: socket.socket) -> list[int]:
     """Return the joint flags of the force packets that have arrived."""
     flags: list[int] = []
     while True:
@@ -134,14 +139,16 @@ def _heard(port: socket.socket) -> list[int]:
             packet = port.recv(2048)
         except BlockingIOError:
             return flags
-        except OSError:  # the other machine reports that the port is closed
+        # The other machine reports that the port is closed.
+        except OSError:
             continue
+        # The flags are the last field but one.
         if len(packet) == V_STRUCT.size:
             flags.append(V_STRUCT.unpack(packet)[-2])
 
 
 def parse_host_port(text: str) -> tuple[str, int]:
-    """Parse HOST:PORT. Raises UserError if it is invalid."""
+    """Return host and port of the option --to, HOST:PORT. Raises UserError if it is invalid."""
     host, _, port = text.rpartition(":")
     if not host or not port.isdecimal() or not 0 < int(port) < 2**16:
         raise UserError(f"--to is {text!r}, expected HOST:PORT, such as 127.0.0.1:36000")

@@ -1,12 +1,11 @@
 """Runs `ravenjax robot`: control software and simulated robot in a process that ITP consoles drive.
 
 Faults act in this process, so a console cannot detect them in its own packets. If a console stops
-sending, the robot's time-out of 5 s treats the pedal as up, as on the real robot.
-
-The sum of all increments that arrive within one millisecond is one packet for the robot; raven2's
-network thread sums them in the same way. This packet has a new number, because `itp` has already
-checked the numbers of the console's packets. Unlike in a training session, only the pedals decide
-which console drives.
+sending, the robot's time-out of 5 s treats the pedal as up, as on the real robot. The sum of all
+increments that arrive within one millisecond is one packet for the robot; raven2's network thread
+sums them in the same way. This packet has a new number, because `itp` has already checked the
+numbers of the console's packets. Unlike in a training session, only the pedals decide which console
+drives.
 """
 
 import contextlib
@@ -23,37 +22,17 @@ from ravenjax.train import scenario
 from ravenjax.train.protocol import Command, Event, Frame, Say
 from ravenjax.train.realtime import clock, loop
 from ravenjax.train.robot import NO_PACKET_SEQUENCE
-from ravenjax.train.robot_link import WORDS
+from ravenjax.train.robot_link import WORDS, itp, joint_stream
 from ravenjax.train.robot_link.crtk.messages import Ros
-from ravenjax.train.robot_link.itp import (
-    LOOPBACK,
-    STILL,
-    Gate,
-    ItpConsole,
-    ItpServer,
-    merge_commands,
-    packet_of,
-)
-from ravenjax.train.robot_link.joint_stream import (
-    JOINT_PORT,
-    JointServer,
-    TrippedChecks,
-    encode_report,
-)
-from ravenjax.train.session.console_arbiter import (
-    NETWORK,
-    NOBODY,
-    ConsoleArbiter,
-    PedalReasons,
-    console_of,
-)
+from ravenjax.train.robot_link.itp import LOOPBACK, Gate, ItpConsole, ItpServer
+from ravenjax.train.robot_link.joint_stream import JOINT_PORT, JointServer, TrippedChecks
+from ravenjax.train.session import console_arbiter
+from ravenjax.train.session.console_arbiter import NETWORK, NOBODY, console_of
 from ravenjax.train.session.simulation import Blueprint, PacketRobot
 from ravenjax.vocabulary import checks
 
-CHECKS_EVERY = 100
-"""The smallest number of ticks between two readings of the robot's checks."""
-ORDERS: dict[str, Command] = WORDS["orders"]
-"""Command of a session for each order of a listener."""
+CHECKS_EVERY = 100  # The smallest number of ticks between two readings of the robot's checks
+ORDERS: dict[str, Command] = WORDS["orders"]  # Command of a session for each order of a listener
 
 
 class PacketSession:
@@ -63,15 +42,17 @@ class PacketSession:
     taken = ""
     """The console whose packet the robot accepted in this tick; "" if none."""
     _number = 0  # number of the robot's newest packet
-    # The checks' trips at the last reading, and its tick.
-    _trips, _looked = 0.0, 0
+    _trips_read, _reading_tick = 0.0, 0  # The checks' trips at the last reading, and its tick
 
     def __init__(
         self, chosen: scenario.Scenario, robot: PacketRobot, say: Say = lambda _: None
     ) -> None:
         """say: prints for the user why a pedal does not count."""
         self.scenario, self.robot, self.frame, self.arms = chosen, robot, robot.frame, robot.arms
-        self.arbiter, self.pedals = ConsoleArbiter(by_pedals=True), PedalReasons(say)
+        self.arbiter, self.pedals = (
+            console_arbiter.ConsoleArbiter(by_pedals=True),
+            console_arbiter.PedalReasons(say),
+        )
         self.checks: TrippedChecks = {}
 
     def move(self, commands: list[Command]) -> None:
@@ -80,7 +61,7 @@ class PacketSession:
         owner = self.arbiter.owner
         if self.arbiter.step(self.ticks) and owner == "crtk":
             # The CRTK process has ended, so its pedal counts as up.
-            still = dict.fromkeys(self.arms, STILL)
+            still = dict.fromkeys(self.arms, itp.STILL)
             hands.append({"console": owner, "pedal": False, "arms": still})
         for command in commands:
             console = console_of(command)
@@ -96,31 +77,38 @@ class PacketSession:
                     self.arbiter.set_refusal(console, command["why"])
                 case _:
                     self._obey(command)
+        # Without an owner, the pedal is up, and the first console moves the hands.
         driver = self.arbiter.owner
         if driver == NOBODY and hands:
             driver = hands[0]["console"]
-        packet, total = None, merge_commands([hand for hand in hands if hand["console"] == driver])
+        packet = None
+        total = itp.merge_commands([hand for hand in hands if hand["console"] == driver])
         if total is not None:
             self._number += 1
-            packet = packet_of(total, self.arms, self._number)
+            packet = itp.packet_of(total, self.arms, self._number)
         frame = self.robot.tick(packet)
-        is_taken = frame.number("last_seq") == float(np.float32(self._number))
-        self.taken = driver if total is not None and is_taken else ""
-        frame["cue_on"], frame["pedal"] = self.scenario.cue.on, self.arbiter.down
+        # A frame has numbers in float32.
+        is_accepted = frame.number("last_seq") == float(np.float32(self._number))
+        self.taken = driver if total is not None and is_accepted else ""
+        frame["cue_on"], frame["pedal"] = self.scenario.cue.on, self.arbiter.pedal_down
         frame["console_alive"] = self.arbiter.owner != NOBODY
 
     def conclude(self) -> list[Event]:
         """Compute the second half: trips of the checks, and why pedals do not count."""
-        self.pedals.update({name: self.arbiter.why_not(name, self.ticks) for name in NETWORK})
+        self.pedals.update(
+            {name: self.arbiter.refusal_reason(name, self.ticks) for name in NETWORK}
+        )
         frame, trips = self.frame, self.frame.number("trips")
-        if trips != self._trips and self.ticks - self._looked >= CHECKS_EVERY:
-            self._trips, self._looked = trips, self.ticks
-            outcomes, began = self.robot.outcomes(), self.ticks - int(frame.number("tick"))
-            self.checks = {
-                name: (count, began + int(outcomes[f"check_{name}_first_ms"]))
-                for name in checks.check_names(outcomes)
-                if (count := int(outcomes[f"check_{name}_count"])) > 0
-            }
+        if trips != self._trips_read and self.ticks - self._reading_tick >= CHECKS_EVERY:
+            self._trips_read, self._reading_tick = trips, self.ticks
+            outcomes = self.robot.outcomes()
+            # The tick of the session at which the robot was last restarted.
+            start_tick, self.checks = self.ticks - int(frame.number("tick")), {}
+            for name in checks.check_names(outcomes):
+                count = int(outcomes[f"check_{name}_count"])
+                if count > 0:
+                    first_tick = start_tick + int(outcomes[f"check_{name}_first_ms"])
+                    self.checks[name] = count, first_tick
         self.ticks += 1
         return []
 
@@ -132,12 +120,13 @@ class PacketSession:
             case "disarm":
                 self.robot.disarm()
             case "estop":
-                self.robot.press(self.robot.blueprint.plan.runs - 1)
-                self.arbiter.rearm("", self.ticks)
+                # The E-stop button is the last row of the fault table.
+                self.robot.press_estop(self.robot.blueprint.plan.runs - 1)
+                self.arbiter.require_lifts("", self.ticks)
             case "restart":
                 self.robot.reset()
-                self._number, self._trips, self.checks = 0, 0.0, {}
-                self.arbiter.rearm("restart", self.ticks)
+                self._number, self._trips_read, self.checks = 0, 0.0, {}
+                self.arbiter.require_lifts("restart", self.ticks)
             case "end":
                 self.over = True
 
@@ -147,21 +136,21 @@ class JointConsole:
     """A console of the loop for the listeners of the joint stream: their orders and reports."""
 
     server: JointServer
-    itp: ItpServer
+    itp_server: ItpServer
     session: PacketSession
     hazards: int
     """Number of hazards that can be armed."""
-    last_seq: int = NO_PACKET_SEQUENCE
-    """Number of the last accepted packet over ITP."""
+    last_seq: int = NO_PACKET_SEQUENCE  # Number of the last accepted packet over ITP
 
     def poll(self) -> list[Command]:
-        # Returns the valid orders that arrived, and answers the others with an error.
+        # Returns the commands of the valid orders that arrived. Answers each order.
         commands = []
         for listener, content in self.server.poll():
             kind, number = content.get("order"), content.get("number")
             error = None
             if not isinstance(kind, str) or kind not in ORDERS:
                 error = f"order is {format_value(kind)}, expected one of {', '.join(ORDERS)}"
+            # `type` excludes True and False, which are instances of int.
             elif kind == "arm" and (type(number) is not int or not 0 <= number < self.hazards):
                 expected = f"one of the scenario's {self.hazards} hazards, from 0"
                 error = f"number is {format_value(number)}, expected {expected}"
@@ -171,10 +160,13 @@ class JointConsole:
         return commands
 
     def send_frame(self, frame: Frame) -> None:
+        # Sends a report on this tick to all listeners.
         session = self.session
         if session.taken == "itp":
-            self.last_seq = self.itp.last_sequence
-        self.server.publish(encode_report(frame, session.ticks, self.last_seq, session.checks))
+            self.last_seq = self.itp_server.last_sequence
+        self.server.publish(
+            joint_stream.encode_report(frame, session.ticks, self.last_seq, session.checks)
+        )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -184,8 +176,7 @@ class ConsoleOptions:
     host: str = LOOPBACK
     token: str | None = None
     itp_port: int | None = None  # None: no console over ITP
-    # The console's profile: a name or file of `store.consoles`, or "auto".
-    console: str = "raven"
+    console: str = "raven"  # The console's profile: a name or file of `store.consoles`, or "auto"
     console_host: str | None = None  # the only host that may drive over ITP; None: any
     crtk: Ros | None = None  # the ROS over which consoles use CRTK; None: no CRTK
 
@@ -197,28 +188,27 @@ def run_robot(
     joint_port: int = JOINT_PORT,
     say: Say = print,
 ) -> None:
-    """Run the robot of a scenario until Ctrl-C or SIGTERM.
-
-    options: orders from other machines need `options.token`; if it is None, they are refused. seed:
-    for the draw of hazards; None: the scenario's. Raises UserError if a port cannot be opened.
+    """Run the robot of a scenario until Ctrl-C or SIGTERM. options: orders from other machines need
+    `options.token`; if it is None, they are refused. seed: for the draw of hazards; None: the
+    scenario's. Raises UserError if a port cannot be opened.
     """
-    number = chosen.seed if seed is None else seed
-    robot = PacketRobot(scenario.session_campaign(chosen, number))
+    used_seed = chosen.seed if seed is None else seed
+    robot = PacketRobot(scenario.session_campaign(chosen, used_seed))
     session = PacketSession(chosen, robot, say)
     armables = scenario.armable_hazards(chosen, robot.blueprint.plan.rows)
     greeting = {
         "robot": "ravenjax",
         "arms": list(robot.arms),
         "scenario": chosen.name,
-        "seed": number,
+        "seed": used_seed,
         "hazards": hash_hazards(armables),
     }
     with contextlib.ExitStack() as stack:
-        consoles, itp = open_consoles(stack, options, session, robot.blueprint, say)
+        consoles, itp_server = open_consoles(stack, options, session, robot.blueprint, say)
         joints = JointServer(greeting, options.host, joint_port, options.token)
         stack.callback(joints.close)
-        assert itp is not None
-        consoles.insert(0, JointConsole(joints, itp, session, len(armables)))
+        assert itp_server is not None
+        consoles.insert(0, JointConsole(joints, itp_server, session, len(armables)))
         stop = stack.enter_context(interruption.until_interrupted())
         for armable in armables:
             say(f"hazard {armable.number}: {armable.title} ({armable.hazard})")
@@ -230,11 +220,11 @@ def run_robot(
         "loop: {ticks} ticks, {late_ticks} late, {skipped_ms} ms skipped; compute p50"
         " {compute_p50_us:g} us, p99 {compute_p99_us:g} us".format(**timing.facts())
     )
-    for name, counts in (("console", itp.counters()), ("joint stream", joints.counts)):
-        say(f"{name}: {in_words(counts)}")
+    for name, counts in (("console", itp_server.counters()), ("joint stream", joints.counts)):
+        say(f"{name}: {format_counts(counts)}")
 
 
-def in_words(counts: Mapping[str, int]) -> str:
+def format_counts(counts: Mapping[str, int]) -> str:
     """Return the counts as text for the terminal, without zeros."""
     return ", ".join(f"{name} {count}" for name, count in counts.items() if count) or "nothing"
 
@@ -247,9 +237,9 @@ def open_consoles(
     say: Say,
     elsewhere: bool = False,
 ) -> tuple[list[loop.Console], ItpServer | None]:
-    """Open the ports of network consoles until `stack` ends, and print who can reach them.
-
-    elsewhere: see `bridge.spawn_bridge`. Raises UserError if a port cannot be opened.
+    """Open the ports of network consoles until `stack` ends, and print who can reach them. Return
+    the consoles, and the server of the consoles over ITP. elsewhere: see `bridge.spawn_bridge`.
+    Raises UserError if a port cannot be opened.
     """
     consoles: list[loop.Console] = []
     server = None

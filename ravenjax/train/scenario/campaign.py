@@ -1,11 +1,10 @@
 """Converts a training scenario to a campaign, whose fault table lists the session's hazards.
 
-The last row of the table is the operator's E-stop button.
-
-A hazard of the library has many rows: one for each case, published value, start and duration. A
-session uses one row of each case (`times = N`: N different rows). The draw depends only on the
-session's seed and the case's name. Every hazard starts at time 0. The trigger "pedal" becomes
-"time", because a session arms a hazard only while the pedal is down.
+The last row of the table is the operator's E-stop button. A hazard of the library has many rows:
+one for each case, published value, start and duration. A session uses one row of each case (`times
+= N`: N different rows). The draw depends only on the session's seed and the case's name. Every
+hazard starts at time 0. The trigger "pedal" becomes "time", because a session arms a hazard only
+while the pedal is down.
 """
 
 import dataclasses
@@ -25,24 +24,20 @@ from ravenjax.campaign.file.config import CampaignConfig, config_class_of
 from ravenjax.campaign.file.location import Complaint
 from ravenjax.hazards import expansion, library
 from ravenjax.train.robot import ROBOT, Arms
-from ravenjax.train.scenario.config import INSTRUCTOR, MOST_FAULTS, Entry, Levels, Scenario
+from ravenjax.train.scenario.config import INSTRUCTOR, MAX_FAULTS, Entry, Levels, Scenario
 from ravenjax.vocabulary.effects import FIELDS
 
 _RESPONSES = resources.read_tables(__file__, "responses.toml")
 
 ENDLESS_MS = 5000
 """How long a fault without an end stays active, ms, unless the scenario sets a time."""
-SETTLE_MS = 500
-"""A hazard stays armed this much longer than the time allowed for the response, ms."""
-FAULT = "fault"
-"""Stands for the library id if the scenario declares the fault itself."""
-BUTTONS = "buttons/estop"
-"""Group of the last row: the operator's E-stop button."""
+SETTLE_MS = 500  # A hazard stays armed this much longer than the time allowed for the response, ms
+FAULT = "fault"  # Stands for the library id if the scenario declares the fault itself
+BUTTONS = "buttons/estop"  # Group of the last row: the operator's E-stop button
 Key = tuple[str | int, ...]
 Tables = dict[str, Any]
 """Tables of a campaign or scenario file."""
-_Row = dict[Any, Any]
-"""A row of a fault table, by column."""
+_Row = dict[Any, Any]  # A row of a fault table, by column
 _CLUTCHED = {"nominal.resync": 1.0}
 """The nominal model follows the robot while the pedal is up. Otherwise each clutching would leave
 the model some tenths of a millimetre away from the robot.
@@ -60,13 +55,11 @@ _UNBOUNDED_S = 3600.0
 class Armable:
     """One hazard of a session that can be armed."""
 
-    # Index in the session's list of hazards, and row in the fault table.
-    number: int
+    number: int  # Index in the session's list of hazards, and row in the fault table
     # Id in the library; "fault" if the scenario declares the fault itself.
     hazard: str
     title: str
-    # Name of the fault table's group.
-    group: str
+    group: str  # Name of the fault table's group
     run_id: str  # 16 hex digits
     # The arm on which the first fault acts; "" if it acts on no arm.
     arm: str
@@ -75,8 +68,7 @@ class Armable:
     lasts_ms: int  # how long the hazard stays armed at most
     # Earliest and latest time; None: the instructor arms the hazard.
     when_ms: tuple[float, float] | None
-    # Layer of the loop, as text; "" if the scenario declares the fault itself.
-    layer: str
+    layer: str  # Layer of the loop, as text; "" if the scenario declares the fault itself
 
     def header(self) -> Tables:
         """Return the hazard's entry in session.json."""
@@ -85,36 +77,47 @@ class Armable:
 
 
 def right_responses(entry: Entry, hazard: library.Hazard | None) -> tuple[str, ...]:
-    """Return the right responses of a scenario's entry, by default those of the library."""
+    """Return the right responses of a scenario's entry, by default those to the library's hazard.
+    `responses.toml` lists them. A fault of the scenario has those to a sudden jump. hazard: of the
+    library; None: the scenario declares the fault itself. Without any, "continue" is right.
+    """
     if entry.right_response is not None:
         return entry.right_response
     if hazard is None:
         names = ["sudden jump"]
     else:
-        expected = (
-            name for word, name in _RESPONSES["expected"].items() if word in hazard.expected_class
-        )
-        names = hazard.scenarios or [*expected][:1]
-    words = dict.fromkeys(word for name in names for word in _RESPONSES["hazards"][name])
-    return tuple(words) or ("continue",)
+        expected = _RESPONSES["expected"].items()
+        applying = [name for word, name in expected if word in hazard.expected_class]
+        # The first expected outcome that applies counts.
+        names = hazard.scenarios or applying[:1]
+    # A dict keeps each response once, in order.
+    responses: dict[str, None] = {}
+    for name in names:
+        responses |= dict.fromkeys(_RESPONSES["hazards"][name])
+    return tuple(responses) or ("continue",)
 
 
 def session_campaign(scenario: Scenario, seed: int) -> CampaignConfig:
-    """Return a session's campaign. Raises ValueError for errors of `find_scenario_errors`."""
-    groups, numbers = _groups(scenario, seed)
-    drawn = _config(scenario, seed, groups, _UNBOUNDED_S)
-    rows = design.table_columns(drawn).to_dict("records") if groups else []
-    fixed: list[Tables] = []
-    for group, number in zip(groups, numbers, strict=True):
+    """Return a session's campaign: one group for each hazard, then a group for the E-stop button.
+    Of the rows of each case, `times` are drawn. Raises ValueError for errors of
+    `find_scenario_errors`.
+    """
+    groups, entry_numbers = _groups(scenario, seed)
+    all_cases = _config(scenario, seed, groups, _UNBOUNDED_S)
+    rows = design.table_columns(all_cases).to_dict("records") if groups else []
+    drawn_groups: list[Tables] = []
+    for group, number in zip(groups, entry_numbers, strict=True):
         name, times = group["name"], scenario.hazard[number].times
-        mine = [row for row in rows if row["group"] == name]
-        order = _rng(seed, name).permutation(len(mine))
+        group_rows = [row for row in rows if row["group"] == name]
+        order = _rng(seed, name).permutation(len(group_rows))
         for k in range(times):
-            faults = _faults(mine[order[k % len(mine)]])
-            fixed.append({"name": name if times == 1 else f"{name}#{k + 1}", "fault": faults})
+            # If the case has fewer rows, rows repeat.
+            faults = _faults(group_rows[order[k % len(group_rows)]])
+            drawn_name = name if times == 1 else f"{name}#{k + 1}"
+            drawn_groups.append({"name": drawn_name, "fault": faults})
     button = {"site": "buttons", "channel": "estop", "effect": "overwrite"}
-    fixed.append({"name": BUTTONS, "fault": [button | {"value": 1, "start_ms": 0}]})
-    return _config(scenario, seed, fixed, scenario.duration_s)
+    drawn_groups.append({"name": BUTTONS, "fault": [button | {"value": 1, "start_ms": 0}]})
+    return _config(scenario, seed, drawn_groups, scenario.duration_s)
 
 
 def armable_hazards(scenario: Scenario, table: pd.DataFrame) -> tuple[Armable, ...]:
@@ -138,8 +141,8 @@ def find_scenario_errors(scenario: Scenario) -> Iterator[Complaint]:
     tasks: dict[Key, Arms] = {("task", "arms"): task.arms}
     if isinstance(task, Levels):
         tasks = {("task", "level", k, "arms"): level.arms for k, level in enumerate(task.level)}
-    for key, named in tasks.items():
-        for arm in named:
+    for key, task_arms in tasks.items():
+        for arm in task_arms:
             if arm not in arms:
                 yield key, f"arm {arm!r} is not in this session: expected some of {arms}"
     for h, entry in enumerate(scenario.hazard):
@@ -151,34 +154,41 @@ def find_scenario_errors(scenario: Scenario) -> Iterator[Complaint]:
             last = f"{scenario.duration_s:g} s"
             yield ("hazard", h, "when"), f"got {entry.when[0]:g}, but the session ends after {last}"
     try:
-        groups, written = _groups(scenario, scenario.seed)
+        groups, entry_numbers = _groups(scenario, scenario.seed)
         config = _config(scenario, scenario.seed, groups, _UNBOUNDED_S)
     except expansion.WrongGroup as error:
         yield ("hazard", *error.key), error.message
         return
     except ValidationError as error:
         for fault in error.errors():
-            yield _of_file(scenario, fault["loc"], []), fault["msg"].removeprefix("Value error, ")
+            yield (
+                _scenario_key(scenario, fault["loc"], []),
+                fault["msg"].removeprefix("Value error, "),
+            )
         return
     for key, message in (*semantics.find_errors(config), *bounds.find_invalid_values(config)):
-        yield _of_file(scenario, key, written), _of_scenario(key, message)
+        yield _scenario_key(scenario, key, entry_numbers), _scenario_message(key, message)
 
 
-def _of_scenario(key: Key, message: str) -> str:
-    """Return a campaign's message with the campaign's keys replaced by the scenario's."""
+def _scenario_message(key: Key, message: str) -> str:
+    """Return a campaign's message. For a parameter that other keys of the scenario set, return the
+    message that names these keys.
+    """
     if key[0] == "parameters" and len(key) > 1:
-        kind = f"{bounds.shorten_path(ROBOT, str(key[1]))}."
+        path = f"{bounds.shorten_path(ROBOT, str(key[1]))}."
         for name, keys in _OWN_KEYS.items():
-            if kind.startswith(f"{name}."):
+            if path.startswith(f"{name}."):
                 return f"cannot be set: write {keys}"
     return message
 
 
-def _of_file(scenario: Scenario, key: Key, written: list[int]) -> Key:
-    """Return the key in the scenario file for a key of the campaign."""
+def _scenario_key(scenario: Scenario, key: Key, entry_numbers: list[int]) -> Key:
+    """Return the key in the scenario file for a key of the campaign. entry_numbers: for each group
+    of the campaign, the number of its entry in the scenario.
+    """
     match key:
-        case ("group", int(number), *rest) if number < len(written):
-            entry = written[number]
+        case ("group", int(number), *rest) if number < len(entry_numbers):
+            entry = entry_numbers[number]
             # The scenario file has no keys of faults from the library.
             if rest[:1] == ["fault"] and not scenario.hazard[entry].fault:
                 rest = rest[2:]
@@ -199,17 +209,18 @@ def _groups(scenario: Scenario, seed: int) -> tuple[list[Tables], list[int]]:
         name = scenario.entry_name(h)
         value = {} if entry.value is None else {"value": entry.value.written()}
         try:
-            named = expansion.select_hazards(list(entry.hazards)) if entry.hazards else []
-            for row in named:
-                drawn = _rng(seed, f"{name}/{row.id}/arm").integers(len(scenario.arms))
-                arm = entry.arm or scenario.arms[drawn]
+            hazards = expansion.select_hazards(list(entry.hazards)) if entry.hazards else []
+            for hazard in hazards:
+                arm_index = _rng(seed, f"{name}/{hazard.id}/arm").integers(len(scenario.arms))
+                arm = entry.arm or scenario.arms[arm_index]
                 groups += expansion.expand_group(
-                    {"name": name, "hazards": [row.id], "arm": arm, **value}
+                    {"name": name, "hazards": [hazard.id], "arm": arm, **value}
                 )
         except expansion.WrongGroup as error:
             raise expansion.WrongGroup((h, *error.key), error.message) from None
         if entry.fault:
             faults = [fault.model_dump(exclude_none=True) for fault in entry.fault]
+            # A fault of an arm acts on the first arm, unless it names another.
             for fault in faults:
                 site = ROBOT.sites.get(fault["site"])
                 if site is not None and site.per_arm:
@@ -225,10 +236,10 @@ def _config(
     # Returns a campaign without motion; the session replaces it by the operator's motion.
     robot, start = scenario.robot, scenario.robot.start
     # Each parameter has one value, the same for every hazard of the session.
-    parameters = {
-        path: float(axis.at(axis.places(_rng(seed, f"parameter {path}").random(1)))[0])
-        for path, axis in scenario.parameters.items()
-    }
+    parameters = {}
+    for path, axis in scenario.parameters.items():
+        place = axis.places(_rng(seed, f"parameter {path}").random(1))
+        parameters[path] = float(axis.at(place)[0])
     return config_class_of(ROBOT).model_validate(
         {
             "campaign": {
@@ -253,7 +264,8 @@ def _config(
 
 
 def _slots(row: _Row) -> list[_Row]:
-    slots = ({name: row.get(f"fault{k}_{name}") for name in FIELDS} for k in range(MOST_FAULTS))
+    # Returns the faults of a row of the fault table: their columns without the prefix "fault<k>_".
+    slots = ({name: row.get(f"fault{k}_{name}") for name in FIELDS} for k in range(MAX_FAULTS))
     return [slot for slot in slots if slot["site"]]
 
 
@@ -266,8 +278,10 @@ def _faults(row: _Row) -> list[Tables]:
         fault = {name: int(x) if name.endswith("_ms") else x for name, x in slot.items()}
         # Values beyond a channel's type may wrap: they were checked for the fault table.
         fault |= {"start_ms": fault["start_ms"] - first, "wraps": True}
+        # A table of numbers has -1 for a fault that lasts until the end.
         if fault["duration_ms"] < 0:
             fault["duration_ms"] = "end"
+        # A session arms a hazard only while the pedal is down.
         if slot["trigger"] == "pedal":
             fault["trigger"] = "time"
         if not ROBOT.sites[slot["site"]].per_arm:
@@ -280,13 +294,14 @@ def _faults(row: _Row) -> list[Tables]:
 
 
 def _armable(entries: dict[str, Entry], number: int, row: _Row) -> Armable:
+    # Returns the hazard of one row of the fault table. entries: of the scenario, by name.
     # The group's name is ENTRY/ID-CASE#TIME; ids of the library have no hyphen.
     group = str(row["group"])
     name, _, rest = group.partition("/")
-    identity, _, case = rest.partition("#")[0].partition("-")
+    hazard_id, _, case = rest.partition("#")[0].partition("-")
     entry = entries[name]
-    listed = None if entry.fault else library.find_hazard(identity)
-    title = name if listed is None else listed.title
+    library_hazard = None if entry.fault else library.find_hazard(hazard_id)
+    title = name if library_hazard is None else library_hazard.title
     if case:
         title += f" ({case.replace('_', ' ')})"
     slots = _slots(row)
@@ -296,23 +311,25 @@ def _armable(entries: dict[str, Entry], number: int, row: _Row) -> Armable:
         faults = pd.DataFrame(slots)
         ends = faults.start_ms + faults.duration_ms
         is_endless = (faults.duration_ms < 0) | (faults.every_ms > 0)
-        least_ms = round(entry.within_s * 1000.0) + SETTLE_MS
-        lasts_ms = max(least_ms, ENDLESS_MS if is_endless.any() else int(ends.max()))
+        # The hazard must last until the time for the response is up.
+        shortest_ms = round(entry.within_s * 1000.0) + SETTLE_MS
+        lasts_ms = max(shortest_ms, ENDLESS_MS if is_endless.any() else int(ends.max()))
     when = entry.when
     return Armable(
         number=number,
-        hazard=identity,
+        hazard=hazard_id,
         title=entry.title or title,
         group=group,
         run_id=f"{int(row['run_id']):016x}",
         arm=next((str(slot["arm"]) for slot in slots if slot["arm"]), ""),
-        right_response=right_responses(entry, listed),
+        right_response=right_responses(entry, library_hazard),
         within_s=entry.within_s,
         lasts_ms=lasts_ms,
         when_ms=None if when == INSTRUCTOR else (when[0] * 1000.0, when[1] * 1000.0),
-        layer="" if listed is None else library.library_layers()[listed.layer],
+        layer="" if library_hazard is None else library.library_layers()[library_hazard.layer],
     )
 
 
 def _rng(seed: int, name: str) -> np.random.Generator:
+    # Returns random numbers that depend only on the seed and the name of what is drawn.
     return np.random.default_rng([seed, zlib.crc32(name.encode())])

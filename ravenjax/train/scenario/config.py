@@ -31,7 +31,7 @@ Response = Literal["release", "slow", "restart", "convert", "stop", "continue"]
 
 INSTRUCTOR = "instructor"
 """`when` of a hazard that becomes active on the instructor's command."""
-MOST_FAULTS = 8
+MAX_FAULTS = 8
 """The largest number of faults of a hazard."""
 _Seconds = Annotated[float, Field(ge=0.0, le=3600.0)]
 _Duration = Annotated[float, Field(gt=0.0, le=3600.0)]
@@ -119,7 +119,7 @@ class Reach(_Task):
 
     @field_validator("height_mm")
     @classmethod
-    def _ordered(cls, heights: tuple[float, float]) -> tuple[float, float]:
+    def _check_order(cls, heights: tuple[float, float]) -> tuple[float, float]:
         if not -10.0 <= heights[0] <= heights[1] <= 30.0:
             raise ValueError(f"got {list(heights)}, expected [least, greatest] within -10..30")
         return heights
@@ -190,10 +190,12 @@ Task = Annotated[Reach | PegTransfer | Path | Levels | Free, Field(discriminator
 TASKS = {"reach": Reach, "peg_transfer": PegTransfer, "path": Path, "levels": Levels, "free": Free}
 
 
-def _when(raw: Any) -> Any:
+def _parse_when(raw: Any) -> Any:
+    # Returns "instructor", or the earliest and latest time, s. One number stands for both.
     if raw == INSTRUCTOR:
         return raw
     numbers = raw if isinstance(raw, list | tuple) else (raw, raw)
+    # `type` excludes True and False, which are instances of int.
     are_numbers = all(type(x) in (int, float) for x in numbers)
     if len(numbers) != 2 or not are_numbers or not 0.0 <= numbers[0] <= numbers[1] <= 3600.0:
         raise ValueError(
@@ -202,14 +204,15 @@ def _when(raw: Any) -> Any:
     return float(numbers[0]), float(numbers[1])
 
 
-def _words(raw: Any) -> Any:
+def _as_tuple(raw: Any) -> Any:
     return (raw,) if isinstance(raw, str) else raw
 
 
 When = Annotated[
     tuple[float, float] | Literal["instructor"],
     BeforeValidator(
-        _when, json_schema_input_type=_Seconds | tuple[_Seconds, _Seconds] | Literal["instructor"]
+        _parse_when,
+        json_schema_input_type=_Seconds | tuple[_Seconds, _Seconds] | Literal["instructor"],
     ),
 ]
 
@@ -222,11 +225,11 @@ class Entry(Section):
     title: str = ""
     """title for people; default: the library's"""
     hazards: Annotated[
-        tuple[str, ...], BeforeValidator(_words, json_schema_input_type=OneOrMore[str])
+        tuple[str, ...], BeforeValidator(_as_tuple, json_schema_input_type=OneOrMore[str])
     ] = ()
     """ids and layers of the hazard library, or "all"
     """
-    fault: tuple[Fault, ...] = Field((), max_length=MOST_FAULTS)
+    fault: tuple[Fault, ...] = Field((), max_length=MAX_FAULTS)
     """faults in place of `hazards`, as in [[group.fault]]"""
     arm: ArmName | None = None
     """arm of the hazard; default: drawn from the session's arms"""
@@ -249,16 +252,19 @@ class Entry(Section):
     def _start_now(cls, raw: Any) -> Any:
         """Give each fault start_ms 0: it starts with its hazard, so the file need not set it."""
         if isinstance(raw, dict) and isinstance(raw.get("fault"), list):
-            zero = {"start_ms": 0}
-            faults = [zero | fault if isinstance(fault, dict) else fault for fault in raw["fault"]]
+            faults = []
+            for fault in raw["fault"]:
+                # Anything else than a table is refused later.
+                faults.append({"start_ms": 0} | fault if isinstance(fault, dict) else fault)
             return raw | {"fault": faults}
         return raw
 
     @model_validator(mode="after")
-    def _either(self) -> Entry:
+    def _check_combinations(self) -> Entry:
+        # Refuses keys that exclude each other, and a fault window of unknown time.
         if bool(self.hazards) == bool(self.fault):
             raise ValueError(
-                'expected either hazards = ["B27"] (ids, layers, "all") or [[hazard.fault]]'
+                'expected hazards, a list of ids and layers such as "B27", or [[hazard.fault]]'
             )
         if any(fault.start_ms.phases for fault in self.fault):
             raise ValueError(
@@ -327,7 +333,7 @@ class Scenario(Section):
 
     @field_validator("arms")
     @classmethod
-    def _in_order(cls, arms: Arms) -> Arms:
+    def _check_arms(cls, arms: Arms) -> Arms:
         if list(arms) != [arm for arm in ARMS if arm in arms]:
             raise ValueError(f"got {list(arms)}, expected each arm once, in the order {list(ARMS)}")
         return arms

@@ -17,12 +17,13 @@ from ravenjax.train.robot import ROBOT
 from ravenjax.train.scenario.campaign import Tables, find_scenario_errors
 from ravenjax.train.scenario.config import TASKS, Scenario
 
-FOLDER = "campaigns/training"
-"""Folder of the bundled scenarios."""
+FOLDER = "campaigns/training"  # Folder of the bundled scenarios
 
 
 def load_scenario(name: str | Path, overrides: Sequence[str] = ()) -> Scenario:
-    """Return a scenario file, or a bundled one by name, with `key.path=value` overrides."""
+    """Return the scenario in a file, or a bundled scenario by name. overrides: `key.path=value`, in
+    place of values of the file. Raises UserError as `from_dict`.
+    """
     file = location.find_campaign_file(name, FOLDER, "scenario")
     raw, text = location.read_toml(file)
     return from_dict(raw, source=file, text=text, overrides=overrides)
@@ -43,8 +44,10 @@ def from_dict(
         scenario = Scenario.model_validate(raw)
     except ValidationError as error:
         # If all entries of a list are invalid, pydantic also reports that the list is too short.
-        faults = [it for it in error.errors() if it["type"] != "too_short" or not it["input"]]
-        raise where.error((_key(it["loc"], raw), _message(it)) for it in faults) from None
+        errors = [
+            each for each in error.errors() if each["type"] != "too_short" or not each["input"]
+        ]
+        raise where.error((_key(each["loc"], raw), _message(each)) for each in errors) from None
     except RecursionError:
         raise UserError("the scenario's tables are nested too deeply to be read") from None
     if errors := list(find_scenario_errors(scenario)):
@@ -54,20 +57,21 @@ def from_dict(
 
 def json_schema() -> Tables:
     """Return the JSON Schema of a scenario file."""
-    whole = of_model(ROBOT, Scenario)
-    fault, entry = whole["$defs"]["Fault"], whole["$defs"]["Entry"]
+    schema = of_model(ROBOT, Scenario)
+    fault, entry = schema["$defs"]["Fault"], schema["$defs"]["Entry"]
     # A fault is active from its hazard's start, so it needs no start_ms.
     fault["required"].remove("start_ms")
     entry["oneOf"] = [{"required": ["hazards"]}, {"required": ["fault"]}]
-    return whole
+    return schema
 
 
 def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
     """Return the key in the file for pydantic's `loc`, which also names members of unions."""
     key: location.Key = ()
     for i, part in enumerate(loc):
-        last = i == len(loc) - 1
-        if isinstance(raw, Mapping) and (part in raw or last):
+        # The last part may be a missing key. Any other part that is no key is a union's member.
+        is_last = i == len(loc) - 1
+        if isinstance(raw, Mapping) and (part in raw or is_last):
             key, raw = (*key, part), raw.get(part)
         elif isinstance(raw, list | tuple) and isinstance(part, int):
             key, raw = (*key, part), raw[part] if part < len(raw) else None
@@ -75,7 +79,8 @@ def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
 
 
 def _message(error: Any) -> str:
-    got, near = error["input"], ""
+    # Returns the message of one of pydantic's errors, with the nearest valid name, if there is one.
+    got, suggestion = error["input"], ""
     match error["type"]:
         case "union_tag_not_found":
             return f"kind is missing, expected kind = one of {', '.join(TASKS)}"
@@ -84,8 +89,8 @@ def _message(error: Any) -> str:
             expected = f"expected kind = one of {', '.join(TASKS)}{suggest_name(task, TASKS)}"
             return f"got {format_value(task)}, {expected}"
         case "literal_error":
-            near = suggest_name(got, error["ctx"]["expected"].split("'")[1::2])
-    return format_error(error, _model(error["loc"][:-1])) + near
+            suggestion = suggest_name(got, error["ctx"]["expected"].split("'")[1::2])
+    return format_error(error, _model(error["loc"][:-1])) + suggestion
 
 
 def _model(loc: Sequence[str | int]) -> type[BaseModel]:

@@ -2,11 +2,10 @@
 
 A session depends only on its scenario, its seed and a list of (tick, command): no clock, file,
 socket or thread. A headless run calls `tick`. The realtime loop calls its two halves: `move` before
-the frame and the force are sent, `conclude` afterwards.
-
-Three robots run side by side with the same tick as in campaigns: the driven robot, its golden run,
-and the virtual robot. While the driven robot rests, the operator can try a motion on the virtual
-robot. The driven robot can then repeat this motion while the pedal is held down.
+the frame and the force are sent, `conclude` afterwards. Three robots run side by side with the same
+tick as in campaigns: the driven robot, its golden run, and the virtual robot. While the driven
+robot rests, the operator can try a motion on the virtual robot. The driven robot can then repeat
+this motion while the pedal is held down.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,39 +14,11 @@ from typing import Any
 import numpy as np
 
 from ravenjax.outcomes import verdict
-from ravenjax.train import scenario, tasks
+from ravenjax.train import protocol, scenario, tasks
 from ravenjax.train.judge import Judge, Trips
-from ravenjax.train.protocol import (
-    CONSOLES,
-    LOST,
-    OVER,
-    PAUSED,
-    PHASES,
-    READY,
-    REAL,
-    REPLAY,
-    RUNNING,
-    STOPPED,
-    VIEWS,
-    VIRTUAL,
-    Command,
-    Event,
-    Frame,
-    Json,
-    Point,
-    closing_point,
-    encode,
-)
+from ravenjax.train.protocol import Command, Event, Frame, Json, Point
 from ravenjax.train.robot import E_STOP, INIT, PEDAL_DOWN, PEDAL_UP, ArmName, tip_pose
-from ravenjax.train.session import hands
-from ravenjax.train.session.console_arbiter import (
-    NETWORK,
-    REASONS,
-    ConsoleArbiter,
-    DoublePress,
-    PedalReasons,
-    console_of,
-)
+from ravenjax.train.session import console_arbiter, hands
 from ravenjax.train.session.simulation import Blueprint, EstopHold, SimulatedRobot, make_blueprint
 
 SETTLED_MS = 500
@@ -61,18 +32,19 @@ CLEARED_MS = 500
 class Director:
     """Decides when the hazards of one session are armed and disarmed."""
 
-    at_work = -1
-    """Number of the hazard that is armed or active; -1: none."""
-    _pending = -1  # the instructor's next hazard
-    _ordered = False  # whether the hazard `at_work` has been armed
-    _since = 0  # tick at which it was armed
-    _free_from = 0
-    _down = 0  # ms of pedal-down so far
-    _up = 0  # ms since the pedal came up
-    _stop = False  # the instructor disarms the hazard
+    hazard_number = -1
+    """Number of the hazard that is armed, or that the instructor has ordered; -1: none."""
+    _is_armed = False
+    _armed_tick = 0
+    _ordered_number = -1  # hazard that the instructor has ordered; -1: none
+    _disarm_ordered = False  # whether the instructor has ordered to disarm
+    _earliest_tick = 0  # no hazard starts before
+    _ready_ms = 0  # time so far in which a hazard could start
+    _pedal_up_ms = 0
 
     def __init__(self, hazards: Sequence[scenario.Armable], seed: int) -> None:
         self.hazards = tuple(hazards)
+        # The 3 separates these draws from other draws with the same seed.
         rng = np.random.default_rng([seed, 3])
         self.plan = sorted(
             (float(rng.uniform(*hazard.when_ms)), hazard.number)
@@ -82,63 +54,71 @@ class Director:
         """(ms, number) of the planned hazards that are still to come, in order."""
 
     def command(self, message: Command) -> None:
-        """Store the instructor's "arm" or "disarm". Only one hazard can be armed at a time."""
+        """Store the instructor's order "arm" or "disarm", which `step` carries out. "arm" has no
+        effect while a hazard is armed, or if the number is not one of a hazard.
+        """
         number = message.get("hazard")
         if message["do"] == "disarm":
-            self._pending, self._stop = -1, True
-        elif type(number) is int and 0 <= number < len(self.hazards) and not self._ordered:
-            self._pending = number
+            self._ordered_number, self._disarm_ordered = -1, True
+        # `type` excludes True and False, which are instances of int.
+        elif type(number) is int and 0 <= number < len(self.hazards) and not self._is_armed:
+            self._ordered_number = number
 
     def step(self, tick: int, frame: Frame, clock: int) -> list[tuple[str, int]]:
-        """Return the orders before this tick: [("arm" or "disarm", number of the hazard)], or [].
-
-        frame: of the last tick. clock: the session's time, ms.
+        """Return the orders before this tick: [("arm" or "disarm", number of the hazard)], or []. A
+        hazard ends on the instructor's order, after its time, or if the pedal stays up and this is
+        a right response. The instructor's hazard starts before planned ones. frame: of the last
+        tick. clock: the session's time, ms.
         """
         number, pedal = frame.number, frame.number("pedal")
         ready = (
-            number("phase") == RUNNING
-            and number("view") == REAL
+            number("phase") == protocol.RUNNING
+            and number("view") == protocol.REAL
             and pedal
             and number("console_alive")
             and number("runlevel") == PEDAL_DOWN
             and not number("soft_estopped")
         )
-        self._down = self._down + 1 if ready else 0
-        self._up = 0 if pedal else self._up + 1
-        if self._ordered:
-            hazard = self.hazards[self.at_work]
-            cleared = self._up >= CLEARED_MS and "release" in hazard.right_response
-            if self._stop or cleared or tick - self._since >= hazard.lasts_ms:
+        self._ready_ms = self._ready_ms + 1 if ready else 0
+        self._pedal_up_ms = 0 if pedal else self._pedal_up_ms + 1
+        if self._is_armed:
+            hazard = self.hazards[self.hazard_number]
+            released = "release" in hazard.right_response and self._pedal_up_ms >= CLEARED_MS
+            if self._disarm_ordered or released or tick - self._armed_tick >= hazard.lasts_ms:
                 self.reset(tick)
                 return [("disarm", hazard.number)]
             return []
-        self._stop = False
-        choice = self.at_work = self._pending  # the instructor's hazard first
-        if choice < 0 and self.plan and self.plan[0][0] <= clock:
-            choice = self.plan[0][1]
-        if choice < 0 or self._down < SETTLED_MS or tick < self._free_from:
+        self._disarm_ordered = False
+        next_number = self.hazard_number = self._ordered_number
+        if next_number < 0 and self.plan and self.plan[0][0] <= clock:
+            next_number = self.plan[0][1]
+        if next_number < 0 or self._ready_ms < SETTLED_MS or tick < self._earliest_tick:
             return []
-        if choice == self._pending:
-            self._pending = -1
+        if next_number == self._ordered_number:
+            self._ordered_number = -1
         else:
             self.plan.pop(0)
-        self.at_work, self._ordered, self._since = choice, True, tick
-        return [("arm", choice)]
+        self.hazard_number, self._is_armed, self._armed_tick = next_number, True, tick
+        return [("arm", next_number)]
 
     def reset(self, tick: int) -> None:
-        """Forget the armed hazard, because the robot was homed. Planned hazards stay planned."""
-        self.at_work, self._ordered, self._pending, self._stop = -1, False, -1, False
-        self._down, self._free_from = 0, tick + GAP_MS
+        """Forget the armed hazard and the instructor's orders. Planned hazards stay planned."""
+        self.hazard_number, self._is_armed = -1, False
+        self._ordered_number, self._disarm_ordered = -1, False
+        self._ready_ms, self._earliest_tick = 0, tick + GAP_MS
 
 
-_TOLD = {"console": "alive", "pedal": "down"}
+_VALUE_KEYS = {"console": "alive", "pedal": "down"}
 """Key of the new value in an event of this kind. For other kinds, the key is the kind itself."""
-_OF_TWO_PRESSES = {REAL: "rehearse", VIRTUAL: "reengage", REPLAY: "discard"}
-"""Command that two short presses of a network console's pedal give, by view."""
+_DOUBLE_PRESS_COMMANDS = {
+    protocol.REAL: "rehearse",
+    protocol.VIRTUAL: "reengage",
+    protocol.REPLAY: "discard",
+}
+"""By view: the command that two short presses of a network console's pedal give."""
 MOST_COMMANDS = 1_000_000
 """The largest number of stored commands: hours of the page, or a quarter of an hour of ITP."""
-OUTCOMES_EVERY = 10
-"""The smallest number of ticks between two readings of the robot's checks."""
+OUTCOMES_EVERY = 10  # The smallest number of ticks between two readings of the robot's checks
 STAND_BY_MS = 30_000
 """How long a robot waits for the first pedal-down, ms, before its motion table restarts.
 
@@ -149,18 +129,19 @@ See `Session._stand_by`. The motion table is as long as the session plus `simula
 class Session:
     """One training session. Call `tick` until `over`."""
 
-    phase, view = READY, REAL
+    phase, view = protocol.READY, protocol.REAL
     ticks = 0  # ms of the session, without pauses
     started: int | None = None  # tick at which the session's time began
     ended = ""  # why the session is over
-    _resume_to = READY
+    _resume_to = protocol.READY
     # Motion of the resting robot while the operator drives the virtual robot.
-    _rest: np.ndarray | None = None
-    # Ticks of the motion tried on the virtual robot that the robot has not repeated yet.
-    _tried = (0, 0)
+    _resting_row: np.ndarray | None = None
+    # First tick, and end, of the trial's motion that the driven robot has not repeated yet.
+    _trial_start = _trial_end = 0
     _pedal, _alive = 0.0, False
-    _seen_trips, _looked = 0.0, -OUTCOMES_EVERY
-    _moved = False  # whether the robots moved in this tick
+    # The count of trips at the last reading of the robot's checks, and the tick of this reading.
+    _trips_read, _reading_tick = 0.0, -OUTCOMES_EVERY
+    _is_running = False  # whether the robots moved in this tick
 
     def __init__(
         self,
@@ -186,33 +167,36 @@ class Session:
         self.virtual = SimulatedRobot(self.blueprint)
         self.frame = Frame(self.layout)
         self.cue_on = chosen.cue.on if cue is None else cue
-        self.estop_row = self.blueprint.plan.runs - 1
+        # The E-stop button is a fault, in the last row of the fault table. No hazard uses this row.
+        self._estop_fault_row = self.blueprint.plan.runs - 1
         self.task = tasks.make_task(chosen, self._tips(), seed)
         self.director = Director(self.hazards, seed)
         self.judge = Judge(chosen, self.hazards, self.cue_on, self._record)
-        self.arbiter = ConsoleArbiter(self._record)
-        self.pedals = PedalReasons()
-        self._presses = DoublePress()
+        self.arbiter = console_arbiter.ConsoleArbiter(self._record)
+        self.pedals = console_arbiter.PedalReasons()
+        self._presses = console_arbiter.DoublePress()
         self._estop_hold = EstopHold(self.layout)
         self.command_lines: list[str] = []
         """Lines of `scripts.read_commands`, at most MOST_COMMANDS."""
         self._hands = self._new_hands()
+        # Trips of the virtual robot's checks in a trial, and their count at the last reading.
         self._trial_checks, self._trial_trips = Trips(), 0.0
-        self._told: Json = {}
+        self._reported_state: Json = {}  # the values in the last events of `conclude`
         places = self.layout.places
         # Positions in a frame: hand, hand_quat and grasp of each arm, ordered as a motion table;
         # channels of the virtual robot, and the channels of a robot that are copied to them.
-        self._hand_places = np.r_[
-            *(slice(places[f"{arm}/hand"].start, places[f"{arm}/grasp"].stop) for arm in self.arms)
-        ]
-        self._virtual_places, self._shown_places = (
-            np.r_[*(places[f"{arm}/{name}"] for arm in self.arms for name in names)]
-            for names in (("virtual_jpos", "virtual_tip"), ("link_jpos", "tip"))
-        )
-        self._common = slice(places["session_tick"].start, places["cue_on"].stop)
-        self._trips = places["trips"].start
-        self._events: list[Event] = []
-        self._new: list[Command] = []  # commands of this tick
+        self._hand_places = self._positions("hand", "hand_quat", "grasp")
+        self._virtual_places = self._positions("virtual_jpos", "virtual_tip")
+        self._shown_places = self._positions("link_jpos", "tip")
+        self._session_places = slice(places["session_tick"].start, places["cue_on"].stop)
+        self._trips_place = places["trips"].start
+        self._events: list[Event] = []  # of this tick
+        self._commands: list[Command] = []  # of this tick
+
+    def _positions(self, *channels: str) -> np.ndarray:
+        """Return the positions of these channels of each arm in a frame's row, arm after arm."""
+        names = [f"{arm}/{channel}" for arm in self.arms for channel in channels]
+        return np.r_[*(self.layout.places[name] for name in names)]
 
     @property
     def clock(self) -> int:
@@ -226,7 +210,7 @@ class Session:
 
     @property
     def over(self) -> bool:
-        return self.phase == OVER
+        return self.phase == protocol.OVER
 
     def tick(self, commands: list[Command]) -> list[Event]:
         """Compute one millisecond: fill `frame` and return the events."""
@@ -234,126 +218,137 @@ class Session:
         return self.conclude()
 
     def move(self, commands: list[Command]) -> None:
-        """Compute the first half of the tick: hands, hazards and robots. Fill `frame`."""
-        self._events, self._moved, self._new = [], False, []
+        """Compute the first half of the tick: commands, hands, hazards, robots. Fill `frame`. In a
+        pause and after the end, the commands are read, but robots and hands do not move.
+        """
+        self._events, self._commands, self._is_running = [], [], False
         for command in commands:
             if not self.over:
-                self._new.append(command)
+                self._commands.append(command)
             self._command(command)
-        if self.phase in (PAUSED, OVER):
+        if self.phase in (protocol.PAUSED, protocol.OVER):
             self._publish()
             return
         if self.arbiter.step(self.ticks):
             self._release_pedal("silent")
         hand = self._hands.advance(self.ticks)
-        goes_on = self.started is not None or self.robot.now < STAND_BY_MS or self._stand_by()
+        # The motion table of a robot that waits for too long would end. So it restarts.
+        is_waiting = self.started is None and self.robot.next_tick >= STAND_BY_MS
+        computes_robot = self._stand_by() if is_waiting else True
         self._drive(hand)
         for order, number in self.director.step(self.ticks, self.frame, self.clock):
             if order == "arm":
                 self.robot.arm(number)
-                self.judge.armed(number, self.ticks)
+                self.judge.begin_hazard(number, self.ticks)
             else:
                 self._read_checks()
                 self.robot.disarm()
-                self.judge.disarmed(self.ticks)
-        if goes_on:
+                self.judge.end_hazard(self.ticks)
+        if computes_robot:
             self.robot.step()
-        if self.view == VIRTUAL:
+        if self.view == protocol.VIRTUAL:
             self.virtual.step()
             self._record_trial()
         self._publish(hand)
-        self._moved = True
+        self._is_running = True
 
     def conclude(self) -> list[Event]:
-        """Compute the second half: task, judge and phase. Return the events of the whole tick."""
+        """Compute the second half: task, judge and phase. Return the events of the whole tick. Each
+        change of phase, view, console, pedal and run level is an event.
+        """
         if len(self.command_lines) < MOST_COMMANDS:
             self.command_lines += [
-                encode({"tick": self.ticks, "message": command}) + "\n" for command in self._new
+                protocol.encode({"tick": self.ticks, "message": command}) + "\n"
+                for command in self._commands
             ]
         self.frame.copy_numbers()
         state: Json = {
-            "phase": PHASES[self.phase],
-            "view": VIEWS[self.view],
+            "phase": protocol.PHASES[self.phase],
+            "view": protocol.VIEWS[self.view],
             "console": self._alive,
             "pedal": self._pedal != 0.0,
         }
-        if self.robot.heard:
+        if self.robot.reports_arrive:
             state["runlevel"] = int(self.frame.number("runlevel"))
         for kind, value in state.items():
-            if value != self._told.get(kind):
-                self._tell(kind, **{_TOLD.get(kind, kind): value})
-        self._told |= state
-        if self._moved:
+            if value != self._reported_state.get(kind):
+                self._add_event(kind, **{_VALUE_KEYS.get(kind, kind): value})
+        self._reported_state |= state
+        if self._is_running:
             self._update()
-        for event in self.pedals.update({console: self._why_not(console) for console in NETWORK}):
-            self._tell("refused", **event)
-        if self._moved:
+        reasons = {console: self._refusal_reason(console) for console in console_arbiter.NETWORK}
+        for event in self.pedals.update(reasons):
+            self._add_event("refused", **event)
+        if self._is_running:
             self.ticks += 1
         return self._events
 
-    def _why_not(self, console: str) -> str:
+    def _refusal_reason(self, console: str) -> str:
         """Return why a pedal that a console holds down does not count; "" if it counts or is up."""
         if self.over:
             return ""
-        why = self.arbiter.why_not(console, self.ticks)
+        why = self.arbiter.refusal_reason(console, self.ticks)
         if not self.arbiter.is_pedal_down(console):
             return why
-        if self.phase in (PAUSED, STOPPED, LOST):
-            return REASONS[PHASES[self.phase]]
-        return why or (REASONS["homing"] if self.frame.number("runlevel") == INIT else "")
-
-    # --- commands ---
+        if self.phase in (protocol.PAUSED, protocol.STOPPED, protocol.LOST):
+            return console_arbiter.REASONS[protocol.PHASES[self.phase]]
+        return why or (
+            console_arbiter.REASONS["homing"] if self.frame.number("runlevel") == INIT else ""
+        )
 
     def _command(self, command: Command) -> None:
         # Carries out a command: of the hands, of a console's seat, of operator or instructor.
-        console = console_of(command)
+        console = console_arbiter.console_of(command)
         match command.get("type"):
             case "input" | "increments":
+                # Only the console that drives moves the hands.
                 self.arbiter.receive(
                     command, lambda counted: self._hands.apply(counted, self.ticks), self.ticks
                 )
-                is_owner = console in NETWORK and console == self.arbiter.owner
+                # A network console has no buttons. Two presses of its pedal replace a button.
+                is_owner = console in console_arbiter.NETWORK and console == self.arbiter.owner
                 if is_owner and self._presses.update(command["pedal"], self.ticks):
-                    self._operator({"do": _OF_TWO_PRESSES[self.view]})
+                    self._operator({"do": _DOUBLE_PRESS_COMMANDS[self.view]})
             case "unheard":
                 why = str(command.get("why", ""))[:200]
                 if command.get("once"):
-                    self._tell("refused", **self.pedals.report(console, why))
+                    self._add_event("refused", **self.pedals.report(console, why))
                 else:
                     self.arbiter.set_refusal(console, why)
             case "seat":
                 if self.arbiter.change_seat(command, self.ticks):
-                    self._release_pedal("handover", own=command.get("by") != "instructor")
+                    is_choice = command.get("by") != "instructor"
+                    self._release_pedal("handover", by_operator=is_choice)
             case "operator":
                 self._operator(command)
             case "instructor":
                 self._instructor(command)
 
     def _operator(self, command: Command) -> None:
-        # Carries out a command of type "operator", which is also a response for the judge.
-        by = command.get("by", "operator")
-        if by == "operator":
-            self.judge.command(command, self.ticks)
+        # Carries out a command of type "operator". If the operator gave it, it is a response, too.
+        sender = command.get("by", "operator")
+        if sender == "operator":
+            self.judge.record_command(command, self.ticks)
         match command["do"]:
             case "estop":
-                if by != "operator":
-                    self.judge.interrupted(self.ticks, f"estop by {by}")
-                self.robot.press(self.estop_row)
+                if sender != "operator":
+                    self.judge.interrupt(self.ticks, f"estop by {sender}")
+                self.robot.press_estop(self._estop_fault_row)
             case "restart":
-                if self.phase == STOPPED or self.frame.number("runlevel") != PEDAL_DOWN:
+                if self.phase == protocol.STOPPED or self.frame.number("runlevel") != PEDAL_DOWN:
                     self._restart("restart")
-            case "rehearse" if self.view == REAL and self.phase == RUNNING:
+            case "rehearse" if self.view == protocol.REAL and self.phase == protocol.RUNNING:
                 self._rehearse()
-            case "reengage" if self.view == VIRTUAL:
-                # The driven robot repeats the motion that was tried.
-                first, last = self._tried = self._tried[0], self.virtual.now
-                self.view = REPLAY if last > first else REAL
-            case "discard" if self.view != REAL:
+            case "reengage" if self.view == protocol.VIRTUAL:
+                self._trial_end = self.virtual.next_tick
+                has_motion = self._trial_end > self._trial_start
+                self.view = protocol.REPLAY if has_motion else protocol.REAL
+            case "discard" if self.view != protocol.REAL:
                 # The hand continues at the pose of the driven robot, which has not moved.
-                self._hands.move_to(self.robot.motion[:, self.robot.now - 1])
-                self.view = REAL
+                self._hands.move_to(self.robot.motion[:, self.robot.next_tick - 1])
+                self.view = protocol.REAL
             case "note":
-                self._tell("note", text=str(command.get("text", ""))[:500])
+                self._add_event("note", text=str(command.get("text", ""))[:500])
 
     def _instructor(self, command: Command) -> None:
         # Carries out a command of type "instructor". Pause, reset and disarm interrupt a hazard.
@@ -361,95 +356,99 @@ class Session:
             case "arm":
                 self.director.command(command)
             case "disarm":
-                self.judge.interrupted(self.ticks, "instructor")
+                self.judge.interrupt(self.ticks, "instructor")
                 self.director.command(command)
             case "start" if not self.over:
                 self._start("instructor")
-            case "pause" if self.phase not in (PAUSED, OVER):
-                self.judge.interrupted(self.ticks, "instructor")
-                self._resume_to, self.phase = self.phase, PAUSED
-            case "resume" if self.phase == PAUSED:
+            case "pause" if self.phase not in (protocol.PAUSED, protocol.OVER):
+                self.judge.interrupt(self.ticks, "instructor")
+                self._resume_to, self.phase = self.phase, protocol.PAUSED
+            case "resume" if self.phase == protocol.PAUSED:
                 # The operator may have moved a hand or the foot during the pause.
                 self._release_pedal("resume")
                 self.phase = self._resume_to
             case "reset" if not self.over:
-                self.judge.interrupted(self.ticks, "instructor")
+                self.judge.interrupt(self.ticks, "instructor")
                 self._restart("reset")
             case "end":
                 self._end("interrupted" if command.get("by") == "terminal" else "instructor")
             case "cue":
                 self.cue_on = self.judge.cue_on = bool(command.get("on"))
 
-    def _release_pedal(self, why: str, own: bool = False) -> None:
-        """Treat the pedal as up until the operator has lifted it.
-
-        own: the operator caused this by handing the console over or by leaving.
+    def _release_pedal(self, why: str, by_operator: bool = False) -> None:
+        """Treat the pedal as up until the operator has lifted it. why: for the event. by_operator:
+        the operator has handed the console over or left it.
         """
-        self.arbiter.rearm(why, self.ticks)
+        self.arbiter.require_lifts(why, self.ticks)
         self._hands.apply({"type": "input", "pedal": False, "arms": {}}, self.ticks)
-        if own:
-            self.judge.walked_away()
+        if by_operator:
+            self.judge.leave_console()
         else:
-            self.judge.lifted(self.ticks, why)
+            self.judge.lift_pedal(self.ticks, why)
 
-    def _start(self, by: str) -> None:
+    def _start(self, cause: str) -> None:
         if self.started is None:
             self.started = self.ticks
-            self._tell("started", by=by)
-
-    # --- the three robots ---
+            self._add_event("started", by=cause)
 
     def _drive(self, hand: hands.Hands) -> None:
-        # Writes this tick's motion into the motion table of the virtual or the driven robot.
-        now, motion = self.robot.now, self.robot.motion
-        row = motion[:, now]
-        if self.view == VIRTUAL:
-            self.virtual.motion[:, self.virtual.now] = hand.columns
-            row[:] = self._rest
-        elif self.view == REPLAY and hand.columns[-1]:
-            first, last = self._tried
-            row[:] = self.virtual.motion[:, first]
-            self._tried = first + 1, last
-            if first + 1 >= last:
+        # Writes this tick's motion into the motion tables, [columns, ticks]. The last column is the
+        # pedal. In a trial, the hand moves the virtual robot, and the driven robot rests.
+        tick, motion = self.robot.next_tick, self.robot.motion
+        row = motion[:, tick]
+        if self.view == protocol.VIRTUAL:
+            self.virtual.motion[:, self.virtual.next_tick] = hand.columns
+            row[:] = self._resting_row
+        elif self.view == protocol.REPLAY and hand.columns[-1]:
+            # The driven robot repeats one row of the trial in each tick with the pedal down.
+            row[:] = self.virtual.motion[:, self._trial_start]
+            self._trial_start += 1
+            if self._trial_start >= self._trial_end:
                 self._hands.move_to(row)
-                self.view = REAL
-        elif self.view == REPLAY:  # the robot waits, because the pedal is up
-            row[:] = motion[:, max(now - 1, 0)]
+                self.view = protocol.REAL
+        elif self.view == protocol.REPLAY:
+            # The robot waits, because the pedal is up.
+            row[:] = motion[:, max(tick - 1, 0)]
             row[-1] = 0
         else:
             row[:] = hand.columns
 
     def _rehearse(self) -> None:
-        """Begin a trial: the virtual robot follows the hand, and the driven robot rests."""
-        now = self.robot.now
-        if not isinstance(self.robot, SimulatedRobot) or now == 0:
+        """Begin a trial: the virtual robot follows the hand, and the driven robot rests. Do nothing
+        if the driven robot is in another process, because its state cannot be copied.
+        """
+        tick = self.robot.next_tick
+        if not isinstance(self.robot, SimulatedRobot) or tick == 0:
             return
         self.virtual.copy_from(self.robot)
-        self._rest = self.robot.motion[:, now - 1].copy()
-        self._rest[-1] = 0
-        self._tried = (now, now)
+        self._resting_row = self.robot.motion[:, tick - 1].copy()
+        # The last column is the pedal, which is up.
+        self._resting_row[-1] = 0
+        self._trial_start = self._trial_end = tick
         self._trial_checks = Trips()
         # Do not report trips before the trial.
-        self._trial_checks.new_trips(self.ticks, now, self.virtual.outcomes())
-        self._trial_trips = float(self.virtual.row[self._trips])
+        self._trial_checks.new_trips(self.ticks, tick, self.virtual.outcomes())
+        self._trial_trips = float(self.virtual.row[self._trips_place])
         self.judge.begin_trial(self.ticks)
-        self.view = VIRTUAL
+        self.view = protocol.VIRTUAL
 
     def _record_trial(self) -> None:
-        """Record the alarms and stops of the virtual robot as events."""
-        trips = float(self.virtual.row[self._trips])
+        """Add an event for each new alarm or stop of the virtual robot's checks."""
+        trips = float(self.virtual.row[self._trips_place])
+        # Reading the checks takes as long as a tick, so it is not done in each tick.
         if trips == self._trial_trips or self.ticks % OUTCOMES_EVERY:
             return
-        self._trial_trips, now = trips, self.virtual.now
-        for trip in self._trial_checks.new_trips(self.ticks, now, self.virtual.outcomes()):
-            if trip.check.response in verdict.TOLD and trip.announced:
-                self._tell("alarm", check=trip.check.name, count=trip.count, virtual=True)
+        self._trial_trips = trips
+        outcomes = self.virtual.outcomes()
+        for trip in self._trial_checks.new_trips(self.ticks, self.virtual.next_tick, outcomes):
+            if trip.check.response in verdict.TOLD and trip.is_after_pause:
+                self._add_event("alarm", check=trip.check.name, count=trip.count, virtual=True)
 
     def _stand_by(self) -> bool:
-        """Restart the motion table of a robot that nobody has driven yet.
-
-        Return whether the robot still computes ticks: a stopped simulated robot does not.
+        """Restart the motion table of a robot that nobody has driven yet. Return whether the robot
+        still computes ticks: a stopped simulated robot does not.
         """
+        # A robot in another process keeps its state and its checks.
         if isinstance(self.robot, SimulatedRobot):
             if self.frame.number("runlevel") != PEDAL_UP:
                 return False
@@ -458,17 +457,15 @@ class Session:
         return True
 
     def _restart(self, why: str) -> None:
-        # Homes the robot. Its hazard ends, and every pedal must be lifted.
+        # Homes the robot. Its hazard ends, and no pedal counts until it was lifted.
         self._read_checks()
-        self.arbiter.rearm(why, self.ticks)
+        self.arbiter.require_lifts(why, self.ticks)
         self.robot.reset()
         self._hands = self._new_hands()
         self.director.reset(self.ticks)
-        self.judge.restarted(self.ticks)
+        self.judge.restart(self.ticks)
         self.task.restart()
-        self.phase, self.view = READY, REAL
-
-    # --- frames and events ---
+        self.phase, self.view = protocol.READY, protocol.REAL
 
     def _publish(self, hand: hands.Hands | None = None) -> None:
         """Fill the frame. Without `hand`, the channels of hands and robots keep their values."""
@@ -476,70 +473,76 @@ class Session:
         if hand is not None:
             row[: self.robot.row.size] = self.robot.row
             self._estop_hold.apply(row)
-            view_row = self.virtual.row if self.view == VIRTUAL else self.robot.row
+            view_row = self.virtual.row if self.view == protocol.VIRTUAL else self.robot.row
             row[self._hand_places] = hand.columns[:-1]
             row[self._virtual_places] = view_row[self._shown_places]
             self._pedal, self._alive = float(hand.columns[-1]), hand.alive
         left_ms = 0 if self.over else self.left_ms
-        row[self._common] = (
+        # Ordered as the channels `session_tick` to `cue_on`.
+        row[self._session_places] = (
             *(self.ticks, left_ms, self.phase, self.view, self._pedal, self._alive),
-            *(CONSOLES.index(self.arbiter.owner), self.robot.heard),
-            *(self.director.at_work, task.target, task.progress, self.cue_on),
+            *(protocol.CONSOLES.index(self.arbiter.owner), self.robot.reports_arrive),
+            *(self.director.hazard_number, task.target, task.progress, self.cue_on),
         )
 
     def _update(self) -> None:
         # Updates task, judge and phase after the robot's tick.
         frame = self.frame
         # A distant robot may stop reporting; its state is then unknown.
-        if not self.robot.heard and self.phase in (READY, RUNNING, STOPPED):
-            self._release_pedal("link")
-            self.phase = LOST
-        elif self.robot.heard and self.phase == LOST:
-            self.arbiter.rearm("link", self.ticks)
-            self.phase = READY
-        self._events += self.task.step(frame, self.ticks)
-        # Reading the checks takes as long as a tick, so it is not done in each tick.
-        is_due = self.ticks - self._looked >= OUTCOMES_EVERY
-        checked = self._checked() if is_due else ()
-        self.judge.step(self.ticks, frame, *checked)
-        runlevel = frame.number("runlevel")
-        if self.phase == READY and runlevel == PEDAL_DOWN:
-            self._start("pedal")
-            self.phase = RUNNING
-        elif self.phase in (READY, RUNNING) and (
-            runlevel == E_STOP or frame.number("soft_estopped")
+        if not self.robot.reports_arrive and self.phase in (
+            protocol.READY,
+            protocol.RUNNING,
+            protocol.STOPPED,
         ):
-            self.phase = STOPPED
+            self._release_pedal("link")
+            self.phase = protocol.LOST
+        elif self.robot.reports_arrive and self.phase == protocol.LOST:
+            self.arbiter.require_lifts("link", self.ticks)
+            self.phase = protocol.READY
+        self._events += self.task.step(frame, self.ticks)
+        is_due = self.ticks - self._reading_tick >= OUTCOMES_EVERY
+        outcomes = self._new_outcomes() if is_due else None
+        self.judge.step(self.ticks, frame, *(outcomes or ()))
+        runlevel = frame.number("runlevel")
+        is_stopped = runlevel == E_STOP or frame.number("soft_estopped")
+        if self.phase == protocol.READY and runlevel == PEDAL_DOWN:
+            self._start("pedal")
+            self.phase = protocol.RUNNING
+        elif self.phase in (protocol.READY, protocol.RUNNING) and is_stopped:
+            self.phase = protocol.STOPPED
+        # This tick is the session's last if at most 1 ms is left.
         if self.started is not None and self.left_ms <= 1:
             self._end("time")
         elif self.task.done:
             self._end("task")
 
-    def _checked(self) -> tuple[()] | tuple[Json, Json | None]:
-        """Return the outcomes of robot and golden run; () if no check has tripped since then."""
-        trips = float(self.robot.row[self._trips])
-        if trips == self._seen_trips:
-            return ()
-        self._seen_trips, self._looked = trips, self.ticks
+    def _new_outcomes(self) -> tuple[Json, Json | None] | None:
+        """Return the outcome columns of robot and golden run. None if no check has tripped since
+        the last call. A robot without golden run has None there.
+        """
+        trips = float(self.robot.row[self._trips_place])
+        if trips == self._trips_read:
+            return None
+        self._trips_read, self._reading_tick = trips, self.ticks
         return self.robot.outcomes(), self.robot.golden_outcomes()
 
     def _read_checks(self) -> None:
         """Let the judge read the trips before the robot or the golden run restarts."""
-        if checked := self._checked():
-            self.judge.read_checks(*checked)
+        if outcomes := self._new_outcomes():
+            self.judge.read_checks(*outcomes)
 
     def _end(self, reason: str) -> None:
-        if self.phase != OVER:
+        if self.phase != protocol.OVER:
             self._read_checks()
             self.judge.close(self.ticks, reason)
-            self.phase, self.ended = OVER, reason
-            self._tell("end", reason=reason)
+            self.phase, self.ended = protocol.OVER, reason
+            self._add_event("end", reason=reason)
 
-    def _tell(self, kind: str, **what: Any) -> None:
-        self._record(self.ticks, kind, **what)
+    def _add_event(self, kind: str, **content: Any) -> None:
+        self._record(self.ticks, kind, **content)
 
-    def _record(self, tick: int, kind: str, **what: Any) -> None:
-        self._events.append({"tick": tick, "kind": kind, **what})
+    def _record(self, tick: int, kind: str, **content: Any) -> None:
+        self._events.append({"tick": tick, "kind": kind, **content})
 
     def _new_hands(self) -> hands.Hands:
         return hands.Hands(self.arms, self.scenario.scale, self.scenario.speeds)
@@ -549,5 +552,5 @@ class Session:
         tips: dict[ArmName, Point] = {}
         for arm, jpos in zip(self.arms, self.blueprint.plan.motion.start_jpos, strict=True):
             joints = [float(joint) for joint in jpos]
-            tips[arm] = closing_point(arm, tip_pose(arm, joints)[0].tolist(), joints)
+            tips[arm] = protocol.closing_point(arm, tip_pose(arm, joints)[0].tolist(), joints)
         return tips

@@ -5,11 +5,9 @@ The first console whose pedal goes down gets the seat. It loses the seat when it
 nothing for `GONE_MS`. While its pedal is up, the operator at another console may take the seat. The
 console may give the seat away, and the instructor may give the seat to any console. In `ravenjax
 robot` only the pedals decide: a console whose pedal is up loses the seat when another pedal is
-pressed.
-
-An operator may not notice that the session began or was interrupted. After such an event a pedal
-that is down does not count until it was lifted. A network console receives forces but no texts, so
-the page and the terminal show why its pedal does not count.
+pressed. An operator may not notice that the session began or was interrupted. After such an event a
+pedal that is down does not count until it was lifted. A network console receives forces but no
+texts, so the page and the terminal show why its pedal does not count.
 """
 
 from collections import deque
@@ -18,9 +16,8 @@ from collections.abc import Callable, Mapping
 from ravenjax.bundled import resources
 from ravenjax.train.protocol import CONSOLES, STALE_MS, Command, Event, Say
 
-NETWORK = ("itp", "crtk")
-"""The consoles whose reasons the page and the terminal show."""
-HOLDS_MS = 50
+NETWORK = ("itp", "crtk")  # The consoles whose reasons the page and the terminal show
+MIN_REASON_MS = 50
 """A reason is reported if it lasts this long, ms: a person cannot react to a shorter one."""
 _WORDS = resources.read_tables(__file__, "pedal.toml")
 REASONS: dict[str, str] = _WORDS["reasons"]
@@ -34,9 +31,11 @@ NOBODY, SCRIPT = "nobody", "script"
 
 
 def packets_message(cause: str) -> str:
-    """Return the message that a console's packets are refused. cause: one of `itp.CAUSES`."""
-    why = _WORDS["packets"].get(cause, f"{cause} does not fit the console profile")
-    return f"its packets are refused: {why}"
+    """Return the message that a console's packets are refused. cause: one of `itp.CAUSES`, or the
+    part of a packet that does not fit the console profile.
+    """
+    reason = _WORDS["packets"].get(cause, f"{cause} does not fit the console profile")
+    return f"its packets are refused: {reason}"
 
 
 class PedalReasons:
@@ -46,29 +45,29 @@ class PedalReasons:
         """say: prints a reason for the user."""
         self.say = say
         self._published: dict[str, str] = dict.fromkeys(NETWORK, "")
-        # The latest reason of each console, and for how many ms it has lasted.
-        self._coming: dict[str, tuple[str, int]] = dict.fromkeys(NETWORK, ("", 0))
+        # The latest reason of each console, and for how many ms it has lasted unpublished.
+        self._latest: dict[str, tuple[str, int]] = dict.fromkeys(NETWORK, ("", 0))
 
-    def update(self, why: Mapping[str, str]) -> list[Event]:
-        """Return an event for each console whose reason changed.
-
-        why: the present reasons, "" for none. Call it once a millisecond, also in a pause.
+    def update(self, reasons: Mapping[str, str]) -> list[Event]:
+        """Return an event for each console whose reason changed and lasted `MIN_REASON_MS`.
+        reasons: of this millisecond, by console; "" for none. Call it once a millisecond, also in a
+        pause.
         """
         events = []
-        for console, reason in why.items():
-            before, held = self._coming[console]
-            held = held + 1 if reason == before else 1
+        for console, reason in reasons.items():
+            last_reason, duration_ms = self._latest[console]
+            duration_ms = duration_ms + 1 if reason == last_reason else 1
             if reason == self._published[console]:
-                held = 0
-            elif held == HOLDS_MS:
+                duration_ms = 0
+            elif duration_ms == MIN_REASON_MS:
                 self._published[console] = reason
                 events.append(self.report(console, reason))
-            self._coming[console] = reason, held
+            self._latest[console] = reason, duration_ms
         return events
 
-    def report(self, console: str, why: str) -> Event:
-        """Print a reason, and return the content of its event."""
-        line = f"{console}: {why}" if why else ""
+    def report(self, console: str, reason: str) -> Event:
+        """Print a reason, and return the content of its event. reason "": there is none now."""
+        line = f"{console}: {reason}" if reason else ""
         if line:
             self.say(line)
         return {"console": console, "why": line}
@@ -77,31 +76,32 @@ class PedalReasons:
 class DoublePress:
     """Detects two short presses of a pedal, which begin and end a trial at a network console."""
 
-    _down = False
+    _was_down = False
 
     def __init__(self) -> None:
-        self._changes: deque[int] = deque(maxlen=4)
+        # Ticks at which the pedal last went down, up, down and up.
+        self._change_ticks: deque[int] = deque(maxlen=4)
 
     def update(self, down: bool, tick: int) -> bool:
-        """Return whether the pedal of this message ends the second of two short presses."""
-        if down == self._down:
+        """Return whether the second of two short presses ends in this tick. down: whether the pedal
+        is down in a console's message.
+        """
+        if down == self._was_down:
             return False
-        self._down = down
-        self._changes.append(tick)
-        is_fourth = not down and len(self._changes) == 4
-        is_double = is_fourth and tick - self._changes[0] <= DOUBLE_PRESS_MS
+        self._was_down = down
+        self._change_ticks.append(tick)
+        is_second_end = not down and len(self._change_ticks) == 4
+        is_double = is_second_end and tick - self._change_ticks[0] <= DOUBLE_PRESS_MS
         if is_double:
-            self._changes.clear()
+            self._change_ticks.clear()
         return is_double
 
 
 class ConsoleArbiter:
     """Decides who drives in one session."""
 
-    owner = NOBODY
-    """The console that has the seat, one of `CONSOLES`."""
-    down = False
-    """Whether the owner's pedal is down and counts."""
+    owner = NOBODY  # The console that has the seat, one of `CONSOLES`
+    pedal_down = False  # Whether the owner's pedal is down and counts
 
     def __init__(
         self, record: Callable[..., None] = lambda *_, **__: None, by_pedals: bool = False
@@ -110,116 +110,128 @@ class ConsoleArbiter:
         pedals alone decide who drives.
         """
         self._record, self._by_pedals = record, by_pedals
-        self._armed: set[str] = set()  # consoles whose pedal counts, because it was lifted
-        self._heard: dict[str, int] = {}  # tick of each console's last message
-        self._foot: dict[str, bool] = {}  # each console's pedal in its last message
-        self._since: dict[str, str] = {}  # why each console's pedal must be lifted
-        self._unheard: dict[str, str] = {}  # why a console's messages are refused
+        self._ready: set[str] = set()  # Consoles whose pedal counts, because it was lifted
+        # By console: tick of the last message, and whether the pedal was down in it.
+        self._message_ticks: dict[str, int] = {}
+        self._pedals_down: dict[str, bool] = {}
+        # By console: why the pedal must be lifted, and why messages are refused.
+        self._lift_causes: dict[str, str] = {}
+        self._refusals: dict[str, str] = {}
 
     def receive(self, message: Command, take: Callable[[Command], bool], tick: int) -> None:
-        """Process a message in which a console reports its hands and its pedal.
-
-        take: called with the message if its console drives; the pedal in it is up if it does not
-        count. `take` returns False to refuse the message.
+        """Process a message in which a console reports its hands and its pedal. A pedal that counts
+        gets the free seat. take: called with the message if its console has or gets the seat, or if
+        nobody has it. The pedal in it is up if it does not count. `take` returns False to refuse
+        the message.
         """
         console, pedal = console_of(message), message["pedal"]
-        if console in self._heard and tick - self._heard[console] > STALE_MS:
-            self._disarm(console, "silence", tick)
-        is_free = self.owner in (NOBODY, console) or (self._by_pedals and not self.down)
-        if pedal and not is_free:
+        last_tick = self._message_ticks.get(console)
+        if last_tick is not None and tick - last_tick > STALE_MS:
+            self._require_lift(console, "silence", tick)
+        has_free_seat = self.owner in (NOBODY, console)
+        may_drive = has_free_seat or (self._by_pedals and not self.pedal_down)
+        if pedal and not may_drive:
             # A pedal that was pressed while another one is down must be lifted first.
-            self._armed.discard(console)
-        down = pedal and console in self._armed
-        if is_free and (down or self.owner in (NOBODY, console)):
-            if not take({**message, "pedal": down}):
-                self._unheard[console] = REASONS["out_of_range"]
+            self._ready.discard(console)
+        counts = pedal and console in self._ready
+        if may_drive and (counts or has_free_seat):
+            if not take({**message, "pedal": counts}):
+                self._refusals[console] = REASONS["out_of_range"]
                 return
-            if self.owner != console and down:
-                self._hand_to(console, "pedal", tick)
-            self.down = down
-        self._heard[console], self._foot[console] = tick, pedal
-        if self._unheard.get(console) == REASONS["out_of_range"]:
-            del self._unheard[console]
+            if self.owner != console and counts:
+                self._hand_over(console, "pedal", tick)
+            self.pedal_down = counts
+        self._message_ticks[console], self._pedals_down[console] = tick, pedal
+        if self._refusals.get(console) == REASONS["out_of_range"]:
+            del self._refusals[console]
         if not pedal:
-            self._armed.add(console)
+            self._ready.add(console)
 
-    def set_refusal(self, console: str, why: str) -> None:
+    def set_refusal(self, console: str, reason: str) -> None:
         """Store why a console's messages are refused; "": they are accepted again."""
-        self._unheard[console] = why
+        self._refusals[console] = reason
 
     def is_pedal_down(self, console: str) -> bool:
         """Whether a console's pedal is down, even if it does not count."""
-        return self._foot.get(console, False)
+        return self._pedals_down.get(console, False)
 
-    def why_not(self, console: str, tick: int) -> str:
+    def refusal_reason(self, console: str, tick: int) -> str:
         """Return why a pedal that is held down does not count; "" if it counts or is up."""
-        if why := self._unheard.get(console):
-            return why
-        if not self._foot.get(console):
+        if refusal := self._refusals.get(console):
+            return refusal
+        if not self._pedals_down.get(console):
             return ""
-        if tick - self._heard[console] > STALE_MS:
+        if tick - self._message_ticks[console] > STALE_MS:
             return REASONS["silent"]
-        if self.owner not in (NOBODY, console) and (self.down or not self._by_pedals):
+        if self.owner not in (NOBODY, console) and (self.pedal_down or not self._by_pedals):
             wait = f"wait until {self.owner} leaves or control is given to this console"
             return f"{self.owner} drives: {wait}"
-        if console in self._armed:
+        if console in self._ready:
             return ""
-        cause = _WORDS["since"].get(self._since.get(console))
+        cause = _WORDS["since"].get(self._lift_causes.get(console))
         return f"{REASONS['lift']} ({cause})" if cause else REASONS["lift"]
 
     def change_seat(self, command: Command, tick: int) -> bool:
-        """Carry out a command of type "seat". Return whether another console has the seat now."""
-        console, do, by = console_of(command), command.get("do"), command.get("by", "operator")
-        target, refusal = command.get("to") if do == "give" else console if do == "take" else "", ""
-        if do == "left":
-            self._disarm(console, "left", tick)
+        """Carry out a command of type "seat". Return whether another console has the seat now.
+        "left": the console leaves. "take": it takes the seat, unless the owner's pedal is down.
+        "give": the owner or the instructor gives the seat to the console in "to". A refusal becomes
+        an event.
+        """
+        console, action = console_of(command), command.get("do")
+        sender = command.get("by", "operator")
+        if action == "left":
+            self._require_lift(console, "left", tick)
             if console != self.owner:
                 return False
-            self._hand_to(NOBODY, "left", tick)
+            self._hand_over(NOBODY, "left", tick)
             return True
+        target = {"give": command.get("to"), "take": console}.get(str(action), "")
         if target == self.owner or target not in CONSOLES:
             return False
-        is_alive = tick - self._heard.get(self.owner, tick) <= STALE_MS
-        if do == "take" and self.owner != NOBODY and self.down and is_alive:
+        refusal = ""
+        is_alive = tick - self._message_ticks.get(self.owner, tick) <= STALE_MS
+        if action == "take" and self.owner != NOBODY and self.pedal_down and is_alive:
             refusal = f"the pedal of {self.owner} is down"
-        elif do == "give" and by != "instructor" and self.owner not in (console, NOBODY):
+        elif action == "give" and sender != "instructor" and self.owner not in (console, NOBODY):
             refusal = f"{self.owner} has the console"
         if refusal:
             self._record(tick, "refused", console=console, why=refusal)
             return False
-        self._armed.discard(target)
-        self._since[target] = "handover"
-        self._hand_to(target, by, tick)
+        self._ready.discard(target)
+        self._lift_causes[target] = "handover"
+        self._hand_over(target, sender, tick)
         return True
 
     def step(self, tick: int) -> bool:
         """Check the owner once a tick. Return whether it lost the seat because it was silent."""
         gone_ms = STALE_MS if self._by_pedals else GONE_MS
-        if self.owner == NOBODY or tick - self._heard.get(self.owner, tick) <= gone_ms:
+        if self.owner == NOBODY or tick - self._message_ticks.get(self.owner, tick) <= gone_ms:
             return False
-        self._disarm(self.owner, "silence", tick)
-        self._hand_to(NOBODY, "silent", tick)
+        self._require_lift(self.owner, "silence", tick)
+        self._hand_over(NOBODY, "silent", tick)
         return True
 
-    def rearm(self, why: str, tick: int) -> None:
+    def require_lifts(self, cause: str, tick: int) -> None:
         """Require that every pedal is lifted before it counts again."""
-        if self._armed:
-            self._record(tick, "rearm", why=why)
-        self._armed.clear()
-        self._since = dict.fromkeys(CONSOLES, why)
-        self.down = False
+        if self._ready:
+            self._record(tick, "rearm", why=cause)
+        self._ready.clear()
+        self._lift_causes = dict.fromkeys(CONSOLES, cause)
+        self.pedal_down = False
 
-    def _hand_to(self, console: str, by: str, tick: int) -> None:
-        self.owner, self.down = console, False
-        self._heard[console] = tick
-        self._record(tick, "owner", console=console, by=by)
+    def _hand_over(self, console: str, sender: str, tick: int) -> None:
+        # Gives the seat to a console. sender: who caused this, for the event.
+        self.owner, self.pedal_down = console, False
+        # A console that has just got the seat does not count as silent.
+        self._message_ticks[console] = tick
+        self._record(tick, "owner", console=console, by=sender)
 
-    def _disarm(self, console: str, why: str, tick: int) -> None:
-        if console in self._armed:
-            self._armed.discard(console)
-            self._since[console] = why
+    def _require_lift(self, console: str, cause: str, tick: int) -> None:
+        if console in self._ready:
+            self._ready.discard(console)
+            self._lift_causes[console] = cause
             if console == self.owner:
-                self._record(tick, "rearm", why=why)
+                self._record(tick, "rearm", why=cause)
 
 
 def console_of(message: Command) -> str:

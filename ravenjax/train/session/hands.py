@@ -2,9 +2,8 @@
 
 Speeds of "input" messages are along the axes of the view. The hands change their speed smoothly:
 critically damped, with 90 % of the change after `SMOOTHING_MS`. Positions are in the ITP frame of
-the arm, in micrometres before the console's scale. Orientations are relative to the start.
-
-A message "increments" comes from a console that has already scaled its increments. The robot's tick
+the arm, in micrometres before the console's scale. Orientations are relative to the start. A
+message "increments" comes from a console that has already scaled its increments. The robot's tick
 scales positions again in float32 and truncates them to whole micrometres. To make the result exact,
 every position here is half a micrometre farther from zero than the intended whole number.
 """
@@ -19,22 +18,18 @@ from ravenjax.train.protocol import STALE_MS, Command, Json, itp_from_view, turn
 from ravenjax.train.robot import ARM_COLUMNS, ArmName, Arms, Quat, turn_by, unit_quaternion
 from ravenjax.train.scenario import Speeds
 
-STILL = (0.0,) * 7
-"""Speeds of a hand at rest: move 3, turn 3, grasp."""
-LEVEL: Quat = (0.0, 0.0, 0.0, 1.0)
-"""The identity rotation."""
-SMOOTHING_MS = 30.0
-"""Time in which hands reach 90 % of a new speed; an assumption."""
+STILL = (0.0,) * 7  # Speeds of a hand at rest: move 3, turn 3, grasp
+IDENTITY: Quat = (0.0, 0.0, 0.0, 1.0)  # The identity rotation
+SMOOTHING_MS = 30.0  # Time in which hands reach 90 % of a new speed; an assumption
 _RATE = 3.8897 / SMOOTHING_MS
 """1/ms. A critically damped step, 1 - (1 + s) exp(-s), is 0.9 at s = 3.8897."""
 _DECAY = math.exp(-_RATE)
-# A hand below this share of full speed counts as at rest.
-_AT_REST = 1e-6
-# Smaller differences from the aim are set to zero.
-_SETTLED = 1e-12
+_MIN_SPEED = 1e-6  # A hand below this share of full speed is at rest
+# A speed is equal to the wanted speed if the difference is smaller.
+_MIN_DIFFERENCE = 1e-12
 GRASP_MRAD = (-400.0, 1500.0)
 """Limits of the jaws: how far they open and close from the start, about 90 degrees open."""
-FARTHEST_UM = 1_000_000.0
+MAX_POSITION_UM = 1_000_000.0
 """Limit of scaled positions. Up to here, single precision resolves half a micrometre."""
 
 
@@ -42,8 +37,7 @@ class Hands:
     """The hands of one operator, one for each arm, and the foot on the pedal."""
 
     _pedal = False
-    # Tick of the last accepted message; -1: none yet.
-    _heard = -1
+    _last_input_tick = -1  # Tick of the last accepted message; -1: none yet
     alive = False  # whether the last input is not stale
 
     def __init__(self, arms: Arms, scale: float, speeds: Speeds) -> None:
@@ -55,25 +49,29 @@ class Hands:
         self.columns = np.zeros(len(self.arms) * len(ARM_COLUMNS) + 1, np.float32)
 
     def apply(self, message: Command, tick: int) -> bool:
-        """Apply a valid message "input" or "increments". Return False if it leads out of range."""
+        """Apply a valid message "input" or "increments", which a console sends. Return False, and
+        change nothing, if an increment leads out of the range of positions.
+        """
         tables = message["arms"]
         if message["type"] == "increments":
-            given = [(hand, tables[arm]) for arm, hand in self._hands.items() if arm in tables]
-            if not all(hand.has_room(increment) for hand, increment in given):
+            moved = [(hand, tables[arm]) for arm, hand in self._hands.items() if arm in tables]
+            if not all(hand.is_in_range(increment) for hand, increment in moved):
                 return False
             for hand in self._hands.values():
-                hand.aim(STILL)
-            for hand, increment in given:
+                hand.set_speeds(STILL)
+            for hand, increment in moved:
                 hand.add(increment)
         else:
             for arm, hand in self._hands.items():
-                hand.aim(_speeds(tables.get(arm, {})))
-        self._pedal, self._heard = message["pedal"], tick
+                hand.set_speeds(_limit_speeds(tables.get(arm, {})))
+        self._pedal, self._last_input_tick = message["pedal"], tick
         return True
 
     def advance(self, tick: int) -> Hands:
-        """Compute one millisecond of motion and return self. Call it once a tick."""
-        alive = self.alive = self._heard >= 0 and tick - self._heard <= STALE_MS
+        """Compute one millisecond of motion and return self. Call it once a tick. Without recent
+        input, the hands stop at once and the pedal is up.
+        """
+        alive = self.alive = self._last_input_tick >= 0 and tick - self._last_input_tick <= STALE_MS
         values: list[float] = []
         for hand in self._hands.values():
             if alive:
@@ -86,7 +84,9 @@ class Hands:
         return self
 
     def move_to(self, columns: np.ndarray) -> None:
-        """Put the hands, at rest, where a row of motion has them. The next row then equals it."""
+        """Put the hands, at rest, at the positions in a row of a motion table. columns: the row.
+        The next row of the resting hands is equal to it.
+        """
         width = len(ARM_COLUMNS)
         for i, hand in enumerate(self._hands.values()):
             hand.stop()
@@ -96,91 +96,101 @@ class Hands:
 class _Hand:
     """One hand: its scaled position, and its speed along the ITP axes in shares of full speed."""
 
-    _quat = LEVEL
-    _grasped = 0.0
-    _aim: tuple[float, ...] = STILL
+    _quat = IDENTITY
+    _grasp_mrad = 0.0
+    _wanted_speeds: tuple[float, ...] = STILL
     _moving = False
 
     def __init__(self, arm: ArmName, speeds: Speeds) -> None:
         self._axes = itp_from_view(arm)
-        self._move = speeds.move_mm_s  # um of the tip per ms
-        self._turn = speeds.turn_rad_s * 1e-3
+        self._move_step = speeds.move_mm_s  # um of the tip per ms
+        self._turn_step = speeds.turn_rad_s * 1e-3
         self._grasp_step = speeds.grasp_mrad_s * 1e-3
-        self._x = [0.0] * 3  # um after scaling
-        self._v = [0.0] * 7
-        self._change = [0.0] * 7  # rate of change of the speeds, per ms
+        self._position_um = [0.0] * 3  # after scaling
+        # Ordered as STILL: shares of full speed, and their change, 1/ms.
+        self._speeds = [0.0] * 7
+        self._accelerations = [0.0] * 7
 
-    def aim(self, speeds: tuple[float, ...]) -> None:
+    def set_speeds(self, speeds: tuple[float, ...]) -> None:
         """Set the speeds to reach, each -1 to 1: move 3 and turn 3 in axes of the view, grasp."""
         if any(speeds):
             move, turn = turn_vector(self._axes, speeds[0:3]), turn_vector(self._axes, speeds[3:6])  # type: ignore[arg-type]
-            self._aim, self._moving = (*move, *turn, speeds[6]), True
+            self._wanted_speeds, self._moving = (*move, *turn, speeds[6]), True
         else:
-            self._aim = STILL
+            self._wanted_speeds = STILL
 
     def stop(self) -> None:
+        """Stop at once, without a smooth change of speed."""
         if self._moving:
-            self._aim, self._moving = STILL, False
-            self._v, self._change = [0.0] * 7, [0.0] * 7
+            self._wanted_speeds, self._moving = STILL, False
+            self._speeds, self._accelerations = [0.0] * 7, [0.0] * 7
 
     def step(self) -> None:
-        # Changes the speed smoothly to the one that the page requests, and moves the hand.
+        # Changes the speeds smoothly to the wanted speeds, and moves the hand.
         if not self._moving:
             return
-        v, change = self._v, self._change
+        v, acceleration = self._speeds, self._accelerations
         # Exact solution of a critically damped second-order system.
-        for i, aim in enumerate(self._aim):
-            off = v[i] - aim
-            if off or change[i]:
-                slope = change[i] + _RATE * off
-                v[i] = aim + (off + slope) * _DECAY
-                change[i] = (change[i] - _RATE * slope) * _DECAY
-                if abs(off) < _SETTLED and abs(change[i]) < _SETTLED:
-                    v[i], change[i] = aim, 0.0
-        if self._aim is STILL and max(map(abs, v)) < _AT_REST:
+        for i, wanted in enumerate(self._wanted_speeds):
+            difference = v[i] - wanted
+            if difference or acceleration[i]:
+                slope = acceleration[i] + _RATE * difference
+                v[i] = wanted + (difference + slope) * _DECAY
+                acceleration[i] = (acceleration[i] - _RATE * slope) * _DECAY
+                if abs(difference) < _MIN_DIFFERENCE and abs(acceleration[i]) < _MIN_DIFFERENCE:
+                    v[i], acceleration[i] = wanted, 0.0
+        if self._wanted_speeds is STILL and max(map(abs, v)) < _MIN_SPEED:
             self.stop()
             return
-        x, far = self._x, self._move
+        position, step = self._position_um, self._move_step
         for i in (0, 1, 2):
-            moved = x[i] + v[i] * far
-            if -FARTHEST_UM < moved < FARTHEST_UM:
-                x[i] = moved
+            moved = position[i] + v[i] * step
+            if -MAX_POSITION_UM < moved < MAX_POSITION_UM:
+                position[i] = moved
         if v[6]:
             low, high = GRASP_MRAD
-            wanted = self._grasped + v[6] * self._grasp_step
-            self._grasped = min(max(wanted, min(low, self._grasped)), max(high, self._grasped))
+            wanted = self._grasp_mrad + v[6] * self._grasp_step
+            # A console's increments may have left the limits. The jaws then move only back.
+            low, high = min(low, self._grasp_mrad), max(high, self._grasp_mrad)
+            self._grasp_mrad = min(max(wanted, low), high)
         if v[3] or v[4] or v[5]:
-            half = 0.5 * self._turn
+            # The quaternion of a small rotation vector, which has half its length.
+            half = 0.5 * self._turn_step
             turn = unit_quaternion((v[3] * half, v[4] * half, v[5] * half, 1.0))
             self._quat = turn_by(self._quat, turn)
 
-    def has_room(self, increment: Json) -> bool:
-        x = [a + d for a, d in zip(self._x, increment["delta_um"], strict=True)]
-        x.append(self._grasped + increment.get("grasp_mrad", 0.0))
-        return max(map(abs, x)) <= FARTHEST_UM
+    def is_in_range(self, increment: Json) -> bool:
+        """Return whether position and grasp stay within `MAX_POSITION_UM`."""
+        pairs = zip(self._position_um, increment["delta_um"], strict=True)
+        values = [position + delta for position, delta in pairs]
+        values.append(self._grasp_mrad + increment.get("grasp_mrad", 0.0))
+        return max(map(abs, values)) <= MAX_POSITION_UM
 
     def add(self, increment: Json) -> None:
         for i, d in enumerate(increment["delta_um"]):
-            self._x[i] += d
-        self._grasped += increment.get("grasp_mrad", 0.0)
-        quat = tuple(increment.get("quat", LEVEL))
-        if quat != LEVEL:
+            self._position_um[i] += d
+        self._grasp_mrad += increment.get("grasp_mrad", 0.0)
+        quat = tuple(increment.get("quat", IDENTITY))
+        if quat != IDENTITY:
             self._quat = turn_by(self._quat, quat)
 
     def columns(self, scale: float) -> list[float]:
+        """Return the columns of a motion table: position before scaling, quaternion, grasp."""
         per_um = 1.0 / scale
-        position = (_beyond(x) * per_um for x in self._x)
-        return [*position, *self._quat, _beyond(self._grasped)]
+        position = (_away_from_zero(x) * per_um for x in self._position_um)
+        return [*position, *self._quat, _away_from_zero(self._grasp_mrad)]
 
     def move_to(self, values: list[float], scale: float) -> None:
         """Set the position from the arm's columns in a row of motion."""
-        self._x = [_within(x * scale) for x in values[0:3]]
+        self._position_um = [_toward_zero(x * scale) for x in values[0:3]]
         self._quat = unit_quaternion(tuple(values[3:7]))  # type: ignore[arg-type]
-        self._grasped = _within(values[7])
+        self._grasp_mrad = _toward_zero(values[7])
 
 
-def _speeds(given: Json) -> tuple[float, ...]:
-    """Return an arm's speeds ordered as STILL: move and turn at most of length 1, grasp -1 to 1."""
+def _limit_speeds(given: Json) -> tuple[float, ...]:
+    """Return an arm's speeds of a message "input", ordered as STILL. The vectors "move" and "turn"
+    are shortened to length 1, and "grasp" is limited to -1 to 1.
+    """
     speeds: list[float] = []
     for name in ("move", "turn"):
         vector = given.get(name, STILL[:3])
@@ -189,11 +199,11 @@ def _speeds(given: Json) -> tuple[float, ...]:
     return *speeds, min(max(given.get("grasp", 0.0), -1.0), 1.0)
 
 
-def _beyond(x: float) -> float:
+def _away_from_zero(x: float) -> float:
     """Return `x` half a unit farther from zero, which truncates to the nearest whole number."""
     return x + 0.5 if x > 0.0 else x - 0.5 if x < 0.0 else 0.0
 
 
-def _within(x: float) -> float:
-    """Return the inverse of `_beyond`; 0 for values that `_beyond` never returns."""
+def _toward_zero(x: float) -> float:
+    """Return the inverse of `_away_from_zero`, or 0 for values that it never returns."""
     return x - 0.5 if x > 0.5 else x + 0.5 if x < -0.5 else 0.0

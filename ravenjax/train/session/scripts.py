@@ -11,30 +11,18 @@ import numpy as np
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
 from ravenjax.errors import UserError
-from ravenjax.train.protocol import (
-    STOPPED,
-    VIEW,
-    Command,
-    Frame,
-    Increments,
-    Input,
-    closing_point,
-    to_world,
-    turn_vector,
-)
+from ravenjax.train import protocol
+from ravenjax.train.protocol import Command, Frame, Increments, Input
 from ravenjax.train.robot import PEDAL_DOWN, ArmName, Arms
 from ravenjax.train.scenario import Speeds
 from ravenjax.train.session.advance import Session
 from ravenjax.train.tasks import Task
 
-INPUT_EVERY_MS = 16
-"""Interval between inputs, ms, as of a page at 60 Hz."""
-FIRST_PEDAL_MS = 200
-"""Tick of the first pedal-down."""
+INPUT_EVERY_MS = 16  # Interval between inputs, ms, as of a page at 60 Hz
+FIRST_PEDAL_MS = 200  # Tick of the first pedal-down
 TOUCH_DELAY_MS, SIGHT_DELAY_MS = 250, 400
 """Delays from a felt force, or a seen event, to the action; assumed as in `stages.reaction`."""
-REST_MS = 1500
-"""How long the operator keeps the pedal up, or moves slowly, as a reaction, ms."""
+REST_MS = 1500  # How long the operator keeps the pedal up, or moves slowly, as a reaction, ms
 UNAVAILABLE_MS = 1000
 """The operator restarts a robot that has not moved for this time, ms, with the pedal down."""
 # Speed of the hand per distance from the goal, and speed of the jaws (share of full) per angle.
@@ -48,88 +36,93 @@ _HANDS: TypeAdapter[Input | Increments] = TypeAdapter(
 
 
 class Follower:
-    """A simulated operator who moves toward the task's goal and reacts to hazards.
-
-    The speed is proportional to the distance. If the cue is on, the operator reacts to its onset.
-    A force that persists after the pedal was up causes no second reaction. The operator sees that
-    the robot is stopped, and restarts it.
+    """A simulated operator who moves toward the task's goal and reacts to hazards. The speed is
+    proportional to the distance. If the cue is on, the operator reacts to its onset. A force that
+    persists after the pedal was up causes no second reaction. The operator sees that the robot is
+    stopped, and restarts it.
     """
 
-    _pedal_ms = FIRST_PEDAL_MS  # the pedal is down from this tick on
-    _act_at = -1  # tick of the next action; -1: none
-    _until = -1  # the action lasts until this tick
-    _restart_at = -1
-    _felt = False
-    _waited = 0  # ms for which the robot has not moved with the pedal down
+    # Ticks: the pedal goes down, the reaction begins and ends, the robot is restarted. -1: none.
+    _pedal_down_tick = FIRST_PEDAL_MS
+    _reaction_start = _reaction_end = _restart_tick = -1
+    _felt_force = False  # in the previous tick
+    _unmoved_ms = 0  # time for which the robot has not moved with the pedal down
 
     def __init__(self, task: Task, arms: Arms, speeds: Speeds, reaction: str = "release") -> None:
         """reaction: one of `REACTIONS`."""
         self._task, self._arms, self._reaction = task, arms, reaction
-        self._gain = GAIN_PER_S * 1e3 / speeds.move_mm_s  # share of full speed per m
+        self._gain = GAIN_PER_S * 1e3 / speeds.move_mm_s
 
     def messages(self, tick: int, frame: Frame) -> list[Command]:
-        """Return the commands before this tick. frame: of the previous tick."""
-        down = frame.number("pedal")
-        waits = down and frame.number("runlevel") != PEDAL_DOWN
-        self._waited = self._waited + 1 if waits else 0
-        gone = frame.number("phase") == STOPPED or self._waited > UNAVAILABLE_MS
-        if gone or tick <= self._restart_at:
-            self._act_at = -1
+        """Return the operator's commands before this tick. frame: of the previous tick."""
+        pedal_down = frame.number("pedal")
+        is_unmoved = pedal_down and frame.number("runlevel") != PEDAL_DOWN
+        self._unmoved_ms = self._unmoved_ms + 1 if is_unmoved else 0
+        is_stopped = frame.number("phase") == protocol.STOPPED
+        if is_stopped or self._unmoved_ms > UNAVAILABLE_MS or tick <= self._restart_tick:
+            self._reaction_start = -1
             return self._restart(tick)
-        self._restart_at = -1
-        touch = bool(frame.number("cue_on") and frame.number("console_alive"))
-        felt = touch and any(any(frame[f"{arm}/force"].tolist()) for arm in self._arms)
-        begins, self._felt = felt and not self._felt, felt
-        if begins and self._act_at < 0 and tick > self._until and down:
-            self._act_at = tick + TOUCH_DELAY_MS if self._reaction != "none" else -1
-        if 0 <= self._act_at <= tick:
-            self._act_at, self._until = -1, tick + REST_MS
+        self._restart_tick = -1
+        can_feel = bool(frame.number("cue_on") and frame.number("console_alive"))
+        forces = [frame[f"{arm}/force"].tolist() for arm in self._arms]
+        feels_force = can_feel and any(map(any, forces))
+        is_onset, self._felt_force = feels_force and not self._felt_force, feels_force
+        is_idle = self._reaction_start < 0 and tick > self._reaction_end
+        if is_onset and is_idle and pedal_down and self._reaction != "none":
+            self._reaction_start = tick + TOUCH_DELAY_MS
+        if 0 <= self._reaction_start <= tick:
+            self._reaction_start, self._reaction_end = -1, tick + REST_MS
             stop = [{"type": "operator", "do": "estop"}] if self._reaction == "stop" else []
             return [*stop, self._input(tick, frame)]
         return [] if tick % INPUT_EVERY_MS else [self._input(tick, frame)]
 
     def _input(self, tick: int, frame: Frame) -> Command:
-        acting = tick < self._until
-        released = acting and self._reaction in ("release", "stop")
-        slow = 0.1 if acting and self._reaction == "slow" else 1.0
-        hands = {} if released else {arm: self._hand(arm, frame, slow) for arm in self._arms}
-        return {
-            "type": "input",
-            "source": "script",
-            "pedal": tick >= self._pedal_ms and not released,
-            "arms": {arm: hand for arm, hand in hands.items() if hand},
-        }
+        # Returns the message "input". A reaction lifts the pedal, or slows the hands down.
+        is_reacting = tick < self._reaction_end
+        lifts_pedal = is_reacting and self._reaction in ("release", "stop")
+        speed_share = 0.1 if is_reacting and self._reaction == "slow" else 1.0
+        hands: dict[str, Command] = {}
+        for arm in () if lifts_pedal else self._arms:
+            if hand := self._hand(arm, frame, speed_share):
+                hands[arm] = hand
+        pedal_down = tick >= self._pedal_down_tick and not lifts_pedal
+        return {"type": "input", "source": "script", "pedal": pedal_down, "arms": hands}
 
-    def _hand(self, arm: ArmName, frame: Frame, slow: float) -> Command:
-        # Returns speeds of the hand toward the point that the task requests next.
-        row = frame[f"{arm}/link_jpos"].tolist()
-        tip = to_world(arm, closing_point(arm, frame[f"{arm}/tip"].tolist(), row))
-        wish = self._task.wish(arm, tip)
-        if wish is None:
+    def _hand(self, arm: ArmName, frame: Frame, speed_share: float) -> Command:
+        # Returns speeds of the hand toward the task's next aim; {} if the arm has none.
+        # speed_share: of the usual speed.
+        jpos = frame[f"{arm}/link_jpos"].tolist()
+        axis = frame[f"{arm}/tip"].tolist()
+        tip = protocol.to_world(arm, protocol.closing_point(arm, axis, jpos))
+        aim = self._task.next_aim(arm, tip)
+        if aim is None:
             return {}
-        way = turn_vector(VIEW, np.subtract(wish.point, tip).tolist())
-        gain = slow * self._gain
-        opening = row[5] + row[6]
+        to_aim = protocol.turn_vector(protocol.VIEW, np.subtract(aim.point, tip).tolist())
+        gain = speed_share * self._gain
+        opening = jpos[5] + jpos[6]
         # rad, well beyond the openings at which jaws hold and release: see `tasks.CLOSED_RAD`.
-        aim = 0.6 if wish.closed else 1.4
-        grasp = min(max((opening - aim) * GRASP_PER_RAD, -1.0), 1.0)
-        return {
-            "move": [gain * x for x in way],
-            "grasp": grasp if abs(opening - aim) > 0.02 else 0.0,
-        }
+        next_opening = 0.6 if aim.jaws_closed else 1.4
+        grasp = min(max((opening - next_opening) * GRASP_PER_RAD, -1.0), 1.0)
+        # The jaws rest within 0.02 rad, so that they do not tremble.
+        is_far = abs(opening - next_opening) > 0.02
+        return {"move": [gain * x for x in to_aim], "grasp": grasp if is_far else 0.0}
 
     def _restart(self, tick: int) -> list[Command]:
-        """Stop the hands, and restart the robot after the time that a person needs to notice."""
-        if self._restart_at < 0:
-            self._restart_at = tick + REST_MS
-        aware = tick - (self._restart_at - REST_MS) >= SIGHT_DELAY_MS
-        out: list[Command] = []
+        """Return the commands of an operator who restarts the robot after `REST_MS`. The pedal
+        stays down for the time that a person needs to notice that the robot stopped.
+        """
+        if self._restart_tick < 0:
+            self._restart_tick = tick + REST_MS
+        has_noticed = tick - (self._restart_tick - REST_MS) >= SIGHT_DELAY_MS
+        commands: list[Command] = []
         if tick % INPUT_EVERY_MS == 0:
-            out.append({"type": "input", "source": "script", "pedal": not aware, "arms": {}})
-        if tick == self._restart_at:
-            self._pedal_ms = tick + REST_MS // 2
-            out.append({"type": "operator", "do": "restart"})
-        return out
+            commands.append(
+                {"type": "input", "source": "script", "pedal": not has_noticed, "arms": {}}
+            )
+        if tick == self._restart_tick:
+            self._pedal_down_tick = tick + REST_MS // 2
+            commands.append({"type": "operator", "do": "restart"})
+        return commands
 
 
 class Scripted:
@@ -183,9 +176,10 @@ def read_commands(path: str | Path) -> list[tuple[int, Command]]:
                 _HANDS.validate_python(entry.message)
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
-            where = ".".join(map(str, first["loc"])) or "the line"
+            # The key that is wrong, such as message.pedal.
+            key = ".".join(map(str, first["loc"])) or "the line"
             raise UserError(
-                f"{path}:{number}: {where}: {first['msg']}. Expected"
+                f"{path}:{number}: {key}: {first['msg']}. Expected"
                 ' {"tick": ms, "message": {..}}'
             ) from None
         commands.append((entry.tick, entry.message))

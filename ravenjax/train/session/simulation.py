@@ -65,14 +65,13 @@ class Blueprint:
 def make_blueprint(
     config: CampaignConfig, packets: bool = False, limit_mm: float = LIMIT_MM
 ) -> Blueprint:
-    """Compile the session that `config` describes; its duration is the session's.
-
-    packets: packets come from outside, at most one a tick. Raises UserError if a hazard then needs
-    older packets. limit_mm: the observer's limit. It is not the campaign's, on which run ids and
-    the random numbers of faults depend.
+    """Compile the session that `config` describes; its duration is the session's. packets: packets
+    come from outside, at most one a tick. Raises UserError if a hazard then needs older packets.
+    limit_mm: the observer's limit. It is not the campaign's, on which run ids and the random
+    numbers of faults depend.
     """
-    ready = plan.make_plan(config)
-    program = ready.program
+    session_plan = plan.make_plan(config)
+    program = session_plan.program
     injection = program.setup.injection
     slots = injection.slots + 1
     for use in injection.sites if packets else ():
@@ -87,19 +86,20 @@ def make_blueprint(
     monitored = replace(program.params.monitor, limit=limit_mm / 1e3)
     params = replace(program.params, monitor=monitored)
     program = dataclasses.replace(program, setup=setup, params=params)
-    ready = dataclasses.replace(ready, program=program)
+    session_plan = dataclasses.replace(session_plan, program=program)
     layout = FrameLayout.of(setup.arms)
     # Varied parameters of the last row, the E-stop button, which is no hazard.
-    values_of_button = [values[-1] for values in ready.varied.values()]
+    estop_parameters = [values[-1] for values in session_plan.varied.values()]
     zeros = {name: np.zeros((), dtype) for name, dtype in table.ARRAYS.items()}
+    # The tick divides by the period, so it is never 0.
     empty = FaultSlot(**(zeros | {"period": np.ones((), np.int32)}))
-    inputs = values_of_button, Faults((empty,) * slots)
+    inputs = estop_parameters, Faults((empty,) * slots)
     entering = (
         [np.float32(0.0)] * run.series_length(setup),
         np.bool_(False),
         empty_packet(setup) if packets else None,
     )
-    columns = len(ready.columns)
+    columns = len(session_plan.columns)
     length = 1 if packets else config.campaign.ticks + SPARE_MS
 
     def begin(inputs: Any) -> tick.TickState:
@@ -108,12 +108,13 @@ def make_blueprint(
     def step(
         inputs: Any, state: tick.TickState, now: Scalar, entering: Any, motion: Any
     ) -> tuple[tick.TickState, list[Scalar]]:
-        series, apart, packet = entering
-        signal = Input(now, motion, run.reference_from(setup, series), packet, apart)
+        # Written by `SimulatedRobot`: the golden run's signals, whether it differs, and a packet.
+        series, golden_differs, packet = entering
+        signal = Input(now, motion, run.reference_from(setup, series), packet, golden_differs)
         params = program.params_of(inputs[0])
-        new, signals = tick.advance_tick(setup, params, inputs[1], state, signal)
-        frame = _frame(setup, params, now, new, signals, signal)
-        return new, [jnp.float32(x) for x in (*frame, *run.reference_series(setup, signals))]
+        after, signals = tick.advance_tick(setup, params, inputs[1], state, signal)
+        frame = _frame(setup, params, now, after, signals, signal)
+        return after, [jnp.float32(x) for x in (*frame, *run.reference_series(setup, signals))]
 
     def finish(inputs: Any, state: tick.TickState) -> dict[str, Scalar]:
         return run.outcomes(setup, program.params_of(inputs[0]), state)
@@ -126,7 +127,7 @@ def make_blueprint(
     code = StepCode(
         begin, step, finish, inputs, entering, tables, compile_cache.object_cache(), key
     )
-    return Blueprint(ready, layout, code, inputs)
+    return Blueprint(session_plan, layout, code, inputs)
 
 
 def _frame(
@@ -140,7 +141,7 @@ def _frame(
     """Return the channels [simulated] of `channels.toml`, then [simulated_arm] of each arm."""
     active_fault = reduce(operator.or_, out.fault_active, jnp.bool_(False))
     software, observer = out.control, state.monitor
-    pulls = reduce(operator.or_, (cue.force[0] > 0.0 for cue in out.haptics), jnp.bool_(False))
+    has_cue = reduce(operator.or_, (cue.force[0] > 0.0 for cue in out.haptics), jnp.bool_(False))
     live = observers.is_live(software.runlevel, state.control.state_machine.soft_estopped)
     numbers = [now, software.runlevel, software.surgeon_mode, software.soft_estopped, as_int(live)]
     numbers += [out.plc.runlevel, out.plc.brakes]
@@ -148,7 +149,7 @@ def _frame(
     trips = sum((history.count for history in histories), jnp.int32(0))
     numbers += [software.last_seq, as_int(active_fault), trips, out.tip_distance * 1e3]
     # `SimulatedRobot.step` overwrites the last two with those of the golden run.
-    numbers += [observer.halted, observer.halted, as_int(pulls)]
+    numbers += [observer.halted, observer.halted, as_int(has_cue)]
     positions = run.measured_tips(setup, software)
     golden = observers.golden_reference(setup, signal, out.tip, positions)
     for i, measured in enumerate(software.arms):
@@ -159,24 +160,26 @@ def _frame(
         numbers += [*out.plant[i].jpos, *out.nominal[i].jpos]
         numbers += [*out.tip[i], *out.nominal[i].tip_position, *position_m]
         numbers += [cue.distance * 1e3, *pull, *measured.current_cmd_written]
-        off = monitor.arm_distances(
+        distances = monitor.arm_distances(
             params.monitor, observer.arms[i], out.nominal[i].tip_position, position, golden.pos[i]
         )
-        numbers += [out.depth[i] * 1e3, *hazard_distances(live, off)]
+        numbers += [out.depth[i] * 1e3, *hazard_distances(live, distances)]
         numbers += [norm(minus(Vec(jnp.float32(x) for x in position), golden.pos[i])) * 1e-3]
         touch = out.plant[i].touch
         numbers += [0.0] * 5 if touch is None else [*touch.force, touch.vessel, touch.instrument]
     return numbers
 
 
-def hazard_distances(live: Scalar, off: monitor.Distances) -> list[Scalar]:
-    """Return unintended_mm, unintended_off_mm, loss_mm and false_report_mm of a frame."""
+def hazard_distances(live: Scalar, distances: monitor.Distances) -> list[Scalar]:
+    """Return unintended_mm, unintended_off_mm, loss_mm and false_report_mm of a frame. They are 0
+    while not live; unintended_off_mm is 0 while live. distances: m.
+    """
     while_live = jnp.where(live, 1e3, 0.0)
     return [
-        off.unintended * while_live,
-        off.unintended_off * (1e3 - while_live),
-        off.loss * while_live,
-        off.false_report * while_live,
+        distances.unintended * while_live,
+        distances.unintended_off * (1e3 - while_live),
+        distances.loss * while_live,
+        distances.false_report * while_live,
     ]
 
 
@@ -187,60 +190,60 @@ HISTORY_MS = 2000
 
 class SimulatedRobot:
     """A simulated robot and its golden run. `row` contains the robot's channels after each `step`.
-
-    While no fault is armed, robot and golden run are identical, and only one is computed.
+    While no fault is armed, robot and golden run are identical, and only the robot is computed.
     """
 
     def __init__(self, blueprint: Blueprint) -> None:
         self.blueprint = blueprint
         code = blueprint.code
-        self._own = Stepper(code, blueprint.inputs)
-        self._beside = Stepper(code, blueprint.inputs, self._own.flat)
-        self._shown = np.zeros((2, code.outputs), np.float32)
-        self._addresses = [self._shown.ctypes.data + i * self._shown.strides[0] for i in (0, 1)]
-        self.row = self._shown[0, : blueprint.layout.simulated]
+        self._robot = Stepper(code, blueprint.inputs)
+        self._golden = Stepper(code, blueprint.inputs, self._robot.flat)
+        self._outputs = np.zeros((2, code.outputs), np.float32)
+        first_address, row_bytes = self._outputs.ctypes.data, self._outputs.strides[0]
+        self._addresses = [first_address, first_address + row_bytes]
+        self.row = self._outputs[0, : blueprint.layout.simulated]
         # [columns, ticks], filled row by row.
-        self.motion = self._own.flat.reshape(len(code.tables), -1)
+        self.motion = self._robot.flat.reshape(len(code.tables), -1)
         first, last = (blueprint.layout.places[name] for name in (GOLDEN[0], GOLDEN[-1]))
-        # Channels of the golden run in the row.
-        self._golden = self._shown[:, first.start : last.stop]
-        self.now = 0  # the next tick
-        self._series = self._shown[1, blueprint.layout.simulated :]
-        series = self._series.size
-        self._reference = self._own.step_inputs[:series]
-        self._apart = False
-        self._told_apart = self._own.step_inputs[series]
-        self.packets = [stepper.step_inputs[series + 1 :] for stepper in (self._own, self._beside)]
+        # Channels of the golden run in both outputs.
+        self._golden_channels = self._outputs[:, first.start : last.stop]
+        self.next_tick = 0
+        # The golden run's signals follow the frame in its output, and enter the robot's tick.
+        self._golden_output = self._outputs[1, blueprint.layout.simulated :]
+        series = self._golden_output.size
+        self._golden_input = self._robot.step_inputs[:series]
+        self._golden_differs = False
+        self._golden_differs_input = self._robot.step_inputs[series]
+        steppers = self._robot, self._golden
+        self.packets = [stepper.step_inputs[series + 1 :] for stepper in steppers]
         """Where a packet from outside enters the robot and its golden run."""
-        self._fresh = self._own.snapshot()
+        self._initial_state = self._robot.snapshot()
         places = tree.fill_tree(code.state.record, list(range(len(code.state.layout.types))))
-        # Leaves of each slot in the state.
-        self._slots = [tree.tree_leaves(slot) for slot in places.faults.slots]
-        self._fault_inputs = len(code.inputs.layout.types) - len(_FIELDS) * (
-            blueprint.fault_slots + 1
-        )
+        self._slot_leaves = [tree.tree_leaves(slot) for slot in places.faults.slots]
+        # The fields of all slots are the last inputs of the compiled code.
+        slot_inputs = len(_FIELDS) * (blueprint.fault_slots + 1)
+        self._first_fault_input = len(code.inputs.layout.types) - slot_inputs
 
     def step(self) -> None:
-        """Compute one tick."""
-        if self._apart:
-            self._beside.step(self.now, self._addresses[1])
-            for place, number in zip(self._reference, self._series.tolist(), strict=True):
+        """Compute one tick: the golden run, if it differs, and then the robot."""
+        if self._golden_differs:
+            self._golden.step(self.next_tick, self._addresses[1])
+            for place, number in zip(self._golden_input, self._golden_output.tolist(), strict=True):
                 place[0] = number
-        self._own.step(self.now, self._addresses[0])
-        if self._apart:
-            self._golden[0] = self._golden[1]
-        self.now += 1
+        self._robot.step(self.next_tick, self._addresses[0])
+        if self._golden_differs:
+            self._golden_channels[0] = self._golden_channels[1]
+        self.next_tick += 1
 
     def outcomes(self) -> Json:
         """Return the robot's outcome columns of a campaign, as far as they are known now."""
-        return self._own.outcomes()
+        return self._robot.outcomes()
 
     def golden_outcomes(self) -> Json:
-        """Return the outcome columns of the golden run, which lacks the last armed fault."""
-        return self._beside.outcomes() if self._apart else self._own.outcomes()
+        """Return the outcome columns of the golden run, in which the armed fault does not act."""
+        return (self._golden if self._golden_differs else self._robot).outcomes()
 
-    heard = True
-    """Whether reports of the robot arrive: always for a simulated robot."""
+    reports_arrive = True  # Whether reports of the robot arrive: always for a simulated robot
 
     def stand_by(self) -> None:
         """Restart the motion table of a waiting robot, which is at its start position."""
@@ -249,37 +252,38 @@ class SimulatedRobot:
     def reset(self) -> None:
         """Return to the start: homed, at rest, pedal up, no fault armed."""
         self.disarm()
-        for robot in (self._own, self._beside):
+        for robot in (self._robot, self._golden):
             robot.begin()
-        self.now = 0
+        self.next_tick = 0
 
     def copy_from(self, other: SimulatedRobot) -> None:
         """Copy the state of another robot of the same blueprint, without its faults."""
         self.disarm()
-        for mine, theirs in ((self._own, other._own), (self._beside, other._beside)):
-            mine.restore(theirs.snapshot())
-        self._part(other._apart)
-        begin = max(0, other.now - HISTORY_MS)
-        self.motion[:, begin : other.now] = other.motion[:, begin : other.now]
-        self._shown[:] = other._shown
-        self.now = other.now
+        self._robot.restore(other._robot.snapshot())
+        self._golden.restore(other._golden.snapshot())
+        self._set_golden_differs(other._golden_differs)
+        # Later packets may repeat packets of this time.
+        begin = max(0, other.next_tick - HISTORY_MS)
+        self.motion[:, begin : other.next_tick] = other.motion[:, begin : other.next_tick]
+        self._outputs[:] = other._outputs
+        self.next_tick = other.next_tick
 
     def _realign(self) -> None:
         """Start the golden run at the robot's state: a past hazard may have separated them."""
-        self._own.change(
+        self._robot.change(
             lambda state: replace(state, monitor=monitor.realign_golden(state.monitor))
         )
-        self._beside.restore(self._own.snapshot())
+        self._golden.restore(self._robot.snapshot())
 
-    def _part(self, apart: bool) -> None:
-        self._apart = apart
-        self._told_apart[0] = -int(apart)
-
-    # --- faults ---
+    def _set_golden_differs(self, differs: bool) -> None:
+        self._golden_differs = differs
+        # Compiled code reads -1, all bits set, as True.
+        self._golden_differs_input[0] = -int(differs)
 
     def arm(self, row: int) -> None:
-        """Activate the faults of this row of the fault table from the next tick on. They keep their
-        distances in time, and none waits for the pedal.
+        """Activate the faults of this row of the fault table from the next tick on. The first fault
+        acts at once, or with the next packet, and the others keep their distances in time. No fault
+        waits for the pedal.
         """
         faults = self.blueprint.plan.faults
         slots = range(self.blueprint.fault_slots)
@@ -287,77 +291,75 @@ class SimulatedRobot:
         first = min((int(faults["start"][row, slot]) for slot in used), default=0)
         for slot in slots:
             values = {name: column[row, slot] for name, column in faults.items()}
-            packets = values["trigger"] == TRIGGER_CODES["packet"]  # packet numbers start at 1
-            values["trigger"] = TRIGGER_CODES["packet" if packets else "time"]
-            values["start"] = self.now + packets + int(values["start"]) - first
-            self._write(slot, values if slot in used else None)
+            # Faults of packets start by the packet's number, which is 1 in tick 0.
+            by_packet = values["trigger"] == TRIGGER_CODES["packet"]
+            values["trigger"] = TRIGGER_CODES["packet" if by_packet else "time"]
+            values["start"] = self.next_tick + by_packet + int(values["start"]) - first
+            self._set_fault(slot, values if slot in used else None)
         for k, values in enumerate(self.blueprint.plan.varied.values()):
-            self._own.inputs[k][0] = values[row]
+            self._robot.inputs[k][0] = values[row]
         self._realign()
-        self._part(True)
+        self._set_golden_differs(True)
 
     def disarm(self) -> None:
-        """Remove the faults that `arm` and `press` set."""
+        """Remove the faults that `arm` and `press_estop` set."""
         for slot in range(self.blueprint.fault_slots + 1):
-            self._write(slot, None)
+            self._set_fault(slot, None)
         for k, value in enumerate(self.blueprint.inputs[0]):
-            self._own.inputs[k][0] = value
+            self._robot.inputs[k][0] = value
         self._realign()
-        self._part(False)
+        self._set_golden_differs(False)
 
-    def press(self, row: int) -> None:
-        """Hold the button of this row of the fault table for 100 ms."""
-        if not self._apart:
-            self._beside.restore(self._own.snapshot())
-            self._part(True)
+    def press_estop(self, row: int) -> None:
+        """Hold the E-stop button for 100 ms. row: the button's row of the fault table."""
+        if not self._golden_differs:
+            self._golden.restore(self._robot.snapshot())
+            self._set_golden_differs(True)
         values = {name: column[row, 0] for name, column in self.blueprint.plan.faults.items()}
-        slot = self.blueprint.fault_slots
-        self._write(
-            slot, values | {"trigger": TRIGGER_CODES["time"], "start": self.now, "duration": 100}
-        )
+        values |= {"trigger": TRIGGER_CODES["time"], "start": self.next_tick, "duration": 100}
+        self._set_fault(self.blueprint.fault_slots, values)
 
-    def _write(self, slot: int, values: Json | None) -> None:
+    def _set_fault(self, slot: int, values: Json | None) -> None:
         """Set a slot's fault (values None: no fault), and reset the state of the slot."""
-        first = self._fault_inputs + slot * len(_FIELDS)
+        first = self._first_fault_input + slot * len(_FIELDS)
+        # Without a fault, all fields are 0 but the period, which the tick divides by.
+        fields = {name: name == "period" for name in _FIELDS} if values is None else values
         for k, name in enumerate(_FIELDS):
-            self._own.inputs[first + k][0] = (name == "period") if values is None else values[name]
-        self._own.restore_leaves(self._fresh, self._slots[slot])
+            self._robot.inputs[first + k][0] = fields[name]
+        self._robot.restore_leaves(self._initial_state, self._slot_leaves[slot])
 
 
 class EstopHold:
-    """Freezes the nominal model of a stopped robot in the rows of its frames.
-
-    The nominal model receives the console's packets. If the operator keeps the pedal down after an
-    E-stop, the model moves hundreds of millimetres away from the stopped robot, and the cue reaches
-    its cap. So the rows show the model's pose at the first tick of an E-stop, the robot's or its
-    software's, until the robot restarts. The error is then the distance of the measured tip from
-    this pose. The force is zero, because a hand cannot move a robot that holds its brakes. The
-    page, the hand and the recording get these rows. The tick itself is the same as in campaigns.
+    """Freezes the nominal model of a stopped robot in the rows of its frames. The nominal model
+    receives the console's packets. If the operator keeps the pedal down after an E-stop, the model
+    moves hundreds of millimetres away from the stopped robot, and the cue reaches its cap. So the
+    rows show the model's pose at the first tick of an E-stop, the robot's or its software's, until
+    the robot restarts. The error is then the distance of the measured tip from this pose. The force
+    is zero, because a hand cannot move a robot that holds its brakes. The page, the hand and the
+    recording get these rows. The tick itself is the same as in campaigns.
     """
 
     def __init__(self, layout: FrameLayout) -> None:
         places = layout.places
         self._runlevel, self._software = places["runlevel"].start, places["soft_estopped"].start
-        self._arms = [
-            tuple(
-                places[f"{arm}/{name}"] for name in ("model_tip", "position", "error_mm", "force")
-            )
-            for arm in layout.arms
+        # Positions in the row of each arm's channels, in the order in which `apply` uses them.
+        channels = ("model_tip", "position", "error_mm", "force")
+        self._arms = [[places[f"{arm}/{name}"] for name in channels] for arm in layout.arms]
+        model_channels = [
+            f"{arm}/{name}" for arm in layout.arms for name in ("model_jpos", "model_tip")
         ]
-        names = ("model_jpos", "model_tip")
-        held = [places[f"{arm}/{name}"] for arm in layout.arms for name in names]
-        self._model = np.r_[*held]
+        self._model = np.r_[*(places[name] for name in model_channels)]
         # Pose of the models when the robot stopped; None: the robot is not stopped.
-        self._pose: np.ndarray | None = None
+        self._held_pose: np.ndarray | None = None
 
     def apply(self, row: np.ndarray) -> None:
-        """Change this tick's row, float32, in place."""
+        """Change this tick's row, float32, in place, if the robot is stopped."""
         if row[self._runlevel] != E_STOP and not row[self._software]:
-            self._pose = None
+            self._held_pose = None
             return
-        if self._pose is None:
-            self._pose = row[self._model]
-        row[self._model] = self._pose
+        if self._held_pose is None:
+            self._held_pose = row[self._model]
+        row[self._model] = self._held_pose
         for tip, position, error, force in self._arms:
             row[error] = 1e3 * np.linalg.norm(row[position] - row[tip])
             row[force] = 0.0
@@ -376,7 +378,7 @@ class PacketRobot(SimulatedRobot):
     def tick(self, packet: Packet | None) -> Frame:
         """Compute one tick with a packet or None. Return the same `Frame` object each time."""
         for entering in self.packets:
-            # Without a packet, only its flag "received" changes.
+            # Without a packet, only its flag "received" changes. It is the first leaf.
             leaves = [0] if packet is None else tree.tree_leaves(packet)
             for place, number in zip(entering, leaves, strict=packet is not None):
                 place[0] = number

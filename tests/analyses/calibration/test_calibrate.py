@@ -11,7 +11,7 @@ from scipy.stats import binom
 import ravenjax as rj
 from ravenjax.analyses.calibration import joint_log, parameters, position_loop
 from ravenjax.analyses.calibration.calibrate import NORMAL_90, ROTOR, Calibration, LoggedRobot
-from ravenjax.analyses.calibration.fit import FINEST, Fit
+from ravenjax.analyses.calibration.fit import MIN_NOISE, Fit
 from ravenjax.analyses.calibration.parameters import Unknown
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.plant import robot
@@ -86,7 +86,7 @@ def test_a_log_of_the_full_simulator_is_replayed_to_a_count(tmp_path) -> None:
     plant = robot.params(setup, "gold")
     truth = position_loop.params(replace(plant, friction_scale=0.7))
     _, found, _ = logged.following_errors(logged.halves[0], {"truth": truth})
-    assert (found.residual < FINEST).all()
+    assert (found.residual < MIN_NOISE).all()
     wanted = parameters.select_unknowns((2,), ("friction", "offsets", "motors", "cables"))
     low, high = logged.calibrated(plant, wanted).interval
     before = parameters.prior_values(position_loop.params(plant), wanted)

@@ -26,13 +26,13 @@ def measured(truth: np.ndarray, noise: float) -> np.ndarray:
     return joints
 
 
-@pytest.mark.parametrize(("noise", "samples"), [(0.01, ROWS), (1e-6, fitting.LEAST)])
+@pytest.mark.parametrize(("noise", "samples"), [(0.01, ROWS), (1e-6, fitting.ASSUMED_SAMPLES)])
 def test_what_a_log_tells_is_found_as_surely_as_least_squares_say(noise, samples) -> None:
     """Errors of less than a count say little, however many rows there are."""
     truth = np.array([0.7, -0.4])
     best = fitting.fit_parameters(predictor, measured(truth, noise), 2)
     slope = np.exp(0.7) * TIME * np.exp(-np.exp(0.7) * TIME)
-    smallest = np.maximum(noise, fitting.FINEST[:2])
+    smallest = np.maximum(noise, fitting.MIN_NOISE[:2])
     expected = smallest / np.sqrt([samples * (slope**2).mean(), samples])
     deviation = np.sqrt(np.diag(best.covariance))
     np.testing.assert_allclose(deviation, expected, rtol=0.3)

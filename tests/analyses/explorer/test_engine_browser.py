@@ -16,7 +16,7 @@ import pytest
 from chromium import CHROMIUM, NEEDED
 
 import ravenjax as rj
-from ravenjax.analyses.deadline.finding import Actor, Lanes
+from ravenjax.analyses.deadline.finding import Actor, FaultActions
 from ravenjax.analyses.explorer import program
 from ravenjax.analyses.explorer.page import PREFIX, import_map
 from ravenjax.campaign import outcomes
@@ -321,7 +321,7 @@ def test_deadlines_are_those_of_the_command(page):
     )
     assert len(told) >= 2
     row, effect, harm = (np.repeat([one[k] for one in told], len(actor.actions)) for k in range(3))
-    lanes = Lanes(row, np.tile(list(actor.actions.values()), len(told)), effect, harm)
+    lanes = FaultActions(row, np.tile(list(actor.actions.values()), len(told)), effect, harm)
     found = actor.find(lanes, lambda text: None)[0]
     ours = np.where(found < effect, -1, found).reshape(len(told), -1)
     assert (ours > 0).any() and (ours < 0).any()

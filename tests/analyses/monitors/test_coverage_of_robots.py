@@ -24,7 +24,7 @@ def operations(folder, name, changes, count, seed):
     config = loading.load_campaign("drawn_robots", changes)
     wanted = split_scores(calibrate.choose_candidates(config.robot, calibrate.SIGNALS))
     design = OperationDesign(calibrate.varying_motions(config), ROBOTS, LENGTH_S, seed)
-    return calibrate.operate_units(
+    return calibrate.simulate_operators(
         config, design, wanted, WHOLE, folder / name, count, "simd", lambda *_: None
     )
 
@@ -58,7 +58,7 @@ def test_calibrations_keep_the_risk_with_their_confidence(tmp_path, name):
         own = OperationScores(
             np.repeat(np.arange(UNITS), ROBOTS), population.score[some], population.hours[some]
         )
-        broken += risk(threshold.least_threshold(own, target).value) > target.risk
+        broken += risk(threshold.smallest_threshold(own, target).value) > target.risk
         # the plain quantile of all scores, as if every operation were a unit
         naive += risk(np.quantile(own.score, 1.0 - target.risk, method="higher")) > target.risk
     assert broken <= binom.ppf(0.999, CALIBRATIONS, 0.1) < naive

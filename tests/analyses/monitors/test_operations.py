@@ -29,7 +29,9 @@ DESIGN = OperationDesign(("suture", "clutched"), 3, 1.2, 4)
 
 def by_campaigns(whole, design, number):
     """The same operations, each a run of a campaign of its own kind, beside its golden run."""
-    one = operations.of_operator(operations.operator_campaign(whole, design), design, number)
+    one = operations.campaign_of_operator(
+        operations.fault_free_campaign(whole, design), design, number
+    )
     return rj.run(validate_tables(one.model_dump(mode="json")), engine="simd")
 
 
@@ -51,7 +53,7 @@ def test_an_operator_depends_on_its_number_alone(tmp_path):
     (alone,) = runner.compute([2])
     *_, among = runner.compute(range(3))
     assert (alone.score == among.score).all() and alone.seed == among.seed
-    fresh = OperationDesign(*list(DESIGN.__dict__.values())[:4], operations.FRESH)
+    fresh = OperationDesign(*list(DESIGN.__dict__.values())[:4], operations.NEW_STREAM)
     assert not {fresh.operator(n) for n in range(100)} & {DESIGN.operator(n) for n in range(100)}
 
 

@@ -66,7 +66,7 @@ def expected(score: Score, now: dict, before: dict | None) -> float:
 )
 def test_the_printed_part_gives_what_the_words_say(tmp_path, some, views):
     path = tmp_path / "printed.py"
-    path.write_text(code.write_part([single for one in some for single in one.singles]))
+    path.write_text(code.write_part([single for one in some for single in one.channel_scores]))
     own = part.load_part(part.read_source("printed", path))
     params = own.params()
     state = own.init(params, "float32")

@@ -31,7 +31,7 @@ CASE, VALUES = np.tile([0, 1], 15), np.arange(30.0)[:, None] * 600
 def test_a_damaged_part_is_set_aside_and_named(tmp_path):
     """Of three batches, each in a part of its own."""
     made = Evaluator(TEMPLATE, [outcome.parse_outcome("peak_golden_deviation_mm")], "simd")
-    made.keep_in(Journal(tmp_path, "same"), 30, None)
+    made.use_journal(Journal(tmp_path, "same"), 30, None)
     for rows in (slice(0, 10), slice(10, 12), slice(12, 30)):
         made(CASE[rows], VALUES[rows])
     first, second, last = parts.part_files(tmp_path / folder.PARTS)

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from ravenjax.numbers.lazy import at_once
+from ravenjax.numbers.lazy import run_eagerly
 from ravenjax.robots.raven2.loop.optional import STAGES, RestartState
 
 
@@ -23,6 +23,6 @@ def test_only_a_foot_that_never_left_the_pedal_restarts(foot, soft, first):
             live=level == 3 and not stops,
             signals=SimpleNamespace(control=control),
         )
-        with at_once():
+        with run_eagerly():
             state = STAGES["restart"].watch(state, sight)
     assert state.first == first

@@ -62,8 +62,10 @@ def text_of(html):
 def test_the_table_is_read_back_as_it_was_written(folder):
     found = reader.read_table(folder)
     assert found == [MET, MISSED, ALARMED, UNSTRUCK]
-    assert found[2].after == {"knowable": 35.0, "cue": 90.0, "alarm": 240.0, "response": 380.0}
-    assert found[3].after == {} and reader.read_table(folder.parent) == []
+    assert found[2].times_after_activation == {
+        **{"knowable": 35.0, "cue": 90.0, "alarm": 240.0, "response": 380.0}
+    }
+    assert found[3].times_after_activation == {} and reader.read_table(folder.parent) == []
 
 
 def test_the_page_says_what_struck_when_it_could_be_known_and_how_it_was_met(text):
@@ -176,14 +178,14 @@ def test_the_replay_has_the_worlds_places_and_a_mark_for_every_hazard(recording,
     assert told is not None
     ms = np.array(told["ms"])
     assert ms[0] == 0 and ms[-1] == 16_999 and len(ms) < 1500
-    assert np.diff(ms).max() <= figures.EVERY_MS
-    assert np.diff(ms[(ms > 2000) & (ms < 4900)]).max() <= figures.EVERY_HAZARD_MS
+    assert np.diff(ms).max() <= figures.INTERVAL_MS
+    assert np.diff(ms[(ms > 2000) & (ms < 4900)]).max() <= figures.HAZARD_INTERVAL_MS
     row = int(np.searchsorted(ms, 2400))
     for arm in ARMS:
         axis, joints = (
             recording[f"{arm}/{name}"][ms[row]].tolist() for name in ("tip", "link_jpos")
         )
-        place = np.array(told["arms"][arm]["tip"][row]) / figures.PER_M
+        place = np.array(told["arms"][arm]["tip"][row]) / figures.UNITS_PER_M
         assert np.allclose(place, to_world(arm, closing_point(arm, axis, joints)), atol=1e-4)
     marks = [(mark["ms"], mark["kind"]) for mark in told["marks"]]
     assert marks == [(2000.0, "strike"), (2430.0, "response")]

@@ -9,6 +9,7 @@ import pytest
 import synthetic_session as synthetic
 from scipy import integrate, optimize
 
+from ravenjax.stats import motion
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
 from ravenjax.train.debrief import dexterity, figures, page
@@ -49,11 +50,11 @@ def minimum_jerk(seconds, rate=1000):
 def test_a_circle_and_a_line_have_their_lengths_and_economies():
     turn = np.linspace(0, 2 * np.pi, 20_001)[:, None]
     circle = np.hstack([np.cos(turn), np.sin(turn), 0 * turn]) * 0.02
-    assert dexterity.path_length(circle) == pytest.approx(2 * np.pi * 0.02, rel=1e-6)
+    assert motion.path_length(circle) == pytest.approx(2 * np.pi * 0.02, rel=1e-6)
     half = circle[:10_001]
-    assert dexterity.path_economy([half]) == pytest.approx(2 / np.pi, rel=1e-6)
-    assert dexterity.path_economy([half[:1].repeat(3, axis=0)]) is None
-    assert dexterity.path_economy([np.linspace(half[0], half[-1], 50), half]) == pytest.approx(
+    assert motion.path_economy([half]) == pytest.approx(2 / np.pi, rel=1e-6)
+    assert motion.path_economy([half[:1].repeat(3, axis=0)]) is None
+    assert motion.path_economy([np.linspace(half[0], half[-1], 50), half]) == pytest.approx(
         4 / (2 + np.pi), rel=1e-6
     )
 
@@ -64,7 +65,7 @@ def test_a_minimum_jerk_movement_has_its_jerk_whatever_its_size(seconds, distanc
     t = np.linspace(0, 1, round(seconds * rate) + 1)
     profile = distance / seconds * 30 * (t**2 - 2 * t**3 + t**4)
     # the integral of the jerk squared is 720 D^2/T^5, the peak 15/8 D/T
-    assert dexterity.log_dimensionless_jerk(profile, rate) == pytest.approx(
+    assert motion.log_dimensionless_jerk(profile, rate) == pytest.approx(
         -math.log(720 / (15 / 8) ** 2), abs=0.01
     )
 
@@ -77,10 +78,10 @@ def test_a_gaussian_speed_has_the_arc_length_of_its_spectrum():
     last = optimize.brentq(lambda f: spectrum(f) - 0.05, 0.1, 10)
     slope = lambda f: -4 * (math.pi * sigma) ** 2 * f * spectrum(f)  # noqa: E731
     length, _ = integrate.quad(lambda f: math.hypot(1 / last, slope(f)), 0, last)
-    assert dexterity.spectral_arc_length(profile, rate) == pytest.approx(-length, rel=0.01)
+    assert motion.spectral_arc_length(profile, rate) == pytest.approx(-length, rel=0.01)
     two = profile + np.roll(profile, 900)
-    assert dexterity.spectral_arc_length(two, rate) < dexterity.spectral_arc_length(profile, rate)
-    assert dexterity.spectral_arc_length(0 * profile, rate) is None
+    assert motion.spectral_arc_length(two, rate) < motion.spectral_arc_length(profile, rate)
+    assert motion.spectral_arc_length(0 * profile, rate) is None
 
 
 def test_a_session_of_known_motion_has_its_measures():
@@ -148,5 +149,5 @@ def test_the_debrief_keeps_and_shows_the_measures_of_a_recording(tmp_path):
         [0.02 * np.sin(phase), 0.015 * np.cos(phase), -0.1 + 0.004 * np.sin(2.3 * phase)], axis=1
     )
     path_mm = told["arms"]["gold"]["path_mm"]
-    assert path_mm == pytest.approx(1e3 * dexterity.path_length(way), rel=0.02)
+    assert path_mm == pytest.approx(1e3 * motion.path_length(way), rel=0.02)
     assert f"{path_mm:.1f} mm" in text and "Balasubramanian" in text and "learning-1" in text

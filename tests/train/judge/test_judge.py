@@ -57,15 +57,15 @@ class Play:
         return self
 
     def strike(self, **channels):
-        self.judge.armed(0, self.tick)
+        self.judge.begin_hazard(0, self.tick)
         return self.run(1, fault_active=1, **channels)
 
     def say(self, **message):
-        self.judge.command({"type": "operator", **message}, self.tick)
+        self.judge.record_command({"type": "operator", **message}, self.tick)
         return self
 
     def over(self):
-        self.judge.disarmed(self.tick)
+        self.judge.end_hazard(self.tick)
         return self.judge.rows(session="s", participant="p", group="g", seed=9)[-1]
 
     def of(self, kind):
@@ -168,7 +168,7 @@ def test_a_restart_counts_once_the_robot_no_longer_follows_and_ends_the_hazard()
     play.run(10).strike(gold__known_mm=1.0).say(do="restart")
     assert not play.of("response")
     play.run(100, runlevel=2).say(do="restart")
-    play.judge.restarted(play.tick)
+    play.judge.restart(play.tick)
     (row,) = play.judge.rows()
     assert (row["response"], row["outcome"]) == ("restart", "avoided") and row["halted"]
     assert kinds(play.events)[-3:] == ["response", "hazard_over", "hazard_row"]

@@ -60,7 +60,7 @@ def judged(data, limit_mm):
     names = [name.removeprefix("check_") for name in data if name.startswith("check_")]
     for tick in range(TICKS):
         if tick == STRIKE:
-            judge.armed(0, tick)
+            judge.begin_hazard(0, tick)
         for name, values in data.items():
             if not name.startswith("check_") and name.removeprefix("golden_") not in names:
                 frame[name if name in frame.layout.places else f"gold/{name}"] = values[tick]

@@ -15,9 +15,9 @@ import numpy as np
 import waiting
 
 from ravenjax.robots.raven2.dynamics import arm_model
+from ravenjax.store.ring import COMMAND_BYTES, EVENT_BYTES, Ring, put_json, read_json
 from ravenjax.train import page
 from ravenjax.train.protocol import CONSOLES, PHASES, VIEWS, Frame, FrameLayout
-from ravenjax.train.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring, put_json, read_json
 
 FACTS = ("number", "hazard", "title", "group", "right_response", "within_s")
 HAZARDS = (

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from ravenjax.train.page.hub import _COMMANDS, LARGEST, Inbox, RefusedMessage
+from ravenjax.train.page.hub import _COMMANDS, MAX_MESSAGE_BYTES, Inbox, RefusedMessage
 
 ROLES = ("operator", "watcher", "instructor")
 INBOX = Inbox(("gold", "green"), hazards=3, blinded=False)
@@ -43,7 +43,7 @@ def test_input_arrives_as_messages_describes_it():
     [
         *("", "null", "[]", "{", '"x"', "NaN", '{"type": "input"}', "[" * 900, "\x00"),
         *(json.dumps(INPUT).replace("-0.5", number) for number in ("NaN", "-Infinity", "1e999")),
-        json.dumps(INPUT) + " " * LARGEST,
+        json.dumps(INPUT) + " " * MAX_MESSAGE_BYTES,
         INPUT | {"pedal": 1},
         INPUT | {"arms": {"gold": {"move": [0, 0]}}},
         INPUT | {"arms": {"gold": {"jaw": 0}}},

@@ -2,9 +2,9 @@
 
 import pytest
 
+from ravenjax.store.ring import COMMAND_BYTES, EVENT_BYTES, Ring, put_json, read_json
 from ravenjax.train import scenario
 from ravenjax.train.realtime import loop
-from ravenjax.train.realtime.ring import COMMAND_BYTES, EVENT_BYTES, Ring, put_json, read_json
 from ravenjax.train.session.advance import Session
 
 CHOSEN = scenario.from_dict(
@@ -83,7 +83,7 @@ def test_trouble_elsewhere_is_told_once(blueprint, rings):
         return "the disk is full"
 
     try:
-        loop.run_loop(session, [Mover(session)], rings=(frames, rings[1]), trouble=trouble)
+        loop.run_loop(session, [Mover(session)], rings=(frames, rings[1]), find_failure=trouble)
     finally:
         frames.close()
     (one,) = (event for event in read_json(rings[1].read(0)[1]) if event["kind"] == "trouble")

@@ -10,7 +10,7 @@ import waiting
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ravenjax.train.realtime.ring import EVENT_BYTES, Ring, put_json, read_json
+from ravenjax.store.ring import EVENT_BYTES, Ring, put_json, read_json
 
 
 @pytest.fixture

@@ -17,8 +17,8 @@ from ravenjax.errors import StoreError
 from ravenjax.store.logs import mcap_records
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
+from ravenjax.store.ring import EVENT_BYTES, Ring, put_json
 from ravenjax.train.protocol import FrameLayout
-from ravenjax.train.realtime.ring import EVENT_BYTES, Ring, put_json
 from ravenjax.train.recording import reader, recorder
 
 pytestmark = pytest.mark.slow

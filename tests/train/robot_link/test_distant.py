@@ -83,7 +83,7 @@ def test_a_robot_that_is_silent_counts_as_stopped_and_does_not_pull(driven):
     places, *_, far = driven
     assert far.golden_outcomes() is None
     far.remote.stale = True
-    far.motion[:, far.now] = far.motion[:, far.now - 1]
+    far.motion[:, far.next_tick] = far.motion[:, far.next_tick - 1]
     far.step()
     assert far.row[places["runlevel"]] == 0 and not far.row[places["gold/force"]].any()
     assert far.row[places["live"]] == 0
@@ -95,13 +95,13 @@ def test_a_robot_that_enters_its_e_stop_has_tripped_a_check(driven):
     robot = far.remote.robot
     robot.press(robot.blueprint.plan.runs - 1)
     for _ in range(200):
-        far.motion[:, far.now] = far.motion[:, far.now - 1]
+        far.motion[:, far.next_tick] = far.motion[:, far.next_tick - 1]
         far.step()
     outcomes = far.outcomes()
     assert far.row[places["runlevel"]] == 0 and far.row[places["trips"]] == 1
     assert outcomes["check_estop_count"] == 1 and outcomes["check_estop_first_ms"] > TICKS
-    (trip,) = Trips().new_trips(far.now, far.now, outcomes)
-    assert (trip.check.name, trip.check.response, trip.beyond_golden) == ("estop", "stopped", True)
+    (trip,) = Trips().new_trips(far.next_tick, far.next_tick, outcomes)
+    assert (trip.check.name, trip.check.response, trip.exceeds_golden) == ("estop", "stopped", True)
 
 
 def test_a_robot_that_nothing_is_heard_of_is_a_lost_link_and_not_a_stop():

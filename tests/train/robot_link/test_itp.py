@@ -12,7 +12,12 @@ from ravenjax.robots.raven2.console.packet import UDP_PORT
 from ravenjax.robots.raven2.console.profile import LargestSteps
 from ravenjax.robots.raven2.geometry import mapping
 from ravenjax.train.protocol import STALE_MS
-from ravenjax.train.robot_link.itp import PER_TICK, USUAL_PER_TICK, Gate, ItpServer
+from ravenjax.train.robot_link.itp import (
+    DEFAULT_PACKETS_PER_TICK,
+    MIN_DATAGRAMS_PER_TICK,
+    Gate,
+    ItpServer,
+)
 
 BOTH = ("gold", "green")
 
@@ -71,7 +76,9 @@ def test_a_burst_is_spread_over_ticks(server, console):
         console.send(gold=(100, 0, 0))
     each = [m["arms"]["gold"]["delta_um"][0] for m in polled(server, 4)]
     assert each == [400, 400, 300]
-    assert USUAL_PER_TICK * LargestSteps().step_um <= 4000, "what bounds the displacement of a tick"
+    assert DEFAULT_PACKETS_PER_TICK * LargestSteps().step_um <= 4000, (
+        "what bounds the displacement of a tick"
+    )
 
 
 def test_a_flood_costs_a_tick_no_more_than_its_share_and_is_counted(server, console):
@@ -81,7 +88,7 @@ def test_a_flood_costs_a_tick_no_more_than_its_share_and_is_counted(server, cons
     for _ in range(5000):
         flooder.send_bytes(datagram(1, gold=(900, 0, 0)))
     assert server.poll() == []
-    assert server.counters()["stranger"] == PER_TICK
+    assert server.counters()["stranger"] == MIN_DATAGRAMS_PER_TICK
     assert polled(server, 100) == []
     console.send(gold=(6, 0, 0))
     assert polled(server)[0]["arms"]["gold"]["delta_um"] == [6, 0, 0]

@@ -10,7 +10,7 @@ import waiting
 from ravenjax.train.protocol import Frame, FrameLayout
 from ravenjax.train.robot_link.joint_stream import (
     BUFFER_BYTES,
-    LONGEST_ORDER,
+    MAX_ORDER_BYTES,
     JointReport,
     JointServer,
     encode_report,
@@ -112,7 +112,7 @@ def test_a_slow_listener_loses_whole_lines_and_holds_up_nobody(server, listen):
     assert ticks == list(range(count))
     dropped = server.counts["records_dropped"]
     assert dropped > count / 4
-    assert all(len(one._waiting) <= BUFFER_BYTES for one in server.listeners)
+    assert all(len(one._outgoing) <= BUFFER_BYTES for one in server.listeners)
     got = []
     while len(got) < count - dropped + 1:
         got += slow.some()
@@ -141,7 +141,7 @@ def test_orders_and_answers(server, listen):
         b"POST / HTTP/1.1\r\n\r\n" + b'{"order": "estop"}\n',
         b"[1, 2]\n",
         b'{"order": ' + b"[" * 900 + b"\n",
-        b"x" * (LONGEST_ORDER + 1),
+        b"x" * (MAX_ORDER_BYTES + 1),
         bytes(range(256)) + b"\n",
     ],
 )

@@ -46,7 +46,7 @@ def test_ahead_goes_what_moves_nothing_with_the_pedal_up(first):
 
 
 def test_what_was_recorded_arrives_in_its_order_and_takes_its_time(ear, monkeypatch):
-    monkeypatch.setattr(player, "KNOCK_S", 0.01)
+    monkeypatch.setattr(player, "REPEAT_S", 0.01)
     packets = recorded()
     told = player.play_packets(packets, np.arange(40) * 5e-3, ear.getsockname(), lambda _: None)
     heard = [ear.recv(2048) for _ in range(1 + len(player.lead_packets(packets[0])) + 40)]
@@ -84,7 +84,7 @@ def test_a_second_play_waits_until_the_first_is_let_go(monkeypatch):
 
 
 def test_a_file_is_played_by_command(ear, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(player, "KNOCK_S", 0.01)
+    monkeypatch.setattr(player, "REPEAT_S", 0.01)
     frame = pd.DataFrame({"packet": recorded(), "arrival_ms": np.arange(40) * 1.0})
     frame.to_parquet(tmp_path / "packets.parquet")
     address = "{}:{}".format(*ear.getsockname())

@@ -39,7 +39,7 @@ class Integrator:
     def disarm(self):
         self.orders.append(("disarm",))
 
-    def press(self, row):
+    def press_estop(self, row):
         self.orders.append(("press", row))
 
     def outcomes(self):

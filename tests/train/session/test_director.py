@@ -30,10 +30,10 @@ def test_a_hazard_strikes_when_due_and_is_taken_back_after_its_time():
     frame = running()
     assert run(one, frame, 0, 2000) == []
     (armed,) = run(one, frame, 2000, 2001)
-    assert armed == (2000, ("arm", 0)) and one.at_work == 0
+    assert armed == (2000, ("arm", 0)) and one.hazard_number == 0
     # The response's time and half a second.
     assert run(one, frame, 2001, 10_000) == [(3500, ("disarm", 0))]
-    assert one.at_work == -1
+    assert one.hazard_number == -1
 
 
 @pytest.mark.parametrize(
@@ -84,7 +84,9 @@ def test_the_instructor_arms_any_hazard_and_takes_it_back():
     lifted["pedal"] = 0
     run(one, frame, 0, 1000)
     one.command({"do": "arm", "hazard": 1})
-    assert run(one, lifted, 1000, 2000) == [] and one.at_work == 1  # armed, and waits for the pedal
+    assert (
+        run(one, lifted, 1000, 2000) == [] and one.hazard_number == 1
+    )  # armed, and waits for the pedal
     assert run(one, frame, 2000, 3000) == [(1999 + SETTLED_MS, ("arm", 1))]
     one.command({"do": "arm", "hazard": 0})  # one at a time
     one.command({"do": "disarm"})

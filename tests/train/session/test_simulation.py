@@ -129,7 +129,7 @@ def test_a_session_says_of_a_hazard_what_the_table_of_its_campaign_says(made, ro
     for now in range(TICKS):
         if now == START:
             robot.arm(row)
-            judge.armed(0, now)
+            judge.begin_hazard(0, now)
         robot.step()
         frame.row[: robot.row.size] = robot.row
         frame.copy_numbers()

@@ -50,7 +50,7 @@ def test_the_last_target_ends_the_task_and_the_numbers_are_right():
         events += one.step(frame, 500 * (k + 1))
     assert kinds(events) == ["target", "task_done", "target"] and events[-1]["target"] == -1
     assert one.done and one.target == -1 and one.progress == 1.0
-    assert one.wish("gold", (0, 0, 0)) is None
+    assert one.next_aim("gold", (0, 0, 0)) is None
     assert one.result()["score"] == 100.0
     assert one.step(frame, 2000) == []
 
@@ -60,10 +60,10 @@ def test_arms_take_turns_and_only_the_one_whose_turn_it_is_counts():
     assert [arm for arm, _ in one.targets] == ["gold", "green", "gold", "green"]
     put(frame, "green", one.targets[0][1])
     hold(one, frame, 5)
-    assert one.target == 0 and one.wish("green", (0, 0, 0)) is None
+    assert one.target == 0 and one.next_aim("green", (0, 0, 0)) is None
     put(frame, "gold", one.targets[0][1])
     hold(one, frame, 1)
-    assert one.target == 1 and one.wish("green", (0, 0, 0)).point == one.targets[1][1]
+    assert one.target == 1 and one.next_aim("green", (0, 0, 0)).point == one.targets[1][1]
 
 
 # --- peg transfer ---
@@ -84,12 +84,12 @@ def carried(one, frame, arm, to, tick=0):
 
 def test_the_object_is_taken_put_back_by_a_restart_carried_and_placed():
     one, frame = task(kind="peg_transfer", transfers=1)
-    start, end = (one.pegs[k] for k in one.ways)
+    start, end = (one.pegs[k] for k in one.route)
     assert one.object == start and one.step(frame, 0)[0]["target"] == len(one.pegs)
     put(frame, "gold", start)
     jaws(frame, "gold", CLOSED)
     held, target = one.step(frame, 1)
-    assert held["held"] == "gold" and target["target"] == one.ways[1] and one.held == "gold"
+    assert held["held"] == "gold" and target["target"] == one.route[1] and one.held == "gold"
     put(frame, "gold", (0.0, 0.0, 0.2))
     one.step(frame, 2)
     np.testing.assert_allclose(one.object, (0.0, 0.0, 0.2), atol=1e-8)
@@ -107,7 +107,7 @@ def test_what_is_let_go_elsewhere_drops_and_has_to_be_fetched():
     assert one.dropped == 1 and (x, y) == pytest.approx((0, 0), abs=1e-8)
     assert z < tissue_height(0, 0) + 0.003
     assert one.target == len(one.pegs)
-    carried(one, frame, "gold", one.pegs[one.ways[1]], 10)
+    carried(one, frame, "gold", one.pegs[one.route[1]], 10)
     assert (one.placed, one.dropped) == (1, 1) and one.result()["score"] == 25.0  # (1 - 0.5) of 2
 
 

@@ -8,7 +8,7 @@ The faults and the fault-free motions are divided into shares, so that no data s
    share measures its false-alarm rate.
 2. `observation` then runs the campaign, with every candidate at every margin as a detector. Half of
    the faults *select* the set. The other half measures the set's coverage.
-3. `promise` selects a set greedily, computes its margin, false alarms and coverage, and compares
+3. `check_set` selects a set greedily, computes its margin, false alarms and coverage, and compares
    the set with other sets.
 4. `finding` runs all steps in order. It then runs the campaign again with the set as detectors.
 5. `output` writes a table, sentences, a figure, and a campaign with the set as user-defined

@@ -17,9 +17,9 @@ from ravenjax.errors import UserError, format_value
 
 MARGINS = (1.0, 1.1, 1.25, 1.5, 2.0, 3.0, 5.0, 8.0)
 """Thresholds of every detector, as factors on a candidate's scale."""
-PROPOSED = MARGINS.index(1.25)
+SELECTION_MARGIN_INDEX = MARGINS.index(1.25)
 """Index of the margin with which a set is selected. Afterwards the margin is calibrated."""
-CONSECUTIVE = (1, 4)
+CONSECUTIVE_TICKS = (1, 4)
 """Numbers of ticks in a row above the threshold that raise an alarm. Each is another candidate."""
 
 
@@ -35,16 +35,18 @@ class Question(NamedTuple):
     seed: int = 0  # seed of the random halves, and of random sets
 
     def require(self) -> None:
-        """Raise UserError for invalid settings."""
-        least = {"false_alarms_per_hour": None, "hours": None, "lead_ms": 0, "most": 1, "seed": 0}
-        for name, low in least.items():
+        """Raise UserError for a number that is too small, infinite or of a wrong type."""
+        # Settings that are whole numbers, with their smallest values. The others are real numbers.
+        min_values = {"lead_ms": 0, "most": 1, "seed": 0}
+        for name in ("false_alarms_per_hour", "hours", *min_values):
             value = getattr(self, name)
-            if low is None:
+            if name in min_values:
+                # A Boolean is an int for isinstance, so the type is compared.
+                valid = type(value) is int and value >= min_values[name]
+                expected = f"a whole number, {min_values[name]} or more"
+            else:
                 valid = isinstance(value, int | float) and math.isfinite(value) and value > 0
                 expected = "a number above 0, such as 2"
-            else:
-                valid = type(value) is int and value >= low
-                expected = f"a whole number, {low} or more"
             if not valid:
                 raise UserError(
                     f"--{name.replace('_', '-')} is {format_value(value)}, expected {expected}"
@@ -58,77 +60,84 @@ _PREFIX = "what_if_"
 
 
 class Candidate(NamedTuple):
-    """One check that a robot could have."""
+    """A check that the robot does not have, but could have."""
 
     score: Score
     consecutive: int  # number of consecutive ticks above the threshold that raise an alarm
 
     @property
     def name(self) -> str:
-        """Return the name as a word: mvel_rate, mvel_rate_4ticks."""
-        return self.score.name + (f"_{self.consecutive}ticks" if self.consecutive > 1 else "")
+        """The score's name, with the number of ticks if it is not 1: mvel_rate_4ticks."""
+        if self.consecutive == 1:
+            return self.score.name
+        return f"{self.score.name}_{self.consecutive}ticks"
 
     @property
     def words(self) -> str:
-        """Describe what the check observes."""
-        return self.score.words + (
-            f", in {self.consecutive} consecutive ticks" if self.consecutive > 1 else ""
-        )
+        """Words that say what the check observes."""
+        if self.consecutive == 1:
+            return self.score.words
+        return f"{self.score.words}, in {self.consecutive} consecutive ticks"
 
 
 def detector_tables(
-    parts: Sequence[Candidate], thresholds: Sequence[float], folder: Path
+    candidates: Sequence[Candidate], thresholds: Sequence[float], folder: Path
 ) -> list[dict[str, Any]]:
-    """Return the [[detector]] tables of candidates, in order, and write their files to `folder`.
+    """Return candidates as [[detector]] tables of a campaign, in order, and write the Python files
+    of the detectors to `folder`. Each detector has all `thresholds`.
 
-    Neighbouring candidates with the same score share a file and its computation.
+    Neighbouring candidates with the same score share one table, whose score is computed once.
     """
     folder.mkdir(exist_ok=True)
-    out, number = [], 0
-    for score, alike in itertools.groupby(parts, key=lambda part: part.score):
-        path, counts = folder / f"{_PREFIX}{number}.py", [part.consecutive for part in alike]
-        path.write_text(code.write_part(score.singles), encoding="utf-8")
-        table = {"name": path.stem, "file": str(path), "consecutive": counts}
-        out.append({**table, "threshold": [float(threshold) for threshold in thresholds]})
-        number += len(counts)
-    return out
+    tables, first_index = [], 0
+    for score, same_score in itertools.groupby(candidates, key=lambda candidate: candidate.score):
+        consecutive = [candidate.consecutive for candidate in same_score]
+        path = folder / f"{_PREFIX}{first_index}.py"
+        path.write_text(code.write_part(score.channel_scores), encoding="utf-8")
+        table = {"name": path.stem, "file": str(path), "consecutive": consecutive}
+        tables.append(table | {"threshold": [float(threshold) for threshold in thresholds]})
+        first_index += len(consecutive)
+    return tables
 
 
-def with_detectors(
+def add_detectors(
     raw: Mapping[str, Any], tables: Sequence[Mapping[str, Any]]
 ) -> tuple[CampaignConfig, list[str]]:
-    """Return a campaign (as JSON values) with additional detectors, and the prefixes of their
-    columns in the result table.
+    """Return a campaign (as JSON values) with additional [[detector]] tables, and for each new
+    detector the prefix of its columns in the result table, such as `detector3_`.
+
+    The campaign loses its table [stop], so that it computes all runs.
     """
     config = validate_tables({**raw, "stop": None, "detector": [*raw.get("detector", ()), *tables]})
-    more = sum(len(table["consecutive"]) for table in tables)
-    return config, [
-        f"detector{number}_"
-        for number in range(len(config.detectors) - more, len(config.detectors))
-    ]
+    # Each number of consecutive ticks in a table is a detector. New detectors follow the others.
+    added_count = sum(len(table["consecutive"]) for table in tables)
+    detector_count = len(config.detectors)
+    added = range(detector_count - added_count, detector_count)
+    return config, [f"detector{number}_" for number in added]
 
 
-def single_channels(scores: Sequence[Score]) -> list[Candidate]:
-    """Return a candidate for each channel of the scores and each number of CONSECUTIVE."""
+def list_single_channels(scores: Sequence[Score]) -> list[Candidate]:
+    """Return a candidate for each channel of each score and each number of CONSECUTIVE_TICKS."""
     return [
-        Candidate(single, count)
+        Candidate(channel, consecutive)
         for score in scores
-        for single in score.singles
-        for count in CONSECUTIVE
+        for channel in score.channel_scores
+        for consecutive in CONSECUTIVE_TICKS
     ]
 
 
 def scale_candidates(scores: Sequence[Score], peaks: np.ndarray) -> list[Candidate]:
-    """Return candidates whose scales are the largest values in fault-free motion.
+    """Return a candidate for each score and each number of CONSECUTIVE_TICKS. The scale of a
+    channel is the channel's largest value in fault-free motion.
 
-    `peaks`: [channels of all scores * CONSECUTIVE], in the order of `single_channels`.
+    `peaks`: these values, one for each candidate of `list_single_channels`, in the same order.
     """
-    rest = np.maximum(peaks, SMALLEST_SCALE).reshape(-1, len(CONSECUTIVE))
-    out = []
+    channel_peaks = np.maximum(peaks, SMALLEST_SCALE).reshape(-1, len(CONSECUTIVE_TICKS))
+    candidates, first = [], 0
     for score in scores:
-        own, rest = rest[: len(score.scales)], rest[len(score.scales) :]
-        out += [
-            Candidate(score.scaled(own[:, number].tolist()), count)
-            for number, count in enumerate(CONSECUTIVE)
-        ]
-    return out
+        end = first + len(score.scales)
+        for column, consecutive in enumerate(CONSECUTIVE_TICKS):
+            scales = channel_peaks[first:end, column].tolist()
+            candidates.append(Candidate(score.scaled(scales), consecutive))
+        first = end
+    return candidates

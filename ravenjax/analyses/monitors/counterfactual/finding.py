@@ -10,16 +10,18 @@ import numpy as np
 
 from ravenjax import consent
 from ravenjax.analyses.monitors import scores
-from ravenjax.analyses.monitors.counterfactual import candidates, observation
+from ravenjax.analyses.monitors.counterfactual import observation
 from ravenjax.analyses.monitors.counterfactual.candidates import (
     MARGINS,
-    PROPOSED,
+    SELECTION_MARGIN_INDEX,
     Candidate,
     Question,
+    list_single_channels,
+    scale_candidates,
 )
-from ravenjax.analyses.monitors.counterfactual.promise import (
-    Grounds,
-    Promise,
+from ravenjax.analyses.monitors.counterfactual.check_set import (
+    CheckSet,
+    Evidence,
     false_alarm_rate,
     join_scores,
 )
@@ -35,73 +37,75 @@ TIP_ERROR = "tip_error_bound"
 """Name of the candidate that equals the built-in detector `tip_error`, if there is one."""
 
 
-class Member(NamedTuple):
-    """One check of the selected set, with results on the faults and motions for the statement."""
+class SelectedCheck(NamedTuple):
+    """One check of the selected set, with its results on the test half and the test motions."""
 
-    place: int  # index among all candidates
-    sees: float  # share of the faults that the check detects
-    adds: float  # share that the check detects and no earlier check of the set detects
+    index: int  # among all candidates
+    detected_share: float  # share of the faults that the check detects in time
+    # Share of the faults that the check detects in time and no earlier check of the set does.
+    added_share: float
     lead_ms: float  # median lead time over the detected faults; NaN if it detects none
     false_alarms: int
 
 
 class Counterfactual(NamedTuple):
-    """The result of `ravenjax counterfactual`. A Promise has coverage and false alarms of a set."""
+    """The result of `ravenjax counterfactual`: sets of checks with coverage and false alarms."""
 
     question: Question
     config: CampaignConfig
-    parts: tuple[Candidate, ...]  # all candidates
-    grounds: Grounds
-    promise: Promise  # of the selected set
-    alone: tuple[Promise, ...]  # of each candidate alone
-    best: Promise  # of the single candidate that covers most faults of the selection half
-    tip_error: Promise | None  # of the built-in detector of the tip error
-    everything: Promise  # of all candidates together
+    candidates: tuple[Candidate, ...]
+    evidence: Evidence
+    selected_set: CheckSet
+    single_sets: tuple[CheckSet, ...]  # each candidate alone
+    best_single_set: CheckSet  # the candidate that covers most faults of the selection half
+    tip_error_set: CheckSet | None  # the built-in detector of the tip error
+    full_set: CheckSet  # all candidates together
     # Share of the faults that each random set of the same size covers.
-    random: np.ndarray
+    random_coverages: np.ndarray
     # Share of the faults that are covered by a set that was selected without the fault's group;
     # None if there is only one group.
-    strangers: Rate | None
+    new_group_coverage: Rate | None
     scale_hours: float  # hours of fault-free motion that determine the scales
 
     @property
-    def members(self) -> list[Member]:
-        """Return the checks of the set, with the set's margin, in the order of selection."""
-        grounds, margin = self.grounds, self.promise.margin
-        # Time from the alarm to the harm, ms [faults, members].
-        lead = grounds.hazards.lead_ms[grounds.statement_half][
-            :, self.promise.members, margin.place
-        ]
-        covered = lead >= self.question.lead_ms
-        fresh = covered & (np.cumsum(covered, axis=1) == covered)
-        return [
-            Member(
-                candidate,
-                float(covered[:, number].mean()),
-                float(fresh[:, number].mean()),
-                (
-                    float(np.median(lead[covered[:, number], number]))
-                    if covered[:, number].any()
-                    else float("nan")
-                ),
-                false_alarm_rate(join_scores(grounds.statement, [candidate]), margin.value).count,
+    def selected_checks(self) -> list[SelectedCheck]:
+        """The checks of the set, with the set's margin, in the order of selection."""
+        evidence, margin = self.evidence, self.selected_set.margin
+        test_lead_ms = evidence.faults.lead_ms[evidence.test_half]
+        # Time from the alarm to the harm, ms [faults, checks of the set].
+        lead_ms = test_lead_ms[:, self.selected_set.indices, margin.index]
+        detected = lead_ms >= self.question.lead_ms
+        # A check adds a fault if it is the first check of the set that detects the fault.
+        added = detected & (np.cumsum(detected, axis=1) == 1)
+        checks = []
+        for column, index in enumerate(self.selected_set.indices):
+            detected_lead_ms = lead_ms[detected[:, column], column]
+            motions = join_scores(evidence.test_motions, [index])
+            check = SelectedCheck(
+                index=index,
+                detected_share=float(detected[:, column].mean()),
+                added_share=float(added[:, column].mean()),
+                lead_ms=float(np.median(detected_lead_ms)) if len(detected_lead_ms) else math.nan,
+                false_alarms=false_alarm_rate(motions, margin.value).count,
             )
-            for number, candidate in enumerate(self.promise.members)
-        ]
+            checks.append(check)
+        return checks
 
     @property
-    def uncovered(self) -> list[tuple[str, int, int]]:
-        """Return (group, missed faults, all faults) of the half for the statement, with the most
-        missed faults first.
+    def missed_groups(self) -> list[tuple[str, int, int]]:
+        """The groups with faults of the test half that the set does not detect in time.
+
+        Each tuple is (group, missed faults, all faults), with the most missed faults first.
         """
-        rows = self.grounds.statement_half
-        hit = self.grounds.covered(self.promise.members)[rows]
-        group = self.grounds.hazards.group[rows]
-        out = [
-            (str(name), int((~hit[group == name]).sum()), int((group == name).sum()))
-            for name in np.unique(group)
-        ]
-        return sorted((one for one in out if one[1]), key=lambda one: (-one[1], one[0]))
+        rows = self.evidence.test_half
+        detected = self.evidence.detects_in_time(self.selected_set.indices)[rows]
+        group = self.evidence.faults.group[rows]
+        missed_groups = []
+        for name in np.unique(group):
+            missed_count = int((~detected[group == name]).sum())
+            if missed_count:
+                missed_groups.append((str(name), missed_count, int((group == name).sum())))
+        return sorted(missed_groups, key=lambda missed: (-missed[1], missed[0]))
 
 
 def find_checks(
@@ -113,7 +117,9 @@ def find_checks(
 ) -> Counterfactual:
     """Find a set of checks for the evading faults of a campaign.
 
-    Raise UserError if no fault evades or no candidate detects a fault in time.
+    `on_stage` is called with a description of each stage: fault-free motions for the scales of the
+    candidates, fault-free motions for their false alarms, and the runs of the campaign. Raise
+    UserError if no fault evades or no candidate detects a fault in time.
     """
     question.require()
     names = [group.name for group in config.group]
@@ -121,84 +127,74 @@ def find_checks(
         if group not in names:
             raise UserError(describe_unknown_name("--group", group, names))
     raw: dict[str, Any] = config.model_dump(mode="json")
-    every = scores.list_candidates(config.robot)
-    course = observation.plan_motions(raw, question.hours)
-    observation.require_rate(question.false_alarms_per_hour, course)
+    candidate_scores = scores.list_candidates(config.robot)
+    schedule = observation.plan_motions(raw, question.hours)
+    observation.require_rate(question.false_alarms_per_hour, schedule)
     # A motion is a single run, which a CPU core computes faster than a GPU.
     motion_engine = "simd" if engine in ("auto", "cuda") else engine
     with (
         tempfile.TemporaryDirectory(prefix="ravenjax_candidates_") as name,
         consent.given_for(Path(name)),
     ):
-        folder = Path(name)
+        channel_folder, candidate_folder = Path(name) / "channels", Path(name) / "candidates"
 
-        def motion(
-            purposes: tuple[str, ...], parts: list[Candidate], part: str
-        ) -> observation.FreeMotion:
-            # Runs the fault-free motions that are reserved for `purposes`, with these candidate
-            # detectors.
-            numbers = [
-                n
-                for purpose in purposes
-                for n in observation.motions_by_use(purpose, course.motions)
-            ]
-            return observation.run_motions(
-                raw, course, numbers, parts, folder / part, motion_engine
-            )
+        def run_motions(use: str, checks: list[Candidate], folder: Path) -> observation.FreeMotion:
+            # Runs the fault-free motions that are reserved for one use, with these detectors.
+            numbers = observation.motions_by_use(use, schedule.motions)
+            return observation.run_motions(raw, schedule, numbers, checks, folder, motion_engine)
 
         on_stage(
-            f"scales of the candidates: a quarter of {course.motions} fault-free motions of"
-            f" {course.seconds} s"
+            f"scales of the candidates: a quarter of {schedule.motions} fault-free motions of"
+            f" {schedule.seconds} s"
         )
-        pilot = motion(("scales",), candidates.single_channels(every), "singles")
-        parts = candidates.scale_candidates(every, pilot.peaks.max(axis=(0, 1)))
-        on_stage(f"false alarms of {len(parts)} candidates: the other fault-free motions")
-        free = motion(("calibrated", "stated"), parts, "scaled")
-        first = len(observation.motions_by_use("calibrated", course.motions))
-        calibration, statement = (
-            observation.FreeMotion(free.peaks[some], free.hours[some])
-            for some in (slice(first), slice(first, None))
-        )
+        channels = list_single_channels(candidate_scores)
+        scale_motions = run_motions("scales", channels, channel_folder)
+        candidates = scale_candidates(candidate_scores, scale_motions.peaks.max(axis=(0, 1)))
+        on_stage(f"false alarms of {len(candidates)} candidates: the other fault-free motions")
+        calibration_motions = run_motions("calibration", candidates, candidate_folder)
+        test_motions = run_motions("test", candidates, candidate_folder)
         on_stage(f"runs of the campaign, with all candidates at {len(MARGINS)} margins")
-        there = observation.run_hazards(
-            raw, parts, MARGINS, folder / "scaled", engine, question.groups, on_progress
+        faults = observation.run_evading_faults(
+            raw, candidates, MARGINS, candidate_folder, engine, question.groups, on_progress
         )
-    halves = there.halves(question.seed)
-    grounds = Grounds(question, calibration, statement, there, *halves)
-    members = grounds.selected()
-    _require_cover(grounds, members)
-    singles = tuple(grounds.promise([candidate]) for candidate in range(len(parts)))
-    named = {part.name: promise for part, promise in zip(parts, singles, strict=True)}
+    halves = faults.halves(question.seed)
+    evidence = Evidence(question, calibration_motions, test_motions, faults, *halves)
+    indices = evidence.select_set()
+    _require_cover(evidence, indices)
+    single_sets = tuple(evidence.assess([index]) for index in range(len(candidates)))
+    names = [candidate.name for candidate in candidates]
+    set_by_name = dict(zip(names, single_sets, strict=True))
     return Counterfactual(
-        question,
-        config,
-        tuple(parts),
-        grounds,
-        grounds.promise(members),
-        singles,
-        max(singles, key=lambda promise: promise.selected.value),
-        named.get(TIP_ERROR),
-        grounds.promise(range(len(parts))),
-        grounds.at_random(len(members)),
-        grounds.of_strangers(),
-        float(pilot.hours.sum()),
+        question=question,
+        config=config,
+        candidates=tuple(candidates),
+        evidence=evidence,
+        selected_set=evidence.assess(indices),
+        single_sets=single_sets,
+        best_single_set=max(single_sets, key=lambda single: single.selection_coverage.value),
+        tip_error_set=set_by_name.get(TIP_ERROR),
+        full_set=evidence.assess(range(len(candidates))),
+        random_coverages=evidence.random_set_coverages(len(indices)),
+        new_group_coverage=evidence.coverage_of_new_groups(),
+        scale_hours=float(scale_motions.hours.sum()),
     )
 
 
-def _require_cover(grounds: Grounds, members: list[int]) -> None:
-    # Without faults in both halves, or without a candidate in time, there is no set to select.
-    for task, rows in (("select", grounds.selection_half), ("test", grounds.statement_half)):
+def _require_cover(evidence: Evidence, indices: list[int]) -> None:
+    """Raise UserError if a half has no faults, or if the selected set `indices` is empty."""
+    halves = {"select": evidence.selection_half, "test": evidence.test_half}
+    for task, rows in halves.items():
         if not rows.any():
             raise UserError(
-                f"only {grounds.hazards.count} faults evade the robot's checks, too few to"
+                f"only {evidence.faults.count} faults evade the robot's checks, too few to"
                 f" {task} a set of checks: compute more runs"
             )
-    if not members:
+    if not indices:
         raise UserError(
-            f"no candidate raises an alarm {grounds.question.lead_ms} ms before harm in any of"
-            f" {int(grounds.selection_half.sum())} faults, with a threshold of"
-            f" {MARGINS[PROPOSED]:g} times the largest score in fault-free motion. Write a shorter"
-            " --lead-ms"
+            f"no candidate raises an alarm {evidence.question.lead_ms} ms before harm in any of"
+            f" {int(evidence.selection_half.sum())} faults, with a threshold of"
+            f" {MARGINS[SELECTION_MARGIN_INDEX]:g} times the largest score in fault-free motion."
+            " Write a shorter --lead-ms"
         )
 
 
@@ -206,17 +202,17 @@ class Confirmation(NamedTuple):
     """Detected faults in a run of `chosen/campaign.toml` with another seed."""
 
     seed: int
-    every: Rate  # share of all evading faults
-    anew: Rate  # share of the faults of groups that draw their faults
-    promised: Rate  # share of the faults of these groups in the half for the statement
-    draws: bool  # True if any group draws its faults
-    # `anew` minus `promised`; without an interval if robots were drawn, or no faults.
+    all_faults: Rate  # share of all evading faults
+    drawn_faults: Rate  # share of the faults of groups that draw their faults
+    test_half: Rate  # share of the faults of these groups in the test half, with the first seed
+    has_drawn_groups: bool  # True if any group draws its faults
+    # `drawn_faults` minus `test_half`; without an interval if robots were drawn, or no faults.
     difference: Estimate
 
     @property
     def verdict(self) -> str:
-        """Return "as", "more than" or "less than", compared with the statement before; "" if there
-        is no interval.
+        """How the detected share compares with the share of the test half: "as", "more than" or
+        "less than", or "" if the difference has no interval.
         """
         if math.isnan(self.difference.low):
             return ""
@@ -226,41 +222,56 @@ class Confirmation(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """Return the result as a sentence."""
+        """The result as a sentence."""
         template = wording.text_templates(__package__).get_template("confirmation.txt.j2")
-        return template.render(one=self).strip()
+        return template.render(confirmation=self).strip()
 
 
 def confirm_checks(
-    one: Counterfactual,
+    found: Counterfactual,
     file: Path,
     seed: int,
     engine: str = "auto",
     on_progress: OnProgress | None = None,
 ) -> Confirmation:
-    """Run the campaign that `output` wrote, with another seed. Raises UserError."""
+    """Run the campaign `file`, which has the selected checks as detectors, with another seed, and
+    compare the detected share with that of the test half.
+
+    Raise UserError if the campaign cannot be loaded.
+    """
     config = loading.load_campaign(file, [f"campaign.seed={seed}"])
     table = runner.run_campaign(config, None, engine, on_progress=on_progress).frame()
     rules = observation.campaign_choices(config)
-    rows, harm = observation.evading_faults(table, rules, one.question.groups)
+    rows, harm_ms = observation.find_evading_faults(table, rules, found.question.groups)
     evading = table.loc[rows]
-    # The last detectors of the campaign are the checks of the set.
-    numbers = range(len(config.detectors) - len(one.promise.members), len(config.detectors))
-    leads = [
-        observation.detector_leads(evading, f"detector{n}_", config.detectors[n][2], harm)
-        for n in numbers
-    ]
-    in_time = np.max(leads, axis=0)[:, 0] >= one.question.lead_ms
-    sampled = list(draws.drawn_groups(config.model_dump(mode="json")) or ())
-    new = evading["group"].astype(str).isin(sampled).to_numpy()
-    drawn = one.grounds.statement_half & one.grounds.hazards.sampled
-    promised = _rate(one.grounds.covered(one.promise.members)[drawn])
-    anew = _rate(in_time[new])
-    gap = rate_difference(anew.k, anew.n, promised.k, promised.n)
-    if one.grounds.hazards.robots:
-        gap = Estimate(gap.value)
-    return Confirmation(seed, _rate(in_time), anew, promised, bool(sampled), gap)
+    # The last detectors of the campaign are the checks of the set. Each has one threshold.
+    check_count = len(found.selected_set.indices)
+    lead_ms = []
+    for number in range(len(config.detectors) - check_count, len(config.detectors)):
+        thresholds = config.detectors[number][2]
+        prefix = f"detector{number}_"
+        lead_ms.append(observation.detector_leads(evading, prefix, thresholds, harm_ms)[:, 0])
+    in_time = np.max(lead_ms, axis=0) >= found.question.lead_ms
+    # Only faults that are drawn differ between the two seeds.
+    drawn_groups = list(draws.drawn_groups(config.model_dump(mode="json")) or ())
+    is_drawn = evading["group"].astype(str).isin(drawn_groups).to_numpy()
+    evidence = found.evidence
+    before = evidence.detects_in_time(found.selected_set.indices)
+    drawn_faults = _rate(in_time[is_drawn])
+    test_half = _rate(before[evidence.test_half & evidence.faults.sampled])
+    difference = rate_difference(drawn_faults.k, drawn_faults.n, test_half.k, test_half.n)
+    if evidence.faults.units_are_robots:
+        # Faults of one robot are not independent, so the interval over faults is not valid.
+        difference = Estimate(difference.value)
+    return Confirmation(
+        seed=seed,
+        all_faults=_rate(in_time),
+        drawn_faults=drawn_faults,
+        test_half=test_half,
+        has_drawn_groups=bool(drawn_groups),
+        difference=difference,
+    )
 
 
-def _rate(hit: np.ndarray) -> Rate:
-    return wilson_interval(int(hit.sum()), len(hit))
+def _rate(detected: np.ndarray) -> Rate:
+    return wilson_interval(int(detected.sum()), len(detected))

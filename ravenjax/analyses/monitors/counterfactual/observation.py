@@ -14,8 +14,11 @@ import numpy as np
 import pandas as pd
 
 from ravenjax import threads
-from ravenjax.analyses.monitors.counterfactual import candidates
-from ravenjax.analyses.monitors.counterfactual.candidates import Candidate
+from ravenjax.analyses.monitors.counterfactual.candidates import (
+    Candidate,
+    add_detectors,
+    detector_tables,
+)
 from ravenjax.analyses.monitors.operations import MS_PER_HOUR
 from ravenjax.campaign import runner
 from ravenjax.campaign.faults import design
@@ -33,14 +36,14 @@ from ravenjax.vocabulary.reactions import ACTIONS
 
 SHORTEST_S, LONGEST_S = 5, 60
 """Shortest and longest duration of a motion, s."""
-FEWEST = 12
+MIN_MOTIONS = 12
 """Smallest number of motions, so that each use has at least three."""
-MOST_ALARMS = 0.2
+MAX_ALARMS = 0.2
 """Largest expected number of alarms per run. Only one alarm of a run is counted, so more alarms
 would make the measured rate too small.
 """
-_SHARES = ("stated", "scales", "stated", "calibrated")
-"""Uses of the motions, in turn: statement of the rate, scales, margin."""
+_USES = ("test", "scales", "test", "calibration")
+"""Uses of the motions, in turn: test of the false-alarm rate, scales, calibration of the margin."""
 
 
 class FreeMotion(NamedTuple):
@@ -61,83 +64,89 @@ class MotionSchedule(NamedTuple):
 
 
 def plan_motions(raw: Mapping[str, Any], hours: float) -> MotionSchedule:
-    """Return number and length of the motions for the requested hours.
+    """Return the number of fault-free motions, and their length, that give the requested hours.
 
     Raise UserError if the campaign's motion does not depend on a seed.
     """
     fault_free.require_new_motions(raw)
-    runs = design.count_rows(
-        validate_tables(next(fault_free.fault_free_campaigns(raw, SHORTEST_S))[1])
-    )
-    seconds = int(np.clip(math.ceil(hours * 3600 / (FEWEST * runs)), SHORTEST_S, LONGEST_S))
-    useful = seconds - fault_free.UNTIL_LIVE_S
-    return MotionSchedule(seconds, max(FEWEST, math.ceil(hours * 3600 / (useful * runs))))
+    _, campaign = next(fault_free.fault_free_campaigns(raw, SHORTEST_S))
+    # A motion has several runs if the campaign has several robots. The motions share the hours.
+    runs = design.count_rows(validate_tables(campaign))
+    needed_s = math.ceil(hours * 3600 / (MIN_MOTIONS * runs))
+    seconds = int(np.clip(needed_s, SHORTEST_S, LONGEST_S))
+    # In its first seconds the robot is not live, so a check cannot raise an alarm.
+    live_s = seconds - fault_free.UNTIL_LIVE_S
+    return MotionSchedule(seconds, max(MIN_MOTIONS, math.ceil(hours * 3600 / (live_s * runs))))
 
 
-def require_rate(per_hour: float, course: MotionSchedule) -> None:
+def require_rate(per_hour: float, schedule: MotionSchedule) -> None:
     """Raise UserError for a false-alarm rate that is too high for runs of this length.
 
     A run counts at most one alarm, so the rate of frequent alarms cannot be measured.
     """
-    useful_h = (course.seconds - fault_free.UNTIL_LIVE_S) / 3600
-    if per_hour * useful_h > MOST_ALARMS:
+    live_h = (schedule.seconds - fault_free.UNTIL_LIVE_S) / 3600
+    if per_hour * live_h > MAX_ALARMS:
         raise UserError(
             f"--false-alarms-per-hour {per_hour:g} is one alarm in {3600 / per_hour:.3g} s, but a"
-            f" run of {course.seconds} s counts only one. Write {MOST_ALARMS / useful_h:.3g} or"
+            f" run of {schedule.seconds} s counts only one. Write {MAX_ALARMS / live_h:.3g} or"
             f" less, or fewer --hours, which makes runs shorter (at least {SHORTEST_S} s)"
         )
 
 
-def motions_by_use(name: str, motions: int) -> list[int]:
-    """Return the numbers of the motions with the use `name`."""
-    return [number for number in range(motions) if _SHARES[number % len(_SHARES)] == name]
+def motions_by_use(use: str, motions: int) -> list[int]:
+    """Return the numbers of the motions with the use `use`, out of `motions` motions."""
+    return [number for number in range(motions) if _USES[number % len(_USES)] == use]
 
 
 def run_motions(
     raw: Mapping[str, Any],
-    course: MotionSchedule,
+    schedule: MotionSchedule,
     numbers: Sequence[int],
-    parts: Sequence[Candidate],
+    candidates: Sequence[Candidate],
     folder: Path,
     engine: str,
 ) -> FreeMotion:
-    """Simulate the motions with these numbers, with all candidates as detectors."""
-    every = itertools.islice(fault_free.fault_free_campaigns(raw, course.seconds), course.motions)
-    campaigns = dict(enumerate(config for _, config in every))
+    """Simulate the fault-free motions with these numbers, with all candidates as detectors.
 
-    tables = candidates.detector_tables(parts, (1.0,), folder)
+    The files of the detectors are written to `folder`. Raise UserError if the robot is never live.
+    """
+    endless = fault_free.fault_free_campaigns(raw, schedule.seconds)
+    campaigns = [campaign for _, campaign in itertools.islice(endless, schedule.motions)]
+    tables = detector_tables(candidates, (1.0,), folder)
 
-    def one(number: int) -> tuple[np.ndarray, np.ndarray]:
-        # Returns scores and hours of one fault-free motion; a failed run has no hours.
-        config, prefixes = candidates.with_detectors(campaigns[number], tables)
+    def simulate(number: int) -> tuple[np.ndarray, np.ndarray]:
+        # Returns scores [runs, candidates] and hours [runs] of one motion; 0 for a failed run.
+        config, prefixes = add_detectors(campaigns[number], tables)
         columns = [f"{prefix}score" for prefix in prefixes]
         results = runner.run_campaign(config, None, engine)
         table = results.frame([*columns, "pedal_down_ms", "failed"])
         valid = (table["failed"] == "").to_numpy()
-        armed = np.maximum(table["pedal_down_ms"].to_numpy(float), 0.0)
-        return table[columns].to_numpy(np.float32), np.where(valid, armed, 0.0) / MS_PER_HOUR
+        # A run without a valid outcome may have the value -1, which is no time.
+        active_ms = np.maximum(table["pedal_down_ms"].to_numpy(float), 0.0)
+        return table[columns].to_numpy(np.float32), np.where(valid, active_ms, 0.0) / MS_PER_HOUR
 
     # The first motion compiles the code that the others use. A motion fills few lanes of an engine,
     # so motions run in parallel threads.
-    first = [one(numbers[0])]
-    results = first + threads.map_in_threads(one, numbers[1:])
-    free = FreeMotion(*map(np.stack, zip(*results, strict=True)))
-    if not free.hours.sum() > 0:
+    results = [simulate(numbers[0]), *threads.map_in_threads(simulate, numbers[1:])]
+    scores = np.stack([score for score, _ in results])
+    hours = np.stack([hour for _, hour in results])
+    if not hours.sum() > 0:
         raise UserError(
-            f"the robot is never live in {course.seconds} s of fault-free motion, or every run"
+            f"the robot is never live in {schedule.seconds} s of fault-free motion, or every run"
             " failed, so false alarms cannot be counted. Check the campaign without faults"
         )
-    return FreeMotion(np.where((free.hours > 0)[..., None], free.peaks, 0.0), free.hours)
+    # Runs without hours may have scores that are not numbers. These scores count as 0.
+    return FreeMotion(np.where((hours > 0)[..., None], scores, 0.0), hours)
 
 
-class Hazards(NamedTuple):
+class EvadingFaults(NamedTuple):
     """Runs whose fault evades the robot's checks, one run of each fault; arrays over runs."""
 
     group: np.ndarray  # str, name of the fault's group
     sampled: np.ndarray  # bool, True if the group draws its faults at random
     # Int, the independent unit: the fault, or the robot if whole robots were drawn.
     unit: np.ndarray
-    robots: bool  # True if units are robots
+    units_are_robots: bool
     harm_ms: np.ndarray  # int, time of the harm
     # int [runs, candidates, margins], time from the first alarm to the harm; below 0 if there is no
     # alarm before the harm.
@@ -145,106 +154,119 @@ class Hazards(NamedTuple):
 
     @property
     def count(self) -> int:
-        """Return the number of runs."""
+        """Number of faults, each with one run."""
         return len(self.harm_ms)
 
     def halves(self, seed: int) -> tuple[np.ndarray, np.ndarray]:
-        """Divide the units of each group at random into a half for selection and one for the
-        statement. Return both as bool [runs].
+        """Divide the runs at random into a half for selection and a half for the test. Return both
+        as bool [runs].
+
+        All runs of a unit are in the same half. If units are faults, each group is divided.
         """
         rng = np.random.default_rng([seed, 1])
-        mine = np.zeros(self.count, bool)
-        strata = (
-            np.zeros(self.count, int)
-            if self.robots
-            else np.unique(self.group, return_inverse=True)[1]
-        )
-        odd = 0
+        selection = np.zeros(self.count, bool)
+        # A robot has faults of several groups, so robots are divided as one stratum.
+        strata = np.zeros(self.count, int)
+        if not self.units_are_robots:
+            _, strata = np.unique(self.group, return_inverse=True)
+        first = 0
         for stratum in range(strata.max(initial=-1) + 1):
-            among = rng.permutation(np.unique(self.unit[strata == stratum]))
-            mine |= (strata == stratum) & np.isin(self.unit, among[odd::2])
+            shuffled = rng.permutation(np.unique(self.unit[strata == stratum]))
+            selection |= (strata == stratum) & np.isin(self.unit, shuffled[first::2])
             # If groups have odd sizes, the larger half is in turn the first and the second.
-            odd = (odd + len(among)) % 2
-        return mine, ~mine
+            first = (first + len(shuffled)) % 2
+        return selection, ~selection
 
-    def rate(self, hit: np.ndarray, rows: np.ndarray) -> Rate:
-        """Return the share of `rows` (bool [runs]) that are in `hit` (bool [runs]).
+    def rate(self, detected: np.ndarray, rows: np.ndarray) -> Rate:
+        """Return the share of the runs in `rows` that are `detected`; both are bool [runs].
 
         The interval is over faults, or over robots if whole robots were drawn.
         """
-        if not self.robots:
-            return wilson_interval(int(hit[rows].sum()), int(rows.sum()))
-        return units.rate_band(hit[rows], units.group_units(self.unit[rows]))
+        if not self.units_are_robots:
+            return wilson_interval(int(detected[rows].sum()), int(rows.sum()))
+        return units.rate_band(detected[rows], units.group_units(self.unit[rows]))
 
 
 NEVER = -(2**30)
 """Lead time of an alarm that was never raised."""
 
 
-def run_hazards(
+def run_evading_faults(
     raw: Mapping[str, Any],
-    parts: Sequence[Candidate],
+    candidates: Sequence[Candidate],
     margins: Sequence[float],
     folder: Path,
     engine: str,
     groups: Sequence[str],
     on_progress: OnProgress | None,
-) -> Hazards:
+) -> EvadingFaults:
     """Run the campaign with all candidates as detectors, and return its evading faults.
 
-    Raise UserError if no fault evades.
+    `margins`: thresholds of every detector. `folder`: for the files of the detectors. `groups`:
+    groups whose faults are returned; (): all. Raise UserError if no fault evades.
     """
-    config, prefixes = candidates.with_detectors(
-        raw, candidates.detector_tables(parts, margins, folder)
-    )
+    config, prefixes = add_detectors(raw, detector_tables(candidates, margins, folder))
     results = runner.run_campaign(config, None, engine, on_progress=on_progress)
     rules = campaign_choices(config)
+    # A table with all candidates is large, so only columns that are used are read.
     names = schema.arrow_schema(results.shape).names
-    watching = tuple(prefix for prefix in (*prefixes, *(f"golden_{prefix}" for prefix in prefixes)))
-    needed = {name for name in names if name.startswith(watching) and not name.endswith("_alarms")}
-    table = results.frame(
-        [name for name in names if name in needed | {*facts.needed_columns(names, rules)}]
-    )
-    rows, harm = evading_faults(table, rules, groups)
+    detector_prefixes = (*prefixes, *(f"golden_{prefix}" for prefix in prefixes))
+    needed = {*facts.needed_columns(names, rules)}
+    needed |= {
+        name
+        for name in names
+        if name.startswith(detector_prefixes) and not name.endswith("_alarms")
+    }
+    table = results.frame([name for name in names if name in needed])
+    rows, harm_ms = find_evading_faults(table, rules, groups)
     if not rows.any():
         among = f" of {', '.join(groups)}" if groups else ""
         raise UserError(
             f"no fault{among} evades the robot's checks with a motion of more than"
             f" {config.outcomes.limit_mm:g} mm: no further check is needed"
         )
-    some = table.loc[rows]
-    lead = np.stack([detector_leads(some, prefix, margins, harm) for prefix in prefixes], axis=1)
-    group = some["group"].astype(str).to_numpy()
-    robots = [name for name in drawn_robots.robot_columns(raw) if name in some]
-    unit = some.groupby(robots, sort=False).ngroup().to_numpy() if robots else np.arange(len(some))
-    random = draws.drawn_groups(raw) or frozenset()
-    return Hazards(group, np.isin(group, list(random)), unit, bool(robots), harm, lead)
+    evading = table.loc[rows]
+    lead_ms = [detector_leads(evading, prefix, margins, harm_ms) for prefix in prefixes]
+    group = evading["group"].astype(str).to_numpy()
+    # Runs of one drawn robot have the same values in these columns.
+    robot_columns = [name for name in drawn_robots.robot_columns(raw) if name in evading]
+    unit = np.arange(len(evading))
+    if robot_columns:
+        unit = evading.groupby(robot_columns, sort=False).ngroup().to_numpy()
+    sampled = np.isin(group, list(draws.drawn_groups(raw) or ()))
+    has_robots = bool(robot_columns)
+    return EvadingFaults(group, sampled, unit, has_robots, harm_ms, np.stack(lead_ms, axis=1))
 
 
 def detector_leads(
-    table: pd.DataFrame, prefix: str, thresholds: Sequence[float], harm: np.ndarray
+    table: pd.DataFrame, prefix: str, thresholds: Sequence[float], harm_ms: np.ndarray
 ) -> np.ndarray:
     """Return the time from a detector's first alarm to the harm, ms [runs, thresholds].
 
-    It is NEVER if there was no alarm, or if the golden run has an alarm too, because such an alarm
-    does not show the fault.
+    `prefix`: beginning of the names of the detector's columns. `harm_ms`: time of the harm [runs].
+    The result is NEVER without an alarm. It is NEVER, too, if the golden run has an alarm, because
+    such an alarm does not show the fault.
     """
     golden = table[f"golden_{prefix}score"].to_numpy(np.float32)
-    out = np.full((len(table), len(thresholds)), NEVER)
-    for place, threshold in enumerate(thresholds):
-        first = table[f"{prefix}threshold{place}_first_ms"].to_numpy(np.int64)
-        fine = (first >= 0) & ~(golden > np.float32(threshold))
-        out[fine, place] = (harm - first)[fine]
-    return out
+    lead_ms = np.full((len(table), len(thresholds)), NEVER)
+    for index, threshold in enumerate(thresholds):
+        alarm_ms = table[f"{prefix}threshold{index}_first_ms"].to_numpy(np.int64)
+        detected = (alarm_ms >= 0) & ~(golden > np.float32(threshold))
+        lead_ms[detected, index] = (harm_ms - alarm_ms)[detected]
+    return lead_ms
 
 
-def evading_faults(
+def find_evading_faults(
     table: pd.DataFrame, rules: facts.Choices, groups: Sequence[str]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return which rows are evading faults (bool [rows], one run of each fault), and the time of
-    the harm of each of these, ms.
+    """Return which rows of a result table are evading faults, bool [rows], and the time of the
+    harm of each of these faults, ms.
+
+    Of a fault with several runs, one row is returned. `groups`: groups whose faults are returned;
+    (): all.
     """
     runs = facts.derive_facts(table, rules)
+    # `sample` marks one run of each fault. A time of -1 means that there was no unintended motion.
     rows = runs["sample"] & runs["faulty"] & runs["evaded"] & (runs["unintended_ms"] >= 0)
     if groups:
         rows &= table["group"].astype(str).isin(list(groups))

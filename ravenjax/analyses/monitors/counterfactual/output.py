@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from ravenjax.analyses.monitors import code
+from ravenjax.analyses.monitors.counterfactual.check_set import CheckSet
 from ravenjax.analyses.monitors.counterfactual.finding import Counterfactual
-from ravenjax.analyses.monitors.counterfactual.promise import Promise
 from ravenjax.campaign import writing
 from ravenjax.document import palette
 from ravenjax.document.chart import Chart, ChartAxis, Curve
@@ -23,145 +23,169 @@ from ravenjax.stats.alarms.false_alarms import hours_to_bound
 from ravenjax.stats.intervals import rate_bounds
 from ravenjax.store.files import require_writable, write_text
 
-SHOWN = 0.95
+SHOWN_SHARE = 0.95
 """Share of the lead times that lie within the range of the axis."""
 
 
-def draw_figure(one: Counterfactual, path: Path) -> None:
-    """Write the figure as SVG: share of detected faults over the time from alarm to harm."""
-    named: list[tuple[str, Promise]] = [
-        (wording.count_noun(len(one.promise.members), "check"), one.promise),
-        (f"best single check: {one.parts[one.best.members[0]].name}", one.best),
-        (f"all {len(one.parts)} candidates", one.everything),
-    ]
-    if one.tip_error is not None:
-        named.insert(2, ("built-in tip-error detector", one.tip_error))
-    leads = [
-        one.grounds.leads(promise.members, promise.margin.place)[one.grounds.statement_half]
-        for _, promise in named
-    ]
-    positive = leads[0][leads[0] > 0]
-    shown = float(np.quantile(positive, SHOWN)) if len(positive) else 1.0
-    end = max(shown, 2.0 * one.question.lead_ms, 10.0)
-    ms = np.linspace(0.0, end, 200)
+def draw_figure(finding: Counterfactual, path: Path) -> None:
+    """Write a figure as SVG: the share of the test half's faults that a set of checks detects at
+    least a given time before the harm. The curves of sets that were not selected are dashed.
+    """
+    best_single_set = finding.best_single_set
+    best_single = finding.candidates[best_single_set.indices[0]]
+    selected_name = wording.count_noun(len(finding.selected_set.indices), "check")
+    sets: dict[str, CheckSet] = {
+        selected_name: finding.selected_set,
+        f"best single check: {best_single.name}": best_single_set,
+    }
+    if finding.tip_error_set is not None:
+        sets["built-in tip-error detector"] = finding.tip_error_set
+    sets[f"all {len(finding.candidates)} candidates"] = finding.full_set
+    evidence = finding.evidence
+    lead_ms = {
+        name: evidence.lead_times(checks.indices, checks.margin.index)[evidence.test_half]
+        for name, checks in sets.items()
+    }
+    positive_ms = lead_ms[selected_name][lead_ms[selected_name] > 0]
+    shown_ms = float(np.quantile(positive_ms, SHOWN_SHARE)) if len(positive_ms) else 1.0
+    end_ms = max(shown_ms, 2.0 * finding.question.lead_ms, 10.0)
+    axis_ms = np.linspace(0.0, end_ms, 200)
     curves = []
-    for number, ((name, _), lead) in enumerate(zip(named, leads, strict=True)):
-        early = (lead[:, None] >= ms).mean(axis=0)
+    for number, (name, set_lead_ms) in enumerate(lead_ms.items()):
+        share = (set_lead_ms[:, None] >= axis_ms).mean(axis=0)
         low = high = ()
-        if not number and not one.grounds.hazards.robots:
-            low, high = rate_bounds(np.round(early * len(lead)), np.full(len(early), len(lead)))
-        curves.append(
-            Curve(name, palette.series_colour(number), ms, early, low, high, dashed=number > 0)
-        )
-    required = float(one.question.lead_ms) or None
-    across = ChartAxis("time before harm, at least, ms", 0.0, end, unit="ms", line=required)
-    up = ChartAxis("share of faults detected", 0.0, 1.0, share=True)
-    save_panels(path, [Chart("", across, up, tuple(curves))])
+        # Only the selected set has a band, which assumes that faults are independent.
+        if name == selected_name and not evidence.faults.units_are_robots:
+            fault_count = np.full(len(share), len(set_lead_ms))
+            low, high = rate_bounds(np.round(share * len(set_lead_ms)), fault_count)
+        colour = palette.series_colour(number)
+        curves.append(Curve(name, colour, axis_ms, share, low, high, dashed=name != selected_name))
+    # A required lead time of 0 needs no line.
+    required_ms = float(finding.question.lead_ms) or None
+    time_axis = ChartAxis(
+        "time before harm, at least, ms", 0.0, end_ms, unit="ms", line=required_ms
+    )
+    share_axis = ChartAxis("share of faults detected", 0.0, 1.0, share=True)
+    save_panels(path, [Chart("", time_axis, share_axis, tuple(curves))])
 
 
 TABLE, FIGURE = "counterfactual.csv", "counterfactual.svg"
 FOLDER, CAMPAIGN = "chosen", "campaign.toml"
 
 
-def write_files(one: Counterfactual, out_folder: Path) -> list[Path]:
-    """Write all files and return their paths. Raise StoreError if a file cannot be written."""
+def write_files(finding: Counterfactual, out_folder: Path) -> list[Path]:
+    """Write the table, the figure, the detectors and the campaign. Return their paths, the campaign
+    last. Raise StoreError if a file cannot be written.
+    """
     folder = out_folder / FOLDER
     require_writable(folder)
     paths = [out_folder / TABLE, out_folder / FIGURE]
-    write_text(paths[0], downloads.format_csv(candidate_table(one)))
-    draw_figure(one, paths[1])
-    for member, name in zip(one.promise.members, detector_names(one), strict=True):
-        part = one.parts[member]
+    write_text(paths[0], downloads.format_csv(candidate_table(finding)))
+    draw_figure(finding, paths[1])
+    for index, name in zip(finding.selected_set.indices, detector_names(finding), strict=True):
+        candidate = finding.candidates[index]
         paths.append(folder / f"{name}.py")
         title = (
-            f"{part.words[:1].upper()}{part.words[1:]}. The score is 1 at the largest value in"
-            " fault-free motion"
+            f"{candidate.words[:1].upper()}{candidate.words[1:]}. The score is 1 at the largest"
+            " value in fault-free motion"
         )
-        write_text(paths[-1], code.write_part(part.score.singles, title=title))
+        write_text(paths[-1], code.write_part(candidate.score.channel_scores, title=title))
     paths.append(folder / CAMPAIGN)
-    write_text(paths[-1], campaign_with_set(one))
+    write_text(paths[-1], campaign_with_set(finding))
     return paths
 
 
-def detector_names(one: Counterfactual) -> list[str]:
-    """Return a name for each detector of the set, different from the campaign's detectors."""
-    others, out = {own.name for own in one.config.detector}, []
-    for member in one.promise.members:
-        name, number = one.parts[member].name, 2
-        while name in others:
-            name, number = f"{one.parts[member].name}_{number}", number + 1
-        others.add(name)
-        out.append(name)
-    return out
+def detector_names(finding: Counterfactual) -> list[str]:
+    """Return a name for each check of the selected set, as a detector of the campaign: the name of
+    the candidate, with a number if the campaign has a detector of this name already.
+    """
+    used_names = {detector.name for detector in finding.config.detector}
+    names = []
+    for index in finding.selected_set.indices:
+        name, number = finding.candidates[index].name, 2
+        while name in used_names:
+            name, number = f"{finding.candidates[index].name}_{number}", number + 1
+        used_names.add(name)
+        names.append(name)
+    return names
 
 
-def campaign_with_set(one: Counterfactual) -> str:
-    """Return the campaign as TOML, with the set as additional detectors."""
-    raw: dict[str, Any] = one.config.model_dump(mode="json", exclude_defaults=True)
-    raw["campaign"]["name"] = f"{one.config.campaign.name[:90]}_watched"
-    margin = one.promise.margin.value
-    more = [
+def campaign_with_set(finding: Counterfactual) -> str:
+    """Return the campaign as TOML, with the selected set as additional detectors."""
+    raw: dict[str, Any] = finding.config.model_dump(mode="json", exclude_defaults=True)
+    # The length of a name is limited.
+    raw["campaign"]["name"] = f"{finding.config.campaign.name[:90]}_watched"
+    added = [
         {
             "name": name,
             "file": f"{name}.py",
-            "consecutive": one.parts[member].consecutive,
-            "threshold": [margin],
+            "consecutive": finding.candidates[index].consecutive,
+            "threshold": [finding.selected_set.margin.value],
             "acts": "watch",
         }
-        for member, name in zip(one.promise.members, detector_names(one), strict=True)
+        for index, name in zip(finding.selected_set.indices, detector_names(finding), strict=True)
     ]
-    own, groups = raw.pop("detector", []), raw.pop("group")
-    head = "".join(f"# {sentence}\n" for sentence in finding_sentences(one))
-    stop = (
+    # Detectors and groups are the last tables of the file, as users write them.
+    present, groups = raw.pop("detector", []), raw.pop("group")
+    tables = {**raw, "detector": [*present, *added], "group": groups}
+    findings = "".join(f"# {sentence}\n" for sentence in finding_sentences(finding))
+    hint = (
         '# With acts = "stop" a check presses the E-stop. For other random faults: --set'
         " campaign.seed=N\n"
     )
-    return f"{head}{stop}\n" + writing.format_toml(
-        {**raw, "detector": [*own, *more], "group": groups}
-    )
+    return f"{findings}{hint}\n{writing.format_toml(tables)}"
 
 
-def finding_sentences(one: Counterfactual) -> list[str]:
+def finding_sentences(finding: Counterfactual) -> list[str]:
     """Return sentences that state the findings and the limits of their validity."""
+
+    def join_names(names: list[str]) -> str:
+        # Returns "a", "a and b" or "a, b and c".
+        return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
+
     templates = wording.text_templates("ravenjax.analyses.monitors.counterfactual")
-    templates.filters |= {
-        "quantile": np.quantile,
-        "listed": lambda names: " and ".join(filter(None, [", ".join(names[:-1]), names[-1]])),
-    }
+    templates.filters |= {"quantile": np.quantile, "listed": join_names}
     text = templates.get_template("sentences.txt.j2")
-    return text.render(one=one, hours_needed=hours_needed).splitlines()
+    return text.render(finding=finding, hours_needed=hours_needed).splitlines()
 
 
 def hours_needed(per_hour: float, runs: int = 1) -> float:
-    """Return the hours of motion that show a false-alarm rate if there is no alarm, rounded up."""
+    """Return the hours of fault-free motion, `Question.hours`, that show a false-alarm rate of at
+    most `per_hour` if no alarm occurs, rounded up.
+
+    runs: number of runs of each motion.
+    """
     # Only half of the motions measure the rate, and the robot is not live in their first seconds.
     return rounded_up(2.05 * runs * hours_to_bound(per_hour))
 
 
-def candidate_table(one: Counterfactual) -> list[dict[str, object]]:
-    """Return the rows of `counterfactual.csv`, one per candidate."""
-    return [
-        {
-            "candidate": part.name,
-            "chosen": number in one.promise.members,
-            "kind": part.score.kind,
-            "signal": part.score.signal,
-            "against": part.score.against,
-            "layer": part.score.layer,
-            "consecutive_ticks": part.consecutive,
-            "looks_at": part.words,
-            "scales": "; ".join(
-                f"{label} {scale!r} {unit}".strip()
-                for label, unit, scale in zip(
-                    part.score.labels, part.score.units, part.score.scales, strict=True
-                )
-            ),
-            "margin": alone.margin.value,
-            "calibrated_false_alarms_per_hour": alone.margin.bound,
-            "false_alarms": alone.false_alarms,
-            "selection": alone.selected,
-            "statement": alone.covered,
-            "lead_ms": alone.lead_ms,
-        }
-        for number, (part, alone) in enumerate(zip(one.parts, one.alone, strict=True))
-    ]
+def candidate_table(finding: Counterfactual) -> list[dict[str, object]]:
+    """Return the rows of `counterfactual.csv`: a candidate and its results as the only check."""
+    rows = []
+    for index, (candidate, single_set) in enumerate(
+        zip(finding.candidates, finding.single_sets, strict=True)
+    ):
+        score = candidate.score
+        channels = zip(score.labels, score.units, score.scales, strict=True)
+        # A channel without label or unit has an empty string, which leaves a space at an end.
+        scales = [f"{label} {scale!r} {unit}".strip() for label, unit, scale in channels]
+        rows.append(
+            {
+                "candidate": candidate.name,
+                "chosen": index in finding.selected_set.indices,
+                "kind": score.kind,
+                "signal": score.signal,
+                "against": score.against,
+                "layer": score.layer,
+                "consecutive_ticks": candidate.consecutive,
+                "looks_at": candidate.words,
+                "scales": "; ".join(scales),
+                "margin": single_set.margin.value,
+                "calibrated_false_alarms_per_hour": single_set.margin.expected_per_hour,
+                "false_alarms": single_set.false_alarms,
+                "selection": single_set.selection_coverage,
+                "statement": single_set.test_coverage,
+                "lead_ms": single_set.median_lead_ms,
+            }
+        )
+    return rows

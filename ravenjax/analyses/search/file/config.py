@@ -15,14 +15,15 @@ from ravenjax.campaign.inspection import json_schema
 from ravenjax.vocabulary.robot import Robot
 
 
-def _power_of_two(n: int) -> int:
+def _require_power_of_two(n: int) -> int:
+    # A power of two has one set bit.
     if n & (n - 1):
         below = 1 << (n.bit_length() - 1)
         raise ValueError(f"got {n}, expected a power of two, such as {below} or {2 * below}")
     return n
 
 
-def _even(levels: int) -> int:
+def _require_even(levels: int) -> int:
     if levels % 2:
         raise ValueError(f"got {levels}, expected an even number, such as {levels + 1}")
     return levels
@@ -58,14 +59,14 @@ class Boundary(Section):
     )
 
     @model_validator(mode="after")
-    def _once(self) -> Boundary:
+    def _require_each_sign_once(self) -> Boundary:
         if len(set(self.signs)) < len(self.signs):
             raise ValueError(f"signs: got {list(self.signs)}, expected each sign once")
         return self
 
     @property
     def outcomes(self) -> tuple[str, ...]:
-        """Return the outcomes that are computed for each run."""
+        """The outcomes that are computed for each run."""
         return (self.harm,)
 
 
@@ -74,7 +75,7 @@ class Sobol(Section):
 
     kind: Literal["sobol"] = Field(description="kind of search")
     outcomes: Outcomes
-    n: Annotated[int, AfterValidator(_power_of_two)] = Field(
+    n: Annotated[int, AfterValidator(_require_power_of_two)] = Field(
         default=1024,
         ge=8,
         le=2**24,
@@ -93,7 +94,7 @@ class Morris(Section):
         le=1_000_000,
         description="number of trajectories; each has d + 1 runs for d inputs",
     )
-    levels: Annotated[int, AfterValidator(_even)] = Field(
+    levels: Annotated[int, AfterValidator(_require_even)] = Field(
         default=8, ge=4, le=1000, description="number of values of each input, an even number"
     )
 
@@ -125,8 +126,8 @@ class Rare(Section):
     )
 
     @model_validator(mode="after")
-    def _chains(self) -> Rare:
-        # Each of the `steps` levels needs the same number of runs, and at least two.
+    def _require_equal_chains(self) -> Rare:
+        # A level consists of runs / steps chains of equal length, and at least two.
         if self.runs % self.steps or self.runs // self.steps < 2:
             below = max(2, self.runs // self.steps) * self.steps
             raise ValueError(
@@ -137,7 +138,7 @@ class Rare(Section):
 
     @property
     def outcomes(self) -> tuple[str, ...]:
-        """Return the outcomes that are computed for each run."""
+        """The outcomes that are computed for each run."""
         return (self.event,)
 
 
@@ -157,7 +158,7 @@ class SearchConfig:
 
     @property
     def source(self) -> Path | None:
-        """Return the file from which the search was read."""
+        """The file from which the search was read; None for a search without a file."""
         return self.campaign.source
 
     def resolved(self) -> dict[str, Any]:
@@ -168,17 +169,17 @@ class SearchConfig:
 
 
 def json_schema_of(robot: Robot) -> dict[str, Any]:
-    """Return the JSON Schema of a search file for a robot."""
-    whole: dict[str, Any] = {**json_schema.campaign_schema(robot), "title": "ravenjax search"}
+    """Return the JSON Schema of a search file: of a campaign with one group and a [search]."""
+    schema: dict[str, Any] = {**json_schema.campaign_schema(robot), "title": "ravenjax search"}
     for name, model in KINDS.items():
-        table = model.model_json_schema(ref_template="#/$defs/{model}")
-        json_schema.tidy_schema(table)
-        table["properties"]["kind"] = {"const": name, "description": "kind of search"}
-        whole["$defs"][model.__name__] = table
-    whole["properties"]["search"] = {
+        section = model.model_json_schema(ref_template="#/$defs/{model}")
+        json_schema.tidy_schema(section)
+        section["properties"]["kind"] = {"const": name, "description": "kind of search"}
+        schema["$defs"][model.__name__] = section
+    schema["properties"]["search"] = {
         "description": "[search]: what the search looks for",
         "oneOf": [{"$ref": f"#/$defs/{model.__name__}"} for model in KINDS.values()],
     }
-    whole["properties"]["group"]["maxItems"] = 1
-    whole["required"] = [*whole["required"], "search"]
-    return whole
+    schema["properties"]["group"]["maxItems"] = 1
+    schema["required"] = [*schema["required"], "search"]
+    return schema

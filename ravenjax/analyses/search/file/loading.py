@@ -36,22 +36,24 @@ def from_dict(
 
     `source`, `text`: the file and its text, for error messages. Raise UserError for mistakes.
     """
-    of_search: list[str] = []
-    of_campaign: list[str] = []
+    search_overrides: list[str] = []
+    campaign_overrides: list[str] = []
     for override in overriding.check_overrides(overrides):
         section = override.partition("=")[0].partition(".")[0].strip()
-        (of_search if section == SECTION else of_campaign).append(override)
-    raw, replaced = overriding.all_applied(raw, of_search)
+        if section == SECTION:
+            search_overrides.append(override)
+        else:
+            campaign_overrides.append(override)
+    raw, replaced = overriding.all_applied(raw, search_overrides)
     where = location.Where(source, location.key_lines(text), replaced)
     messages: list[str] = []
     campaign = None
     try:
-        campaign = loading.from_dict(
-            {k: v for k, v in raw.items() if k != SECTION}, source, text, of_campaign
-        )
+        campaign_tables = {name: table for name, table in raw.items() if name != SECTION}
+        campaign = loading.from_dict(campaign_tables, source, text, campaign_overrides)
     except UserError as error:
         messages.append(str(error))
-    search, complaints = _section(raw)
+    search, complaints = _parse_section(raw)
     if campaign is not None:
         complaints += template.find_search_errors(campaign, search)
     if complaints:
@@ -61,22 +63,19 @@ def from_dict(
     return SearchConfig(campaign, search)
 
 
-def _section(raw: dict[str, Any]) -> tuple[Search | None, list[Complaint]]:
-    # Checks the section [search] with the model of its kind. Returns the search, or its mistakes.
+def _parse_section(raw: dict[str, Any]) -> tuple[Search | None, list[Complaint]]:
+    # Returns the section [search], or None and its mistakes.
     table = raw.get(SECTION)
     kind = table.get("kind") if isinstance(table, dict) else None
     if not isinstance(kind, str) or kind not in KINDS:
         got = "missing" if kind is None else f"got {format_value(kind)}"
         expected = f"{', '.join(KINDS)}{suggest_name(kind, KINDS)}"
-        return None, [
-            (
-                (SECTION, "kind"),
-                f"{got}: write a section [search] with the key kind, one of {expected}",
-            )
-        ]
+        message = f"{got}: write a section [search] with the key kind, one of {expected}"
+        return None, [((SECTION, "kind"), message)]
     try:
         return KINDS[kind].model_validate(table), []
     except ValidationError as error:
         return None, [
-            ((SECTION, *one["loc"]), format_error(one, KINDS[kind])) for one in error.errors()
+            ((SECTION, *mistake["loc"]), format_error(mistake, KINDS[kind]))
+            for mistake in error.errors()
         ]

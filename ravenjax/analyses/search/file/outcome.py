@@ -55,16 +55,14 @@ class Outcome:
 
     @property
     def unit(self) -> str:
-        """Return the unit of the column."""
-        return (
-            self.column.rpartition("_")[2]
-            if self.column.endswith(("_mm", "_ms")) and not self.relation
-            else ""
-        )
+        """The unit of a column of mm or ms; "" for other columns and for events."""
+        if self.relation or not self.column.endswith(("_mm", "_ms")):
+            return ""
+        return self.column.rpartition("_")[2]
 
     @property
     def named_event(self) -> bool:
-        """Return whether the outcome is an event of `ravenjax.outcomes.events`."""
+        """Whether the outcome is an event of `ravenjax.outcomes.events`."""
         return not self.relation and self.column in events.EVENTS
 
     def columns(self, rules: Rules) -> list[str]:
@@ -86,19 +84,20 @@ class Outcome:
             values = np.asarray(pd.Categorical(columns[self.column]) == self.word, np.float64)
         elif self.relation:
             margins = self.margins(columns)
-            absent = np.nan if not self._may_be_absent else 0.0
-            values = np.where(np.isnan(margins), absent, margins >= 0)
+            # A time that is absent is an event that never happened.
+            without_margin = 0.0 if self._may_be_absent else np.nan
+            values = np.where(np.isnan(margins), without_margin, margins >= 0)
         else:
             values = self._numbers(columns)
         return np.where(columns["failed"] == "", values, np.nan)
 
     def margins(self, columns: schema.Columns) -> np.ndarray:
-        """Return the distance of the column beyond its limit, float64 [rows].
+        """Return how far the column is beyond its limit, float64 [rows]; negative: within it.
 
-        The event happened if the distance is at least 0.
+        The event happened if the result is at least 0. It is NaN for a failed run.
         """
-        beyond = self._numbers(columns) - self.bound
-        margins = beyond if self.relation == ">=" else -beyond
+        excess = self._numbers(columns) - self.bound
+        margins = excess if self.relation == ">=" else -excess
         return np.where(np.asarray(columns["failed"] == ""), margins, np.nan)
 
     @property
@@ -107,11 +106,11 @@ class Outcome:
 
     def _numbers(self, columns: schema.Columns) -> np.ndarray:
         numbers = np.asarray(columns[self.column]).astype(np.float64)
-        # The time of an event that never came is -1.
+        # The time of an event that never happened is -1.
         return np.where(numbers < 0, np.nan, numbers) if self._may_be_absent else numbers
 
     def complaints(self, shape: schema.Shape) -> list[str]:
-        """Return the mistakes of this outcome for a result table of this shape."""
+        """Return messages on mistakes, such as a column that tables of this shape do not have."""
         dtypes = {
             column.name: column.dtype
             for column in schema.table_columns(shape)
@@ -130,23 +129,25 @@ class Outcome:
 
 
 def parse_outcome(text: str) -> Outcome:
-    """Parse a text such as "response = stopped". Raise ValueError for any other form."""
+    """Return the outcome of a text such as "response = stopped". Raises ValueError."""
     if match := _FORM.match(text):
-        column, relation, right = match[1], match[2] or "", match[3] or ""
-        if relation == "=" and right:
-            return Outcome(column, relation, word=right)
+        column, relation, limit = match[1], match[2] or "", match[3] or ""
+        if relation == "=" and limit:
+            return Outcome(column, relation, word=limit)
         if not relation:
             return Outcome(column)
+        # A limit that is no number leads to the error below.
         with contextlib.suppress(ValueError):
-            return Outcome(column, relation, float(right))
+            return Outcome(column, relation, float(limit))
     raise ValueError(f"got {format_value(text)}, expected a column or an event, such as {FORMS}")
 
 
 def require_event(text: str) -> str:
     """Return `text`. Raise ValueError if it names a number, not an event."""
-    found = parse_outcome(text)
-    truths = {c.name for c in schema.table_columns(schema.Shape()) if c.dtype == "bool"}
-    if not (found.relation or found.named_event or found.column in truths):
+    outcome = parse_outcome(text)
+    columns = schema.table_columns(schema.Shape())
+    truth_columns = {column.name for column in columns if column.dtype == "bool"}
+    if not (outcome.relation or outcome.named_event or outcome.column in truth_columns):
         raise ValueError(
             f"got {format_value(text)}, which is a number; expected an event, such as '{text} >= 1'"
         )

@@ -44,13 +44,20 @@ def axis_name(key: Key) -> str:
 
 def find_search_errors(config: CampaignConfig, search: Search | None) -> list[Complaint]:
     """Return (key, message) of mistakes that only a search file can have."""
+    # Path in the file, name and distribution of each key that has a distribution.
     words, numbers = [], []
     for (slot, name), axis in template_axes(config).items():
-        if axis.drawn:
-            own = "group/0/" if name in config.group[0].parameters else ""
-            table = f"{own}parameters" if slot == PARAMETER else f"group/0/fault/{slot}"
-            sort = words if slot != PARAMETER and name in WORDS else numbers
-            sort.append((f"{table}/{name}", axis_name((slot, name)), axis))
+        if not axis.drawn:
+            continue
+        if slot != PARAMETER:
+            table = f"group/0/fault/{slot}"
+        elif name in config.group[0].parameters:
+            table = "group/0/parameters"
+        else:
+            table = "parameters"
+        is_word = slot != PARAMETER and name in WORDS
+        entry = (f"{table}/{name}", axis_name((slot, name)), axis)
+        (words if is_word else numbers).append(entry)
     rows = resources.render_rows(
         Path(__file__).with_name("search_errors.j2"),
         config=config,
@@ -91,14 +98,14 @@ class Template:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Return the names of the inputs."""
+        """The names of the inputs."""
         return tuple(map(axis_name, self.inputs))
 
     def axis(self, number: int) -> Axis:
         """Return the distribution of an input."""
         return self._axes[self.inputs[number]]
 
-    def drawn(self) -> list[dict[str, Any]]:
+    def describe_inputs(self) -> list[dict[str, Any]]:
         """Return name, unit and distribution of each input, as JSON values."""
         return [
             {"name": name, "unit": self.unit(i), "drawn": self.axis(i).written()}
@@ -110,17 +117,21 @@ class Template:
         return {axis_name(key): self._values[key][case] for key in self.lists}
 
     def unit(self, number: int) -> str:
-        """Return the unit of an input; "" if cases have different units."""
+        """Return the unit of an input: the unit of the channel for the value of a fault, ms for a
+        time; "" for a parameter, or if cases have different units.
+        """
         slot, name = self.inputs[number]
-        if name != "value" or slot == PARAMETER:
-            return "ms" if slot != PARAMETER else ""
-        units = {
-            channel.unit for case in range(self.cases) if (channel := self._aim(slot, case)[0])
-        }
+        if slot == PARAMETER:
+            return ""
+        if name != "value":
+            return "ms"
+        channels = [self._target(slot, case)[0] for case in range(self.cases)]
+        units = {channel.unit for channel in channels if channel}
         return units.pop() if len(units) == 1 else ""
 
     def values(self, case: np.ndarray, unit: np.ndarray) -> np.ndarray:
-        """Convert points of the unit cube [n, inputs] to values of the inputs, float64 [n, inputs].
+        """Return the values of the inputs, float64 [n, inputs], at points of the unit cube `unit`
+        [n, inputs]. case: the case of each point [n].
 
         A coordinate is a quantile of the input's distribution, as in a sampled design.
         """
@@ -132,30 +143,27 @@ class Template:
             step = self.config.robot.period_ms if is_time else 1
             values[:, i] = np.where(whole[:, i], axis.at(places, whole=step), axis.at(places))
             if is_time and not axis.listed:
-                values[:, i] = np.maximum(
-                    values[:, i], step if name in ("duration_ms", "period_ms") else 0
-                )
+                smallest = step if name in ("duration_ms", "period_ms") else 0
+                values[:, i] = np.maximum(values[:, i], smallest)
         return values
 
     def campaign(self, case: np.ndarray, values: np.ndarray) -> CampaignConfig:
         """Return the campaign whose runs are these points: case [n], values [n, inputs]."""
-        group, config = self.config.group[0], self.config
-        listed = {key: tuple(self._values[key][c] for c in case.tolist()) for key in self.lists}
-        listed |= {key: tuple(values[:, i].tolist()) for i, key in enumerate(self.inputs)}
-        paired = {key: Axis("list", column) for key, column in listed.items()}
-        faults = tuple(
-            fault.model_copy(
-                update={name: axis for (slot, name), axis in paired.items() if slot == f}
-            )
-            for f, fault in enumerate(group.fault)
-        )
+        group = self.config.group[0]
+        # The values of all points, for each key that differs between points.
+        columns = {key: [self._values[key][c] for c in case.tolist()] for key in self.lists}
+        columns |= {key: values[:, i].tolist() for i, key in enumerate(self.inputs)}
+        axes = {key: Axis("list", tuple(column)) for key, column in columns.items()}
+        faults = []
+        for number, fault in enumerate(group.fault):
+            fault_axes = {name: axis for (slot, name), axis in axes.items() if slot == number}
+            faults.append(fault.model_copy(update=fault_axes))
         parameters = {
-            path: axis for (slot, path), axis in (self._axes | paired).items() if slot == PARAMETER
+            path: axis for (slot, path), axis in (self._axes | axes).items() if slot == PARAMETER
         }
-        update = {"design": "zip", "fault": faults, "parameters": parameters}
-        return config.model_copy(
-            update={"group": (group.model_copy(update=update),), "parameters": {}}
-        )
+        update = {"design": "zip", "fault": tuple(faults), "parameters": parameters}
+        group = group.model_copy(update=update)
+        return self.config.model_copy(update={"group": (group,), "parameters": {}})
 
     def _is_whole(self, key: Key, case: int) -> bool:
         # True if the campaign rounds the input: times, and values of channels with whole numbers.
@@ -164,20 +172,20 @@ class Template:
             return False
         if name != "value":
             return True
-        channel, effect = self._aim(slot, case)
+        channel, effect = self._target(slot, case)
         return (
             channel is not None
             and effect not in WITHOUT_VALUE
             and legal_values(channel, effect).rounded
         )
 
-    def _aim(self, slot: int, case: int) -> tuple[Channel | None, str]:
+    def _target(self, slot: int, case: int) -> tuple[Channel | None, str]:
         # Returns the channel on which a fault acts in one case, and its effect.
         site = self.config.robot.sites[self.config.group[0].fault[slot].site]
         effect = str(self._values[slot, "effect"][case])
-        name = (
-            NETWORK_EFFECTS[effect][0]
-            if effect in NETWORK_EFFECTS
-            else self._values[slot, "channel"][case]
-        )
+        # The effect determines the channel of a network effect.
+        if effect in NETWORK_EFFECTS:
+            name = NETWORK_EFFECTS[effect][0]
+        else:
+            name = self._values[slot, "channel"][case]
         return next((channel for channel in site.channels if channel.name == name), None), effect

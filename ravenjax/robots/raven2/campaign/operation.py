@@ -7,7 +7,7 @@ do not change them.
 
 import numpy as np
 
-from ravenjax.numbers import Vec, at_once
+from ravenjax.numbers import Vec, run_eagerly
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.campaign import hands, pedal
 from ravenjax.robots.raven2.campaign.config import RavenConfig
@@ -66,7 +66,7 @@ def _number(config: RavenConfig, path: str, default: float) -> float:
 
 def _depth(motion: Motion, i: int, arm: ArmName, path: np.ndarray) -> np.ndarray:
     """Return the depth [rows] of a tip below the tissue, m. path: from the start, [rows, 3], m."""
-    with at_once():
+    with run_eagerly():
         start = kinematics.forward_pose(arm, Vec(map(np.float64, motion.start_jpos[i]))).position
         tip = start + position_from_itp(arm, Vec(path.T))
         return np.asarray(scene.tissue_depth(arm, tip))

@@ -19,7 +19,7 @@ import numpy as np
 from ravenjax.engines.interface import TickProgram
 from ravenjax.faults.clocks import Clocks, PedalPhases
 from ravenjax.faults.injection import channel_keys
-from ravenjax.numbers import at_once
+from ravenjax.numbers import run_eagerly
 from ravenjax.robots.raven2.loop.injector import may_restart
 from ravenjax.robots.raven2.run_levels import PEDAL_DOWN, PEDAL_UP
 from ravenjax.robots.raven2.stages.state_machine import MISMATCHES
@@ -118,7 +118,7 @@ class EvenPackets:
     cycles: np.ndarray  # int64 [runs]
     ticks: int
 
-    def comes(self, rows: np.ndarray, packets: np.ndarray) -> np.ndarray:
+    def arrival_ticks(self, rows: np.ndarray, packets: np.ndarray) -> np.ndarray:
         return (packets - 1) * self.cycles[rows]
 
     def newest(self, rows: np.ndarray) -> np.ndarray:
@@ -134,7 +134,7 @@ class DrawnPackets:
     key: np.ndarray  # uint32 [runs]
     ticks: int
 
-    def comes(self, rows: np.ndarray, packets: np.ndarray) -> np.ndarray:
+    def arrival_ticks(self, rows: np.ndarray, packets: np.ndarray) -> np.ndarray:
         # Returns the arrival ticks of packets (numbers from 1) in the runs `rows`, int64.
         wanted = np.minimum(packets, self.ticks + 1)
         result = np.empty(len(rows), np.int64)
@@ -160,7 +160,7 @@ class DrawnPackets:
             key, choice = self.key[rows[indices]][:, None], self.choice[rows[indices]][:, None]
             for begin in range(0, most, columns):
                 packet = np.arange(begin, min(begin + columns, most), dtype=np.int32)[None]
-                with at_once():
+                with run_eagerly():
                     lengths = packet_clock.packet_length(self.shares, choice, key, packet).astype(
                         np.int64
                     )

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.numbers import at_once, cast_to_real, describe_fields, for_each_arm, jnp, per_arm
+from ravenjax.numbers import cast_to_real, describe_fields, for_each_arm, jnp, per_arm, run_eagerly
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, to_int32, where
 from ravenjax.parts import part
 from ravenjax.robots.raven2.console.motion import ARM_COLUMNS, NOMINAL_SCALE
@@ -45,7 +45,7 @@ def params(setup: RavenSetup, start_jpos: tuple[tuple[float, ...], ...]) -> Oper
 
     start_jpos: `Motion.start_jpos`, per arm 7 joints in rad and m.
     """
-    with at_once():
+    with run_eagerly():
         poses = per_arm(
             setup, lambda i, arm: kinematics.forward_pose(arm, Vec(map(np.float64, start_jpos[i])))
         )

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ravenjax.errors import UserError, describe_unknown_name
-from ravenjax.numbers import Vec, at_once
+from ravenjax.numbers import Vec, run_eagerly
 from ravenjax.robots.raven2.arms import ARMS, JOINTS
 from ravenjax.robots.raven2.geometry import gravity, kinematics, transmission
 from ravenjax.robots.raven2.geometry.joints import Pose
@@ -102,7 +102,7 @@ def gravity_torque(jpos: ArrayLike, arm: str) -> Array:
 @contextlib.contextmanager
 def _whole_arrays() -> Generator[None]:
     """Let functions of single numbers compute with arrays in place of numbers."""
-    with at_once(), np.errstate(all="ignore"):
+    with run_eagerly(), np.errstate(all="ignore"):
         yield
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from ravenjax.engines import traced
 from ravenjax.engines.cpu.memory import aligned_buffer
 from ravenjax.engines.cpu.transition import Memory, RecordKind, StateTransition, write_row
-from ravenjax.numbers import Scalar, Vec, at_once, for_each_arm, jnp, record, tree
+from ravenjax.numbers import Scalar, Vec, for_each_arm, jnp, record, run_eagerly, tree
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.loop import control
@@ -128,7 +128,7 @@ def robot_code(setup: RavenSetup) -> TransitionCode:
     fixed, zero = plain_numbers(params(setup)), np.int32(0)
     still = RobotInputs(for_each_arm(setup, Vec.full(7, zero)), zero, zero, zero)
     home = for_each_arm(setup, plain_numbers(HOME_JPOS))
-    with at_once():
+    with run_eagerly():
         state, signals = begin_robot(setup, fixed, home, zero)
     records = {"params": fixed, "state": state, "inputs": still, "signals": signals}
     kinds = {name: RecordKind.of(record) for name, record in records.items()}
@@ -193,7 +193,7 @@ class VirtualRobot:
         kinds = self.code.kinds
         self.params = plain_numbers(params(self.setup, parameter_set))
         start = tuple(plain_numbers(Vec(row)) for row in rest)
-        with at_once():
+        with run_eagerly():
             state, signals = begin_robot(self.setup, self.params, start, np.int32(level))
         self.reading = self._reading(signals)
         self._inputs = aligned_buffer(1, kinds["inputs"].layout.bytes)

@@ -30,7 +30,7 @@ class RavenInjector(injection.Injector):
 
     def __call__(self, site: str, signal: Any, present: Scalar = True) -> Any:
         # Rotations are changed as quaternions, and parameters by their paths.
-        if site in ROTATIONS and self.strikes(site):
+        if site in ROTATIONS and self.injects_at(site):
             quats = tuple(
                 quat_from_matrix(widen_numbers(self.setup, rotation)) for rotation in signal
             )

@@ -12,11 +12,11 @@ from ravenjax.faults.injection import injects_faults
 from ravenjax.numbers import (
     Scalar,
     Vec,
-    at_once,
     cast_to_real,
     for_each_arm,
     jnp,
     replace,
+    run_eagerly,
     where,
     widen_numbers,
 )
@@ -86,7 +86,7 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
     tips = plant.true_tips(setup, params.plant, plants, robots)
     observers_state = observers.init(setup, params, start, tips)
     zero = jnp.int32(0)
-    with at_once():  # the start of a run is a constant of the campaign
+    with run_eagerly():  # the start of a run is a constant of the campaign
         software = control.init(setup, params.start, ready)
     stages = find_stages(setup)
     hands_may_move = injects_faults(setup, "hand") or any(

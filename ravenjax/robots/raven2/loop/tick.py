@@ -66,7 +66,7 @@ def advance_tick(
     inject = RavenInjector(
         setup, faults, fault.open_windows(setup, faults, state.faults, triggers), triggers
     )
-    params = inject.strike_parameters(params)
+    params = inject.inject_parameters(params)
     files = user_files.UserFiles(setup, params.checks, params.control.own, state.files, now)
 
     clean, packet, arrives = _send_packet(setup, params, inject, state, present, stages, console)
@@ -181,7 +181,7 @@ def _send_packet(
 ) -> tuple[Packet, Packet, Scalar]:
     """Return the packet before faults, the packet at the robot, and whether a packet arrives."""
     signal, sequence = console.signal, console.sequence
-    if inject.strikes("hand"):
+    if inject.injects_at("hand"):
         still = for_each_arm(setup, Vec.full(3, cast_to_real(setup, 0.0)))
         console.hands = operator.with_stray_motion(console.hands, inject("hand", still))
 
@@ -202,10 +202,10 @@ def _send_packet(
 
     # A packet from an external console cannot be sent again
     packet, may_resend = clean, signal.packet is None
-    if may_resend and inject.strikes("console", "network"):
+    if may_resend and inject.injects_at("console", "network"):
         packet = make_packet(replace(params.operator, scale=scale), console.older(network))
     arrives = console.fresh & ~network.lost
-    if may_resend and inject.strikes("network"):
+    if may_resend and inject.injects_at("network"):
         index = packet.sequence - 1
         arrives = arrives & (index >= 0) & ((network.delay == 0) | (index > state.delivered))
     return clean, replace(packet, received=as_int(arrives)), arrives
@@ -248,7 +248,7 @@ def _move_robot(
     multipliers = {
         site: inject(site, for_each_arm(setup, getattr(plant.PlantSignal, site)))
         for site in _MECHANICS
-        if inject.strikes(site)
+        if inject.injects_at(site)
     }
     driven = boards.current_cmd
     for ticks, earlier in enumerate(state.commands, start=1):

@@ -26,7 +26,7 @@ import math
 import numpy as np
 
 from ravenjax.bundled import resources
-from ravenjax.numbers import Scalar, Vec, at_once, describe_fields, jnp, record, tree, where
+from ravenjax.numbers import Scalar, Vec, describe_fields, jnp, record, run_eagerly, tree, where
 from ravenjax.numbers.algebra import add, dot, matmul, matrix, matvec, mul
 from ravenjax.robots.raven2.geometry import built_links, kinematics, limits, mapping
 
@@ -163,7 +163,7 @@ def _solve_registration(arm: str) -> tuple[list[list[float]], list[list[float]]]
     """Return the reported tips (m) at POSES, and the matrix [6, 3 * poses] that turns residuals of
     tips into the rotation (rad) and translation (m) of the least-squares fit.
     """
-    with at_once():  # a trace may call this function
+    with run_eagerly():  # a trace may call this function
         tips = np.array([kinematics.forward_pose(arm, pose).position for pose in POSES])
     design = np.zeros((len(tips), 3, 6))
     for rows, (x, y, z) in zip(design, tips, strict=True):

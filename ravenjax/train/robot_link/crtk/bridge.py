@@ -16,19 +16,17 @@ from typing import Any
 import numpy as np
 
 from ravenjax.errors import UserError
+from ravenjax.store.ring import COMMAND_BYTES, Ring, parent_has_ended, put_json, read_json
 from ravenjax.train import processes
 from ravenjax.train.protocol import Command, Frame, FrameLayout, Say
-from ravenjax.train.realtime.ring import COMMAND_BYTES, Ring, parent_has_ended, put_json, read_json
 from ravenjax.train.robot_link.crtk import messages
 from ravenjax.train.robot_link.crtk.interpreter import Interpreter, RobotRow
 from ravenjax.train.session.simulation import Blueprint
 
-PERIOD_S = 0.002
-"""Time between two readings of the rings and of the network."""
-READINGS_HZ = 100.0
-"""Rate of the published measurements; the default of the dVRK's consoles."""
+PERIOD_S = 0.002  # Time between two readings of the rings and of the network
+READINGS_HZ = 100.0  # Rate of the published measurements; the default of the dVRK's consoles
 _KEPT_ROWS, _KEPT_COMMANDS, _COMMANDS_PER_TICK = 64, 1024, 16
-_LOOK_EVERY = 256
+_POLLS_PER_CHECK = 256
 """Calls of `poll` between two checks that the process runs. Each check is a system call."""
 
 
@@ -59,7 +57,7 @@ class CrtkConsole:
 
     _polls = 0
     taken = 0  # number of the last command returned
-    process_says: Connection | None = None  # delivers the reason when the process ends
+    process_connection: Connection | None = None  # delivers the reason when the process ends
 
     def __init__(self, layout: FrameLayout, ros: messages.Ros, say: Say = print) -> None:
         """say: prints why the process has ended."""
@@ -71,14 +69,18 @@ class CrtkConsole:
     def poll(self) -> list[Command]:
         """Return the commands of CRTK's consoles; none once the CRTK process has ended."""
         self._polls += 1
-        if self._polls % _LOOK_EVERY == 0 and self.process_says and self.process_says.poll():
+        if (
+            self._polls % _POLLS_PER_CHECK == 0
+            and self.process_connection
+            and self.process_connection.poll()
+        ):
             try:
-                why = self.process_says.recv()
+                reason = self.process_connection.recv()
             except (EOFError, OSError):
-                why = "its process was terminated"
-            self.process_says = None
+                reason = "its process was terminated"
+            self.process_connection = None
             self._say(
-                f"CRTK over {self._ros} has ended: {why}. Its pedal counts as up, and the robot"
+                f"CRTK over {self._ros} has ended: {reason}. Its pedal counts as up, and the robot"
                 " continues without CRTK. Restart ravenjax to use CRTK again"
             )
         if self.commands.written == self.taken:
@@ -100,7 +102,6 @@ def spawn_bridge(
     stack: contextlib.ExitStack, ros: messages.Ros, blueprint: Blueprint, say: Say, elsewhere: bool
 ) -> CrtkConsole:
     """Start the process for the robot of a blueprint, and wait until it exchanges messages.
-
     elsewhere: whether the robot is in another process and its contact unknown. Raises UserError if
     ROS is not available.
     """
@@ -111,9 +112,9 @@ def spawn_bridge(
     gain, contact = int(control.teleoperation.grasp_gain), setup.contact and not elsewhere
     helper = processes.Helper(stack, run_bridge)
     helper.send((rings, ros, arms, setup.tools, gain, contact))
-    if trouble := helper.answer():
-        raise UserError(trouble)
-    console.process_says = helper.answers
+    if error := helper.receive_answer():
+        raise UserError(error)
+    console.process_connection = helper.connection
     say(f"CRTK: {ros}, {', '.join(messages.ARM_NAMES[arm] for arm in arms)}")
     network = "the DDS domain" if ros == "ros2" else "the ROS master"
     say(
@@ -152,7 +153,6 @@ class RobotRings:
 
 def run_bridge(robot: Connection) -> None:
     """Exchange CRTK messages until this process is terminated or the robot's process has ended.
-
     This is the entry point of a spawned process. robot: sends the arguments below, and receives
     None once the process is ready, later the reason why it ends.
     """
@@ -170,32 +170,34 @@ def run_bridge(robot: Connection) -> None:
         return
     rings = RobotRings(rows, commands, FrameLayout.of(arms))
 
-    def refused(why: str) -> None:
-        rings.send({"type": "unheard", "console": "crtk", "once": True, "why": why})
+    def report_refusal(reason: str) -> None:
+        rings.send({"type": "unheard", "console": "crtk", "once": True, "why": reason})
 
-    interpreter = Interpreter(arms, tools, transport.types, grasp_gain, contact, refused)
+    interpreter = Interpreter(arms, tools, transport.types, grasp_gain, contact, report_refusal)
     robot.send(None)
-    published = time.monotonic()
+    published_s = time.monotonic()
     try:
         while not parent_has_ended():
-            began = time.monotonic()
-            row, heard = rings.newest(), transport.poll()
+            start_s = time.monotonic()
+            row, arrivals = rings.newest(), transport.poll()
             now_ms = time.monotonic() * 1e3
             if row is not None:
                 connected, was_down = transport.connected(), interpreter.state.pedal
                 interpreter.observe(row, connected, now_ms)
-                for name, message in heard:
+                for name, message in arrivals:
                     interpreter.receive(name, message, now_ms)
-                if connected or heard or was_down or interpreter.state.pedal:
+                # Without a console, CRTK sends no commands, so that it does not count as a console.
+                if connected or arrivals or was_down or interpreter.state.pedal:
                     for command in interpreter.commands(now_ms):
-                        interpreter.note_sent(rings.send(command))
-                told = interpreter.states(time.time_ns())
-                if began - published >= 1 / READINGS_HZ:
-                    published = max(published + 1 / READINGS_HZ, began - 1 / READINGS_HZ)
-                    told += interpreter.readings(row)
-                for name, message in told:
+                        interpreter.record_sent(rings.send(command))
+                outgoing = interpreter.states(time.time_ns())
+                if start_s - published_s >= 1 / READINGS_HZ:
+                    # A late reading does not delay the next, but missed readings are left out.
+                    published_s = max(published_s + 1 / READINGS_HZ, start_s - 1 / READINGS_HZ)
+                    outgoing += interpreter.readings(row)
+                for name, message in outgoing:
                     transport.publish(name, message)
-            time.sleep(max(0.0, PERIOD_S - (time.monotonic() - began)))
+            time.sleep(max(0.0, PERIOD_S - (time.monotonic() - start_s)))
     except UserError as error:
         robot.send(str(error))
     finally:

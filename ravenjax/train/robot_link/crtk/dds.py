@@ -26,10 +26,9 @@ from ravenjax.errors import UserError
 from ravenjax.train.robot_link.crtk import messages
 
 DOMAIN = "ROS_DOMAIN_ID"
-DEPTH = 10
+QUEUE_LENGTH = 10
 """The largest number of messages that wait for a reader; the default of ROS 2."""
-MOST_TAKEN = 64
-"""The largest number of messages taken from a topic at once."""
+MAX_TAKEN = 64  # The largest number of messages taken from a topic at once
 
 
 class DdsTransport:
@@ -68,7 +67,7 @@ class DdsTransport:
         """Return topic and message of each arrival, oldest first within a topic."""
         arrivals: messages.Arrivals = []
         for name, reader in self._readers:
-            for sample in reader.take(N=MOST_TAKEN):
+            for sample in reader.take(N=MAX_TAKEN):
                 content = getattr(sample, "content", None)
                 # None: a publisher has left. ValueError: the message is invalid.
                 with contextlib.suppress(ValueError):
@@ -87,18 +86,21 @@ class DdsTransport:
 
 
 def _quality(*, latched: bool, reliable: bool = True) -> Any:
-    kinds = Policy.Reliability
+    # Returns the quality of service of a topic. latched: late readers get the last message.
+    reliability = Policy.Reliability
     return Qos(
-        kinds.Reliable(duration(milliseconds=1)) if reliable else kinds.BestEffort,
+        reliability.Reliable(duration(milliseconds=1)) if reliable else reliability.BestEffort,
         Policy.Durability.TransientLocal if latched else Policy.Durability.Volatile,
-        Policy.History.KeepLast(1 if latched else DEPTH),
+        Policy.History.KeepLast(1 if latched else QUEUE_LENGTH),
         Policy.DataRepresentation(use_cdrv0_representation=True),
     )
 
 
 @cache
 def _data_type(kind: str) -> Any:
-    """Return the DDS type of a message. A sample holds the serialised bytes."""
+    """Return the DDS type of a message such as `sensor_msgs/msg/JointState`. Its samples hold the
+    serialised bytes, which this module neither reads nor writes.
+    """
     package, _, word = kind.split("/")
     definitions = messages.message_types("ros2").store.fielddefs[kind][1]
     fields = {name: _idl(node) for name, node in definitions}
@@ -115,6 +117,7 @@ def _data_type(kind: str) -> Any:
 
 
 def _idl(node: Any) -> Any:
+    # Returns the DDS type of a field. node: kind and content, as rosbags describes the field.
     kind, content = node
     if kind == Nodetype.NAME:
         return _data_type(content)

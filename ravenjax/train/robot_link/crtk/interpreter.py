@@ -1,10 +1,9 @@
 """Converts CRTK messages to commands for the robot, and the robot's state to CRTK messages.
 
 `OperatingState` computes CRTK's operating state, and whether a CRTK console holds the robot's pedal
-down. docs/how-to/crtk.md describes the states and the commands.
-
-This module uses no transport, clock or process. Its caller passes messages and rows of the robot
-with their times, and gets messages and commands of `protocol`.
+down. docs/how-to/crtk.md describes the states and the commands. This module uses no transport,
+clock or process. Its caller passes messages and rows of the robot with their times, and gets
+messages and commands of `protocol`.
 """
 
 from __future__ import annotations
@@ -17,22 +16,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ravenjax.bundled import resources
+from ravenjax.train import robot
 from ravenjax.train.protocol import STALE_MS, Command, Frame, Json, Say
-from ravenjax.train.robot import (
-    ARMS,
-    E_STOP,
-    INIT,
-    ITP_AXES,
-    JOINTS,
-    PEDAL_DOWN,
-    PEDAL_UP,
-    ArmName,
-    Arms,
-    motor_matrix,
-    soft_limits,
-    tip_pose,
-    tip_twist,
-)
+from ravenjax.train.robot import ARMS, E_STOP, INIT, PEDAL_DOWN, PEDAL_UP, ArmName, Arms, tip_pose
 from ravenjax.train.robot_link.crtk import messages
 from ravenjax.train.robot_link.itp import STILL
 from ravenjax.train.session.console_arbiter import REASONS, RELEASED
@@ -42,15 +28,14 @@ SPEED_UM_MS = 200.0
 # The largest speeds of rotation and of the jaws.
 TURN_RAD_MS = 4e-3
 GRASP_MRAD_MS = 4.0
-FARTHEST_UM = 75_000.0
+MAX_DISTANCE_UM = 75_000.0
 """A pose farther than this from the arm's setpoint is refused, as in raven2's CRTK."""
-SLIP_UM, SLIP_RAD = 20.0, 2e-3
+TOLERANCE_UM, TOLERANCE_RAD = 20.0, 2e-3
 """Differences between setpoints that are larger than rounding errors."""
-SETTLED_TICKS = 30
-"""Ticks after which the control software has processed the last increment."""
+SETTLED_TICKS = 30  # Ticks after which the control software has processed the last increment
 _TABLES = resources.read_tables(__file__, "interpreter.toml")
 BASE: dict[ArmName, np.ndarray] = {arm: np.array(rows) for arm, rows in _TABLES["base"].items()}
-FASTEST, STRONGEST = np.array([_TABLES["fastest"], _TABLES["strongest"]])
+MAX_SPEEDS, MAX_ACCELERATIONS = np.array([_TABLES["fastest"], _TABLES["strongest"]])
 _PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 10 / math.sqrt(3)
 """Peaks of the derivatives of the minimum-jerk profile 10 s^3 - 15 s^4 + 6 s^5, s from 0 to 1."""
 
@@ -90,61 +75,72 @@ class SetpointFollower:
     goal: np.ndarray | None = None
     move: Trajectory | None = None
     # The setpoint after all increments so far; None: the arm is not driven.
-    sum: Setpoint | None = None
+    commanded: Setpoint | None = None
     target: Setpoint | None = None
 
     def __init__(self, arm: ArmName, tool: str, grasp_gain: int = 1) -> None:
         """grasp_gain: mrad that the jaws close per mrad of an increment in the control software."""
         self.name: ArmName = arm
         self._gain = grasp_gain
-        self.motors = motor_matrix(arm, tool)  # motors per joint
-        self.lower, self.upper = (np.array(side[:5], float) for side in soft_limits(tool)[:2])
+        self.motors = robot.motor_matrix(arm, tool)  # motors per joint
+        self.lower, self.upper = (np.array(side[:5], float) for side in robot.soft_limits(tool)[:2])
         self.jpos_d = np.zeros(7)  # joint setpoint of the control software
-        self._axes = np.array(ITP_AXES[arm], float)
+        self._axes = np.array(robot.ITP_AXES[arm], float)
 
     def engage(self, at: Setpoint) -> None:
         """Start at the control software's setpoint, because the pedal went down."""
-        self.sum = Setpoint(np.rint(at.position_um), at.rotation, round(at.grasp_mrad))
+        self.commanded = Setpoint(np.rint(at.position_um), at.rotation, round(at.grasp_mrad))
         self.target = None
 
-    def aim(self, target: Setpoint) -> bool:
-        """Set the target. Return False if it is too far away, or the pedal is up."""
-        at = self.sum
-        if at is None or np.linalg.norm(target.position_um - at.position_um) > FARTHEST_UM:
+    def set_target(self, target: Setpoint) -> bool:
+        """Set the target. Return False, and keep the last, if it is farther than `MAX_DISTANCE_UM`
+        or if the pedal is up.
+        """
+        start = self.commanded
+        if start is None:
+            return False
+        if np.linalg.norm(target.position_um - start.position_um) > MAX_DISTANCE_UM:
             return False
         self.target = target
         return True
 
-    def has_slipped(self, at: Setpoint) -> bool:
-        """Whether the control software's setpoint differs from `sum`. If so, continue from it."""
-        if self.sum is None:
+    def differs_from(self, at: Setpoint) -> bool:
+        """Whether the control software's setpoint `at` differs from `commanded` beyond rounding. If
+        so, the arm continues from `at`.
+        """
+        if self.commanded is None:
             return False
-        slipped = (
-            np.abs(at.position_um - self.sum.position_um).max() > SLIP_UM
-            or (at.rotation * self.sum.rotation.inv()).magnitude() > SLIP_RAD
-            or abs(at.grasp_mrad - self.sum.grasp_mrad) * 1e-3 > SLIP_RAD
+        differs = (
+            np.abs(at.position_um - self.commanded.position_um).max() > TOLERANCE_UM
+            or (at.rotation * self.commanded.rotation.inv()).magnitude() > TOLERANCE_RAD
+            or abs(at.grasp_mrad - self.commanded.grasp_mrad) * 1e-3 > TOLERANCE_RAD
         )
-        if slipped:
+        if differs:
             self.engage(at)
-        return bool(slipped)
+        return bool(differs)
 
     def step(self, elapsed_ms: float) -> Json:
-        """Return the next increment, in the ITP frame, as in a command "increments"."""
-        if self.sum is None or self.target is None:
+        """Return the next increment toward the target, as in a command "increments", ITP frame. It
+        is within the largest speeds. elapsed_ms: since the last increment.
+        """
+        if self.commanded is None or self.target is None:
             return STILL
-        position, rotation, grasp = self.sum
-        missing = self.target.position_um - position
-        far = float(np.linalg.norm(missing)) / (SPEED_UM_MS * elapsed_ms or 1e-9)
-        delta = np.rint(missing / max(1.0, far))
+        position, rotation, grasp = self.commanded
+        way = self.target.position_um - position
+        # Without elapsed time the hand does not move, and nothing is divided by 0.
+        max_step_um = SPEED_UM_MS * elapsed_ms or 1e-9
+        delta = np.rint(way / max(1.0, float(np.linalg.norm(way)) / max_step_um))
         turn = (self.target.rotation * rotation.inv()).as_rotvec()
         angle = float(np.linalg.norm(turn))
+        # Smaller angles are rounding errors.
         turn *= 0.0 if angle < 1e-6 else min(1.0, TURN_RAD_MS * elapsed_ms / angle)
-        most = GRASP_MRAD_MS * elapsed_ms
-        steps = round(min(max(self.target.grasp_mrad - grasp, -most), most) / self._gain)
+        max_grasp = GRASP_MRAD_MS * elapsed_ms
+        opening = min(max(self.target.grasp_mrad - grasp, -max_grasp), max_grasp)
+        steps = round(opening / self._gain)
         if not delta.any() and not turn.any() and not steps:
             return STILL
-        turned = Rotation.from_rotvec(turn) * rotation
-        self.sum = Setpoint(position + delta, turned, grasp + self._gain * steps)
+        next_rotation = Rotation.from_rotvec(turn) * rotation
+        self.commanded = Setpoint(position + delta, next_rotation, grasp + self._gain * steps)
         return {
             "delta_um": [int(n) for n in np.rint(self._axes.T @ delta)],
             "quat": Rotation.from_rotvec(self._axes.T @ turn).as_quat().tolist(),
@@ -158,24 +154,22 @@ class Trajectory:
     def __init__(self, start: np.ndarray, goal: np.ndarray, begins_ms: float) -> None:
         """start, goal: [7], rad, insertion m."""
         self._start, self._way, self._begins_ms = start, goal - start, begins_ms
-        way = np.abs(self._way)
-        by_speed, by_acceleration = way / FASTEST, np.sqrt(_PEAK_ACCELERATION * way / STRONGEST)
-        self.seconds = float(max((_PEAK_SPEED * by_speed).max(), by_acceleration.max()))
+        # The shortest duration of each joint for its largest speed and acceleration, s.
+        speed_s = _PEAK_SPEED * np.abs(self._way) / MAX_SPEEDS
+        acceleration_s = np.sqrt(_PEAK_ACCELERATION * np.abs(self._way) / MAX_ACCELERATIONS)
+        self.duration_s = float(max(speed_s.max(), acceleration_s.max()))
 
     def at(self, now_ms: float) -> tuple[np.ndarray, bool]:
         """Return the joints at this time, and whether the goal is reached."""
-        passed_s = (now_ms - self._begins_ms) * 1e-3
-        s = 1.0 if passed_s >= self.seconds else max(passed_s / self.seconds, 0.0)
+        elapsed_s = (now_ms - self._begins_ms) * 1e-3
+        s = 1.0 if elapsed_s >= self.duration_s else max(elapsed_s / self.duration_s, 0.0)
         return self._start + s**3 * (10 + s * (6 * s - 15)) * self._way, s == 1.0
 
 
-IDLE_MS = 5000
-"""The robot treats the pedal as up after this silence, ms (raven2 `local_io.cpp`)."""
-REFUSED_MS = 500
-"""If the robot ignores a pedal for this time, ms, another console drives."""
-Message = tuple[str, Any]
-"""Topic and message."""
-ELSEWHERE = "the robot moved elsewhere, at a joint limit or out of reach"
+IDLE_MS = 5000  # The robot treats the pedal as up after this silence, ms (raven2 `local_io.cpp`)
+REFUSED_MS = 500  # If the robot ignores a pedal for this time, ms, another console drives
+Message = tuple[str, Any]  # Topic and message
+MOVED_ELSEWHERE = "the robot moved elsewhere, at a joint limit or out of reach"
 
 
 class OperatingState:
@@ -190,15 +184,15 @@ class OperatingState:
     _stopped = _lost = False
     _disabled = True  # nobody has enabled the robot
     _disabling = False  # a stop was ordered, and the robot has not stopped yet
-    # A restart was ordered; the pedal goes down once the robot is ready.
-    _restarting = False
-    _present = _clutch = False  # feet on the two pedals
-    _clutched = False  # the pedal was down when the clutch was pressed
-    _streams = False  # servo commands arrived since pedal-down
-    _servo_ms = _word_ms = _down_ms = _up_ms = -math.inf
+    _restarting = False  # A restart was ordered; the pedal goes down once the robot is ready
+    _operator_present = _clutch_down = False  # feet on the two pedals
+    _down_before_clutch = False  # the pedal was down when the clutch was pressed
+    _has_servo_commands = False  # servo commands arrived since pedal-down
+    _servo_ms = _command_ms = _down_ms = _up_ms = -math.inf
 
     @property
     def state(self) -> str:
+        """One of DISABLED, ENABLED, PAUSED, FAULT, as CRTK defines them."""
         if self._lost:
             return "FAULT"
         if self._stopped:
@@ -225,7 +219,8 @@ class OperatingState:
             raise ValueError(
                 f"state command {word!r}, expected one of {', '.join(_TABLES['state_commands'])}"
             )
-        self._word_ms = now_ms
+        self._command_ms = now_ms
+        # A command that does not fit the present state has no effect.
         match word, self.state:
             case "disable" | "unhome", _:
                 self._release(word)
@@ -249,23 +244,28 @@ class OperatingState:
         return []
 
     def update_pedal(self, is_clutch: bool, pressed: bool, now_ms: float) -> bool:
-        """Process the state of a pedal: the clutch, or "operator present".
-
-        An operator who is present drives, except while the clutch is down. Returns whether the
-        operator has just become present.
+        """Process the state of a pedal: the clutch, or "operator present". An operator who is
+        present drives, except while the clutch is down. Returns whether the operator has just
+        become present.
         """
-        self._word_ms = now_ms
+        self._command_ms = now_ms
         if is_clutch:
-            if pressed and not self._clutch:
-                down = self.pedal
+            if pressed and not self._clutch_down:
+                was_down = self.pedal
                 self._release("clutch")
-                self._clutched = down
-            elif self._clutch and not pressed and self._clutched and self.state == "PAUSED":
+                # `_release` has reset this attribute.
+                self._down_before_clutch = was_down
+            elif (
+                self._clutch_down
+                and not pressed
+                and self._down_before_clutch
+                and self.state == "PAUSED"
+            ):
                 self._press(now_ms)
-            self._clutch = pressed
+            self._clutch_down = pressed
             return False
-        steps_on, self._present = pressed and not self._present, pressed
-        may_drive = self.is_homed and self.state in ("PAUSED", "DISABLED") and not self._clutch
+        steps_on, self._operator_present = pressed and not self._operator_present, pressed
+        may_drive = self.is_homed and self.state in ("PAUSED", "DISABLED") and not self._clutch_down
         if steps_on and may_drive:
             self._disabled = False
             self._press(now_ms)
@@ -275,14 +275,17 @@ class OperatingState:
 
     def record_motion(self, streams: bool, now_ms: float) -> None:
         """Record a command of motion. streams: whether it is a servo command, sent repeatedly."""
-        self._word_ms, self._streams = now_ms, streams
+        self._command_ms, self._has_servo_commands = now_ms, streams
         if streams:
             self._servo_ms = now_ms
 
     def observe(
         self, runlevel: int, stopped: bool, connected: bool, now_ms: float, lost: bool = False
     ) -> None:
-        """Process the robot's state. connected: to a command publisher. lost: without reports."""
+        """Process the robot's state in this tick, and release the pedal if CRTK may not drive.
+        stopped: by the software. connected: whether anybody publishes commands. lost: whether no
+        reports of the robot arrive.
+        """
         was_stopped = self._stopped
         if lost and not self._lost:
             # Only the pedal goes up: a robot that was enabled stays enabled.
@@ -297,18 +300,20 @@ class OperatingState:
         if self._restarting and not (stopped or lost) and runlevel == PEDAL_UP:
             self._restarting = self._disabled = False
             self._press(now_ms)
+        # The robot is in pedal-down for longer than CRTK's pedal explains.
         if self.pedal or runlevel != PEDAL_DOWN:
             self._up_ms = now_ms
         self.other_drives = now_ms - self._up_ms > REFUSED_MS
         if not self.pedal:
             return
+        # A move needs no further command.
         if self.is_busy:
-            self._word_ms = now_ms
+            self._command_ms = now_ms
         if not connected:
             self._release("nobody")
-        elif self._streams and not self.is_busy and now_ms - self._servo_ms > STALE_MS:
+        elif self._has_servo_commands and not self.is_busy and now_ms - self._servo_ms > STALE_MS:
             self._release("silence")
-        elif now_ms - self._word_ms > IDLE_MS:
+        elif now_ms - self._command_ms > IDLE_MS:
             self._release("idle")
         elif runlevel == PEDAL_DOWN:
             self._down_ms = now_ms
@@ -316,13 +321,13 @@ class OperatingState:
             self._release("refused")
 
     def _press(self, now_ms: float) -> None:
-        self.pedal, self._streams, self._clutched = True, False, False
+        self.pedal, self._has_servo_commands, self._down_before_clutch = True, False, False
         self._down_ms = now_ms
 
     def _release(self, why: str) -> None:
         if self.pedal:
             self.why = why
-        self.pedal = self._clutched = self._restarting = False
+        self.pedal = self._down_before_clutch = self._restarting = False
 
 
 class RobotRow(NamedTuple):
@@ -331,8 +336,7 @@ class RobotRow(NamedTuple):
     frame: Frame
     stamp_ns: int  # ns since 1970
     clock_ns: int  # monotonic
-    # Number of the last command that the loop read before this tick.
-    last_command: int
+    last_command: int  # Number of the last command that the loop read before this tick
     number: int = 0  # number of the row, from 0
 
 
@@ -341,11 +345,12 @@ class Interpreter:
 
     # The state published last; None: publish it again, because a state command arrived.
     _published: tuple[str, bool, bool] | None = None
-    _stepped_ms: float | None = None
+    _last_step_ms: float | None = None
     # Whether CRTK drove at the last row, and whether the last commands contain a motion.
-    _drove = _moves = False
-    _sent = 0  # number of the last command that contains a motion
-    _taken: int | None = None  # row before which the robot read this command
+    _drove = _has_motion = False
+    _sent_number = 0  # number of the last command that contains a motion
+    # Number of the row before which the robot read this command; None: not yet.
+    _processed_row: int | None = None
 
     def __init__(
         self,
@@ -354,157 +359,159 @@ class Interpreter:
         types: messages.MessageTypes,
         grasp_gain: int = 1,
         contact: bool = False,
-        refused: Say = lambda _: None,
+        report_refusal: Say = lambda _: None,
     ) -> None:
-        """tools: one for each arm. refused: called with the reason why a message is ignored."""
+        """tools: one for each arm. report_refusal: called with why a message is ignored."""
         self.state = OperatingState()
         self.reasons: set[str] = set()
         """Reasons why messages were ignored. Each reason is reported once."""
-        self._types, self._contact, self._refused = types, contact, refused
+        self._types, self._contact = types, contact
+        self._report_refusal = report_refusal
         self._arms = {
             messages.ARM_NAMES[arm]: SetpointFollower(arm, tool, grasp_gain)
             for arm, tool in zip(arms, tools, strict=True)
         }
         self._orders: list[Command] = []
 
-    # --- messages from ROS ---
-
     def receive(self, name: str, message: Any, now_ms: float) -> None:
         """Process a message on a topic of `messages.command_topics`."""
-        place, _, word = name.partition("/")
+        owner, _, word = name.partition("/")
         if name.endswith("state_command"):
             word = message.string.strip()
             try:
                 orders = self.state.command(word, now_ms)
             except ValueError as error:
-                self._refuse(str(error))
+                self._refuse_once(str(error))
                 return
             self._published = None
             self._orders += [{"type": "operator", "do": order} for order in orders]
-            self._want_pedal(word in ("enable", "resume"))
-        elif place == "console":
+            self._report_rival(word in ("enable", "resume"))
+        elif owner == "console":
             pressed = bool(len(message.buttons) and message.buttons[0])
-            self._want_pedal(self.state.update_pedal(word == "clutch", pressed, now_ms))
+            self._report_rival(self.state.update_pedal(word == "clutch", pressed, now_ms))
         else:
             self.state.record_motion(word != "move_jp", now_ms)
-            if why := self._why_not(self._arms[place], word, message, now_ms):
-                self._refuse(f"{word}: {why}")
+            if reason := self._follow_command(self._arms[owner], word, message, now_ms):
+                self._refuse_once(f"{word}: {reason}")
 
-    def _want_pedal(self, wanted: bool) -> None:
-        """If an operator wants the pedal down while another console drives, report the reason."""
-        if wanted and not self.state.pedal and self.state.other_drives:
-            self._refused(REASONS["rival"])
+    def _report_rival(self, wants_pedal: bool) -> None:
+        """Report if an operator wants the pedal down, but another console drives."""
+        if wants_pedal and not self.state.pedal and self.state.other_drives:
+            self._report_refusal(REASONS["rival"])
 
-    def _why_not(self, arm: SetpointFollower, word: str, message: Any, now_ms: float) -> str:
+    def _follow_command(self, arm: SetpointFollower, word: str, message: Any, now_ms: float) -> str:
         """Follow a command of motion and return "", or return why it is not followed."""
-        if not self.state.drives or arm.sum is None:
+        if not self.state.drives or arm.commanded is None:
             return "the robot is not enabled"
-        now = arm.target or arm.sum
+        present = arm.target or arm.commanded
         joints: np.ndarray | None = None
         if word == "servo_cp":
             pose = messages.pose_of(message)
             if pose is None:
                 return "pose has numbers that are not finite, or no unit quaternion"
             position, rotation = from_base(arm.name, *pose)
-            goal = Setpoint(position * 1e6, Rotation.from_matrix(rotation), now.grasp_mrad)
+            goal = Setpoint(position * 1e6, Rotation.from_matrix(rotation), present.grasp_mrad)
         elif word == "jaw/servo_jp":
             opening = messages.numbers_of(message.position, 1)
             if opening is None:
                 return "position is not one finite number"
-            goal = now._replace(grasp_mrad=opening[0] * 1e3)
+            goal = present._replace(grasp_mrad=opening[0] * 1e3)
         else:
             joints = messages.numbers_of(message.position, 7)
             if joints is None:
                 return "position is not 7 finite numbers"
-            before = arm.jpos_d if arm.goal is None else arm.goal
+            last_joints = arm.jpos_d if arm.goal is None else arm.goal
+            # The joints of this command are relative.
             if word == "servo_jr":
-                joints = joints + before
+                joints = joints + last_joints
             if not ((joints[:5] > arm.lower) & (joints[:5] < arm.upper)).all():
                 return "a joint would leave its limits"
             if word == "move_jp":
-                arm.move, arm.goal = Trajectory(before, joints, now_ms), joints
+                arm.move, arm.goal = Trajectory(last_joints, joints, now_ms), joints
                 return ""
             goal = Setpoint.at(arm.name, joints)
-        if not arm.aim(goal):
+        if not arm.set_target(goal):
             return "farther than 75 mm from the arm's setpoint"
         arm.goal, arm.move = joints, None
         return ""
 
-    def _refuse(self, why: str) -> None:
-        if why not in self.reasons:
-            self.reasons.add(why)
-            self._refused(why)
-
-    # --- rows from the robot, commands to it ---
+    def _refuse_once(self, reason: str) -> None:
+        if reason not in self.reasons:
+            self.reasons.add(reason)
+            self._report_refusal(reason)
 
     def observe(self, row: RobotRow, connected: bool, now_ms: float) -> None:
         # Processes the robot's state. If the robot stopped or moved elsewhere, motions end.
         frame = row.frame
-        heard = frame.number("link") != 0 or frame.number("session_tick") == 0
-        fresh = now_ms - row.clock_ns * 1e-6 <= STALE_MS
+        # In the first tick, no report can have arrived yet.
+        reports_arrive = frame.number("link") != 0 or frame.number("session_tick") == 0
+        is_recent = now_ms - row.clock_ns * 1e-6 <= STALE_MS
         runlevel, stopped = int(frame.number("runlevel")), bool(frame.number("soft_estopped"))
         was_down = self.state.pedal
-        self.state.observe(runlevel, stopped, connected, now_ms, lost=not (fresh and heard))
+        self.state.observe(
+            runlevel, stopped, connected, now_ms, lost=not (is_recent and reports_arrive)
+        )
         if was_down and not self.state.pedal and self.state.why in RELEASED:
-            self._refused(RELEASED[self.state.why])
+            self._report_refusal(RELEASED[self.state.why])
         drives = self.state.drives
-        if self._taken is None and row.last_command >= self._sent:
-            self._taken = row.number
-        settled = self._taken is not None and row.number - self._taken >= SETTLED_TICKS
+        if self._processed_row is None and row.last_command >= self._sent_number:
+            self._processed_row = row.number
+        # Before, the setpoint may differ because the robot has not processed the last increment.
+        ticks = -1 if self._processed_row is None else row.number - self._processed_row
+        settled = ticks >= SETTLED_TICKS
         for arm in self._arms.values():
             arm.jpos_d = frame[f"{arm.name}/jpos_d"].astype(float)
             if drives and self._drove:
-                if settled and arm.has_slipped(Setpoint.at(arm.name, arm.jpos_d)):
+                if settled and arm.differs_from(Setpoint.at(arm.name, arm.jpos_d)):
                     arm.goal = arm.move = None
-                    self._refuse(ELSEWHERE)
+                    self._refuse_once(MOVED_ELSEWHERE)
                 continue
             arm.goal = arm.move = None
             if drives:
                 arm.engage(Setpoint.at(arm.name, arm.jpos_d))
             else:
-                arm.sum = arm.target = None  # the pedal is up
+                arm.commanded = arm.target = None
         self._drove = drives
 
     def commands(self, now_ms: float) -> list[Command]:
         """Return the orders, then one command with the pedal and the increments since last time."""
-        elapsed = 0.0 if self._stepped_ms is None else min(now_ms - self._stepped_ms, 20.0)
-        self._stepped_ms = now_ms
+        # After a long delay the arms do not jump, as if it had been 20 ms.
+        last_ms = now_ms if self._last_step_ms is None else self._last_step_ms
+        elapsed, self._last_step_ms = min(now_ms - last_ms, 20.0), now_ms
         increments: Json = {}
         for arm in self._arms.values():
             if arm.move is not None:
-                joints, done = arm.move.at(now_ms)
-                if not arm.aim(Setpoint.at(arm.name, joints)) or done:
+                joints, is_done = arm.move.at(now_ms)
+                if not arm.set_target(Setpoint.at(arm.name, joints)) or is_done:
                     arm.move = None
             increments[arm.name] = arm.step(elapsed)
-        self._moves = any(increment != STILL for increment in increments.values())
+        self._has_motion = any(increment != STILL for increment in increments.values())
         self.state.is_busy = any(arm.move is not None for arm in self._arms.values())
         orders, self._orders = self._orders, []
         hands = {"type": "increments", "pedal": self.state.pedal, "arms": increments}
         return [{**command, "source": "crtk", "console": "crtk"} for command in (*orders, hands)]
 
-    def note_sent(self, number: int) -> None:
+    def record_sent(self, number: int) -> None:
         """Record the number of the last of `commands` that was sent."""
-        if self._moves:
-            self._sent, self._taken = number, None
-
-    # --- messages to ROS ---
+        if self._has_motion:
+            self._sent_number, self._processed_row = number, None
 
     def states(self, stamp_ns: int) -> list[Message]:
         """Return messages of the operating state if it has changed or a state command arrived."""
         state = self.state
-        now = state.state, state.is_homed, state.is_busy or state.runlevel == 1
-        if now == self._published:
+        fields = state.state, state.is_homed, state.is_busy or state.runlevel == INIT
+        if fields == self._published:
             return []
-        self._published = now
+        self._published = fields
         header = self._types.header(stamp_ns)
-        message = self._types.message(messages.OPERATING_STATE, header, *now)
+        message = self._types.message(messages.OPERATING_STATE, header, *fields)
         names = ["operating_state", *(f"{name}/operating_state" for name in self._arms)]
         return [(name, message) for name in names]
 
     def readings(self, row: RobotRow) -> list[Message]:
         """Return all measurements and setpoints, and over ROS 1 also ravenstate."""
         types, frame = self._types, row.frame
-        told: list[Message] = []
+        outgoing: list[Message] = []
         # Fields of ravenstate. Fields without a value in the simulation are zero.
         raven: Json = {}
         for name, arm in self._arms.items():
@@ -513,38 +520,41 @@ class Interpreter:
                 for channel in ("jpos", "jpos_d", "mpos", "mvel", "force", "contact")
             )
             jvel = np.linalg.solve(arm.motors, mvel)
-            place, place_d = tip_pose(arm.name, jpos), tip_pose(arm.name, jpos_d)
-            twist, base = tip_twist(arm.name, jpos, jvel), BASE[arm.name]
+            pose, pose_d = tip_pose(arm.name, jpos), tip_pose(arm.name, jpos_d)
+            twist, base = robot.tip_twist(arm.name, jpos, jvel), BASE[arm.name]
             grasp, rate, grasp_d = (sum(joints[5:7]) for joints in (jpos, jvel, jpos_d))
-            still, header = np.zeros(3), types.header(row.stamp_ns, f"{name}_base")
+            no_torque, header = np.zeros(3), types.header(row.stamp_ns, f"{name}_base")
             contents = {
-                "measured_js": (list(JOINTS), jpos, jvel, ()),
-                "setpoint_js": (list(JOINTS), jpos_d, (), ()),
+                "measured_js": (list(robot.JOINTS), jpos, jvel, ()),
+                "setpoint_js": (list(robot.JOINTS), jpos_d, (), ()),
                 "jaw/measured_js": (["jaw"], [grasp], [rate], ()),
                 "jaw/setpoint_js": (["jaw"], [grasp_d], (), ()),
-                "measured_cp": [to_base(arm.name, *place)],
-                "setpoint_cp": [to_base(arm.name, *place_d)],
+                "measured_cp": [to_base(arm.name, *pose)],
+                "setpoint_cp": [to_base(arm.name, *pose_d)],
                 "measured_cv": [[base @ part for part in twist]],
-                "cue_cf": [(base @ force if self.state.drives else still, still)],
+                "cue_cf": [(base @ force if self.state.drives else no_torque, no_torque)],
             }
             if self._contact:
                 # Like CRTK's `servo_cf`, this is the robot's force on its environment, so it is
                 # opposite to the force on the instrument. Subtracting from zero avoids -0.
-                contents["measured_cf"] = [(base @ (0.0 - contact), still)]
+                contents["measured_cf"] = [(base @ (0.0 - contact), no_torque)]
             for word, content in contents.items():
                 topic = f"{name}/{word}"
-                told.append((topic, types.message(messages.kind_of(topic), header, *content)))
+                outgoing.append((topic, types.message(messages.kind_of(topic), header, *content)))
             angles = np.degrees([mpos, mvel, arm.motors @ jpos_d, jpos, jvel, jpos_d])
             joints = np.vstack([angles, frame[f"{arm.name}/dac"]])
             # ravenstate has 8 joints per arm; joint 3 does not exist on the robot.
-            of_arm = dict(
+            arm_fields = dict(
                 zip(_TABLES["ravenstate"], np.insert(joints, 3, 0.0, axis=1), strict=True)
             )
-            for end, (position, rotation) in (("", place), ("_d", place_d)):
-                of_arm |= {f"pos{end}": np.rint(position * 1e6), f"ori{end}": rotation.ravel()}
-            of_arm |= {"grasp_d": np.array([grasp_d])}
-            of_arm |= dict.fromkeys(("jac_vel", "jac_f"), np.concatenate(twist))
-            for field, numbers in of_arm.items():
+            for suffix, (position, rotation) in (("", pose), ("_d", pose_d)):
+                arm_fields |= {
+                    f"pos{suffix}": np.rint(position * 1e6),
+                    f"ori{suffix}": rotation.ravel(),
+                }
+            arm_fields |= {"grasp_d": np.array([grasp_d])}
+            arm_fields |= dict.fromkeys(("jac_vel", "jac_f"), np.concatenate(twist))
+            for field, numbers in arm_fields.items():
                 both = raven.setdefault(field, np.zeros(len(ARMS) * len(numbers)))
                 both.reshape(len(ARMS), -1)[ARMS.index(arm.name)] = numbers
         if types.ros == "ros1":
@@ -558,5 +568,5 @@ class Interpreter:
             }
             names = [name for name, _ in types.store.fielddefs[messages.RAVEN_STATE][1]]
             values = [raven.get(name, np.zeros(16)) for name in names]
-            told.append(("ravenstate", types.message(messages.RAVEN_STATE, *values)))
-        return told
+            outgoing.append(("ravenstate", types.message(messages.RAVEN_STATE, *values)))
+        return outgoing

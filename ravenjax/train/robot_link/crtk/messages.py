@@ -23,8 +23,7 @@ RAVEN_STATE = "raven_2/msg/raven_state"
 
 ARM_NAMES: dict[ArmName, str] = {"gold": "arm1", "green": "arm2"}
 """Arm names of raven2's own CRTK interface."""
-Arrivals = list[tuple[str, Any]]
-"""Topic and message of each arrival."""
+Arrivals = list[tuple[str, Any]]  # Topic and message of each arrival
 _TOPICS = resources.read_tables(__file__, "topics.toml")
 _DEFINITIONS = _TOPICS.pop("definitions")
 _KINDS = ChainMap(*_TOPICS.values())
@@ -44,35 +43,39 @@ def is_latched(topic: str) -> bool:
 def published_topics(arms: Arms, ros: Ros, contact: bool = False) -> list[str]:
     """Return the topics that a robot with these arms publishes. contact: also its contact force."""
     words = [*_TOPICS["state"], *_TOPICS["measured"], *(_TOPICS["contact"] if contact else ())]
-    of_robot = [*_TOPICS["state"], *(_TOPICS["ros1"] if ros == "ros1" else ())]
-    return [*of_robot, *_of_arms(arms, words)]
+    robot_topics = [*_TOPICS["state"], *(_TOPICS["ros1"] if ros == "ros1" else ())]
+    return [*robot_topics, *_arm_topics(arms, words)]
 
 
 def command_topics(arms: Arms) -> list[str]:
     """Return the topics that command a robot with these arms."""
     words = [*_TOPICS["command"], *_TOPICS["servo"]]
-    return ["state_command", *_TOPICS["pedal"], *_of_arms(arms, words)]
+    return ["state_command", *_TOPICS["pedal"], *_arm_topics(arms, words)]
 
 
 def state_topics(arms: Arms, ros: Ros) -> list[str]:
-    """Return the topics on which a real robot reports its state: raven2's (ROS 1) or CRTK's."""
+    """Return the topics on which a real robot reports its state: raven2's `ravenstate` over ROS 1,
+    CRTK's topics of each arm over ROS 2.
+    """
     words = ("measured_js", "setpoint_js", "operating_state")
-    return ["ravenstate"] if ros == "ros1" else _of_arms(arms, words)
+    return ["ravenstate"] if ros == "ros1" else _arm_topics(arms, words)
 
 
-def _of_arms(arms: Arms, words: Sequence[str]) -> list[str]:
+def _arm_topics(arms: Arms, words: Sequence[str]) -> list[str]:
     return [f"{ARM_NAMES[arm]}/{word}" for arm in arms for word in words]
 
 
 @cache
 def message_types(ros: Ros) -> MessageTypes:
     """Return the message types of this ROS, including those of CRTK and raven2."""
-    more = _DEFINITIONS["ros1"] if ros == "ros1" else {}
-    return MessageTypes(ros, _DEFINITIONS["ros2"] | more)
+    ros1_definitions = _DEFINITIONS["ros1"] if ros == "ros1" else {}
+    return MessageTypes(ros, _DEFINITIONS["ros2"] | ros1_definitions)
 
 
 def pose_of(message: Any) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return position and quaternion of a `PoseStamped`, or None if they are invalid."""
+    """Return position and quaternion of a `PoseStamped`. None if a number is not finite, or if the
+    quaternion's length is not about 1.
+    """
     point, turn = message.pose.position, message.pose.orientation
     numbers = numbers_of((point.x, point.y, point.z, turn.x, turn.y, turn.z, turn.w), 7)
     if numbers is None or not 0.9 < np.linalg.norm(numbers[3:]) < 1.1:

@@ -35,26 +35,26 @@ class Ros1Transport:
         self.types = messages.message_types("ros1")
         self._published, self._subscribed = list(published), list(subscribed)
         # The last report of the node of each kind.
-        self._told: dict[str | int, Any] = {"connected": 0}
+        self._reports: dict[str | int, Any] = {"connected": 0}
         # Message types as their publishers define them, by number of the topic.
-        self._defined: dict[int, messages.MessageTypes] = {}
-        ours, theirs = socket.socketpair()
-        with ours, theirs:
+        self._publisher_types: dict[int, messages.MessageTypes] = {}
+        parent_end, node_end = socket.socketpair()
+        with parent_end, node_end:
             self._node = subprocess.Popen(
-                [_python(), str(Path(ros1_node.__file__)), str(theirs.fileno())],
-                pass_fds=[theirs.fileno()],
+                [_python(), str(Path(ros1_node.__file__)), str(node_end.fileno())],
+                pass_fds=[node_end.fileno()],
                 # ROS's output goes to standard error.
                 stdout=2,
                 env=_environment(),
                 start_new_session=True,  # this process handles Ctrl-C
             )
-            self._link = Connection(ours.detach())
+            self._link = Connection(parent_end.detach())
         # Versions of raven2 define ravenstate differently, so its publisher's definition is used.
-        heard = [self._described(name, name == "ravenstate") for name in subscribed]
+        subscriptions = [self._describe_topic(name, name == "ravenstate") for name in subscribed]
         try:
-            self._link.send(([self._described(name) for name in published], heard))
+            self._link.send(([self._describe_topic(name) for name in published], subscriptions))
             end = time.monotonic() + PATIENCE_S
-            while "ready" not in self._told:  # messages that arrive meanwhile are dropped
+            while "ready" not in self._reports:  # messages that arrive meanwhile are dropped
                 if not self._link.poll(max(0.0, end - time.monotonic())):
                     raise UserError(f"the node of ROS 1 did not start within {PATIENCE_S:g} s")
                 self._receive()
@@ -73,14 +73,17 @@ class Ros1Transport:
         while self._link.poll():
             number, content = self._receive()
             if isinstance(number, int):
-                name, types = self._subscribed[number], self._defined.get(number, self.types)
+                name, types = (
+                    self._subscribed[number],
+                    self._publisher_types.get(number, self.types),
+                )
                 with contextlib.suppress(ValueError):  # not a valid message
                     arrivals.append((name, types.decode(content, messages.kind_of(name))))
         return arrivals
 
     def connected(self) -> bool:
         """Whether any of the subscribed topics has a publisher."""
-        return self._told["connected"] > 0
+        return self._reports["connected"] > 0
 
     def close(self) -> None:
         """End the node. It unregisters at the ROS master when the connection closes."""
@@ -102,16 +105,18 @@ class Ros1Transport:
             ) from None
         if word == "error":
             raise UserError(f"ROS 1: {content}: {_HELP}")
-        self._told[word] = content
+        self._reports[word] = content
         if word == "defined":
             number, definition = content
             kind = messages.kind_of(self._subscribed[number])
-            self._defined[number] = messages.MessageTypes("ros1", {kind: definition})
+            self._publisher_types[number] = messages.MessageTypes("ros1", {kind: definition})
         return word, content
 
-    def _described(self, name: str, as_published: bool = False) -> list[Any]:
+    def _describe_topic(self, name: str, as_published: bool = False) -> list[Any]:
+        # Returns a topic as the node expects it: name, type, md5, definition, latched.
         kind = messages.kind_of(name)
         definition, md5 = self.types.store.generate_msgdef(kind)
+        # Without an md5, the node accepts any definition, and sends the publisher's.
         if as_published:
             definition = md5 = ""
         return [name, kind.replace("/msg/", "/"), md5, definition, messages.is_latched(name)]
@@ -119,8 +124,8 @@ class Ros1Transport:
 
 def _python() -> str:
     # Returns the path of a Python that has rospy, usually the system's.
-    wanted = os.environ.get(PYTHON)
-    choices = [wanted] if wanted else ["/usr/bin/python3", shutil.which("python3") or ""]
+    requested = os.environ.get(PYTHON)
+    choices = [requested] if requested else ["/usr/bin/python3", shutil.which("python3") or ""]
     tried = list(dict.fromkeys(filter(None, choices)))
     for python in tried:
         command = [python, "-c", "import rospy"]

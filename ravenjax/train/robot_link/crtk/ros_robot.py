@@ -27,13 +27,13 @@ from ravenjax.train.robot import (
 )
 from ravenjax.train.robot_link import WORDS
 from ravenjax.train.robot_link.crtk import messages
-from ravenjax.train.robot_link.joint_stream import OF_ARM, JointReport, RobotLink
+from ravenjax.train.robot_link.joint_stream import ARM_SIZES, JointReport, RobotLink
 
 
 class RosRobot(RobotLink):
     """The connection to a robot that reports its state over ROS."""
 
-    _began_ns = 0
+    _first_stamp_ns = 0
 
     def __init__(
         self,
@@ -51,7 +51,7 @@ class RosRobot(RobotLink):
         self._transport, self._say = transport, say
         self._arms: dict[str, ArmName] = {messages.ARM_NAMES[arm]: arm for arm in arms}
         self._channels = {
-            f"{arm}/{name}": [0.0] * size for arm in arms for name, size in OF_ARM.items()
+            f"{arm}/{name}": [0.0] * size for arm in arms for name, size in ARM_SIZES.items()
         }
         self._motors = dict(zip(arms, map(motor_matrix, arms, tools), strict=True))
         self._missing = set(messages.state_topics(arms, transport.types.ros))
@@ -70,10 +70,10 @@ class RosRobot(RobotLink):
             message = types.message(messages.STRING, types.header(time.time_ns()), word)
             self._transport.publish("state_command", message)
 
-    def _read(self) -> None:
+    def _read_reports(self) -> None:
         """Read the messages that have arrived. If ROS fails, the robot counts as stopped."""
         try:
-            heard = self._transport.poll()
+            arrivals = self._transport.poll()
         except UserError as error:
             self.lost = True
             self._say(
@@ -81,13 +81,14 @@ class RosRobot(RobotLink):
                 " the session again"
             )
             return
-        for name, message in heard:
+        for name, message in arrivals:
             if name == "ravenstate":
-                self._take_raven_state(message)
+                self._store_raven_state(message)
             else:
-                self._take(name, message)
+                self._store_message(name, message)
 
-    def _take_raven_state(self, message: Any) -> None:
+    def _store_raven_state(self, message: Any) -> None:
+        # Stores the state of all arms, then the report. Angles arrive in degrees.
         # Versions of the message name the DAC counts differently, or lack them.
         counts = getattr(message, "dac_val", getattr(message, "current_cmd", np.zeros(16)))
         joints = {
@@ -97,13 +98,13 @@ class RosRobot(RobotLink):
             slot = ARMS.index(arm)
             for name, numbers in (joints | {"dac": counts}).items():
                 # ravenstate has 8 joints per arm; joint 3 does not exist on the robot.
-                of_arm = np.delete(np.reshape(numbers, (len(ARMS), 8))[slot], 3)
-                self._channels[f"{arm}/{name}"] = of_arm.tolist()
+                arm_numbers = np.delete(np.reshape(numbers, (len(ARMS), 8))[slot], 3)
+                self._channels[f"{arm}/{name}"] = arm_numbers.tolist()
             position_um = np.reshape(message.pos, (len(ARMS), 3))[slot]
             self._channels[f"{arm}/position"] = (1e-6 * position_um).tolist()
-        self._complete(message.hdr, int(message.runlevel), int(message.last_seq))
+        self._finish_report(message.hdr, int(message.runlevel), int(message.last_seq))
 
-    def _take(self, name: str, message: Any) -> None:
+    def _store_message(self, name: str, message: Any) -> None:
         # Stores one message. Motor positions are computed, because CRTK does not send them.
         alias, _, word = name.partition("/")
         arm = self._arms[alias]
@@ -127,21 +128,23 @@ class RosRobot(RobotLink):
         self._missing.discard(name)
         is_last = word == "measured_js" and alias == list(self._arms)[-1]
         if not self._missing and (was_missing or is_last):
-            self._complete(message.header, min(self._levels.values()), 0)
+            self._finish_report(message.header, min(self._levels.values()), 0)
 
-    def _complete(self, header: Any, runlevel: int, last_seq: int) -> None:
+    def _finish_report(self, header: Any, runlevel: int, last_seq: int) -> None:
+        # Stores the channels as the report of one tick. Ticks count from the first report.
         stamp_ns = messages.stamp_ns(header)
-        self._began_ns = self._began_ns or stamp_ns
+        self._first_stamp_ns = self._first_stamp_ns or stamp_ns
         state = {"runlevel": [runlevel & 3], "surgeon_mode": [int(runlevel == PEDAL_DOWN)]}
         report = JointReport.model_construct(
-            tick=max(stamp_ns - self._began_ns, 0) // 10**6,
+            tick=max(stamp_ns - self._first_stamp_ns, 0) // 10**6,
             last_seq=last_seq,
             channels=state | self._channels,
         )
-        self._arrived(report)
+        self._store_report(report)
 
 
 def _runlevel(message: Any) -> int:
+    # Returns raven2's run level that fits CRTK's operating state best.
     if message.state == "ENABLED":
         return INIT if message.is_busy and not message.is_homed else PEDAL_DOWN
     return PEDAL_UP if message.is_homed else E_STOP

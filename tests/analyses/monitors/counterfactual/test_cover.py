@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from ravenjax.analyses.monitors.counterfactual.promise import select_greedily
+from ravenjax.analyses.monitors.counterfactual.check_set import select_greedily
 
 INSTANCES = arrays.arrays(bool, st.tuples(st.integers(1, 12), st.integers(1, 6)))
 
@@ -41,4 +41,4 @@ def test_with_room_for_all_it_covers_all_and_holds_nothing_superfluous(covered):
 def test_a_candidate_that_adds_too_little_is_not_taken(least, size):
     covered = np.zeros((10, 2), bool)
     covered[:9, 0] = covered[9, 1] = True
-    assert len(select_greedily(covered, 2, least=least)) == size
+    assert len(select_greedily(covered, 2, min_gain=least)) == size

@@ -61,22 +61,26 @@ def test_what_cannot_be_asked_is_refused_before_anything_runs(changes, complaint
 def test_the_set_as_real_detectors_keeps_its_promise(tmp_path):
     one = finding.find_checks(rj.load_campaign(tables()), Question(hours=0.05, lead_ms=5))
     paths = output.write_files(one, tmp_path)
-    both = one.promise.selected.k + one.promise.covered.k
+    both = one.selected_set.selection_coverage.k + one.selected_set.test_coverage.k
     # The same faults: what was computed offline happens, to the run.
     same = finding.confirm_checks(one, paths[-1], seed=4)
-    assert (same.every.k, same.every.n) == (both, one.grounds.hazards.count)
+    assert (same.all_faults.k, same.all_faults.n) == (both, one.evidence.faults.count)
     other = finding.confirm_checks(one, paths[-1], seed=5)
     assert other.verdict == "as"
-    assert other.anew.n > 20 and other.anew == other.every and other.promised == one.promise.covered
-    assert one.promise.covered.value > one.best.covered.value - 1e-9
-    assert one.everything.selected.k >= max(single.selected.k for single in one.alone) - 2
+    assert other.drawn_faults.n > 20 and other.drawn_faults == other.all_faults
+    assert other.test_half == one.selected_set.test_coverage
+    assert one.selected_set.test_coverage.value > one.best_single_set.test_coverage.value - 1e-9
+    best = max(single.selection_coverage.k for single in one.single_sets)
+    assert one.full_set.selection_coverage.k >= best - 2
 
     table = pd.read_csv(tmp_path / output.TABLE)
-    assert len(table) == len(one.parts) and table["chosen"].sum() == len(one.promise.members)
+    assert len(table) == len(one.candidates) and table["chosen"].sum() == len(
+        one.selected_set.indices
+    )
     assert set(table["kind"]) == {"bound", "rate", "residual"}
     ElementTree.parse(tmp_path / output.FIGURE)
     said = " ".join(output.finding_sentences(one))
-    assert f"{one.promise.covered.k} of {one.promise.covered.n} (" in said
+    assert f"{one.selected_set.test_coverage.k} of {one.selected_set.test_coverage.n} (" in said
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from ravenjax.numbers.lazy import at_once
+from ravenjax.numbers.lazy import run_eagerly
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.geometry import kinematics
@@ -122,7 +122,7 @@ def jacobian(arm, jpos):
 @pytest.fixture(autouse=True)
 def _numpy():
     """Functions of single numbers compute with arrays of them."""
-    with at_once(), np.errstate(all="ignore"):
+    with run_eagerly(), np.errstate(all="ignore"):
         yield
 
 

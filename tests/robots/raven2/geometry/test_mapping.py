@@ -4,7 +4,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from ravenjax.numbers.lazy import at_once
+from ravenjax.numbers.lazy import run_eagerly
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.geometry import mapping
@@ -17,7 +17,7 @@ QUATERNION = st.tuples(COMPONENT, COMPONENT, COMPONENT, COMPONENT).filter(
 
 def run(function, *arguments):
     """In float64; leading strings pick code, the rest are Vecs or rows of Vecs."""
-    with at_once():
+    with run_eagerly():
         return function(*(a if isinstance(a, str) else vec(a) for a in arguments))
 
 

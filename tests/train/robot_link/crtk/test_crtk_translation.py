@@ -14,10 +14,10 @@ from ravenjax.train.robot_link.crtk import messages
 from ravenjax.train.robot_link.crtk.bridge import CrtkConsole, RobotRings
 from ravenjax.train.robot_link.crtk.interpreter import (
     BASE,
-    FASTEST,
     IDLE_MS,
+    MAX_ACCELERATIONS,
+    MAX_SPEEDS,
     STILL,
-    STRONGEST,
     Interpreter,
     OperatingState,
     Setpoint,
@@ -67,9 +67,9 @@ def test_increments_add_up_to_the_target_within_the_limits(arm):
     goal = Rotation.from_rotvec([0.1, -0.2, 0.3])
     target = Setpoint(start.position_um + [4000, -3000, 2500], goal, 1200.0)
     one = SetpointFollower(arm, TOOLS[0])
-    assert not one.aim(target) and one.step(1.0) == STILL  # pedal up
+    assert not one.set_target(target) and one.step(1.0) == STILL  # pedal up
     one.engage(start)
-    assert one.aim(target)
+    assert one.set_target(target)
     position, turn, jaws = np.array([-78000, -24000, 14000]), Rotation.identity(), 1570
     for _ in range(120):
         step = one.step(1.0)
@@ -87,13 +87,13 @@ def test_a_move_begins_and_ends_at_rest_within_its_limits():
     start = np.array(YAML["gold"][0])
     goal = start + [0.1, -0.2, 0.02, 0.5, 0, 0, 0.01]
     move = Trajectory(start, goal, 1000.0)
-    times = 1000.0 + np.linspace(0, 1e3 * move.seconds, 2001)
+    times = 1000.0 + np.linspace(0, 1e3 * move.duration_s, 2001)
     path = np.array([move.at(ms)[0] for ms in times])
     np.testing.assert_allclose(path[[0, -1]], [start, goal])
     assert move.at(times[-1])[1] and not move.at(times[-2])[1]
-    dt = move.seconds / 2000
-    speed = np.abs(np.diff(path, axis=0) / dt).max(axis=0) / FASTEST
-    acceleration = np.abs(np.diff(path, 2, axis=0) / dt**2).max(axis=0) / STRONGEST
+    dt = move.duration_s / 2000
+    speed = np.abs(np.diff(path, axis=0) / dt).max(axis=0) / MAX_SPEEDS
+    acceleration = np.abs(np.diff(path, 2, axis=0) / dt**2).max(axis=0) / MAX_ACCELERATIONS
     assert 0.99 < max(speed.max(), acceleration.max()) < 1.001  # no slower than it must be
     assert Trajectory(start, start, 0.0).at(0.0)[1]
 

@@ -10,17 +10,17 @@ import json
 import multiprocessing
 from collections.abc import Iterator
 from multiprocessing import shared_memory
+from typing import Any
 
 import numpy as np
 
-from ravenjax.train.protocol import Json, encode
-
+Json = dict[str, Any]
+_encode = json.JSONEncoder(separators=(",", ":")).encode
 # Bytes of the header: three integers (rows written so far, capacity, bytes of a row) and space.
 _HEADER = 64
 EVENT_BYTES = 2048
 """The largest size of an event as JSON, bytes."""
-COMMAND_BYTES = 4096
-"""The largest size of a command as JSON, bytes."""
+COMMAND_BYTES = 4096  # The largest size of a command as JSON, bytes
 
 
 class Ring:
@@ -64,14 +64,17 @@ class Ring:
         self._header[0] = self._written
 
     def read(self, first: int, limit: int | None = None) -> tuple[int, np.ndarray]:
-        """Return rows from number `first` on, at most `limit`: (number of the first returned row,
-        copies, uint8 [n, row_bytes]). That number exceeds `first` if rows were overwritten.
+        """Return the number of the first returned row, and copied rows, uint8 [n, row_bytes]. The
+        rows are those from number `first` on, at most `limit`. If the writer has overwritten some,
+        the returned number is larger than `first`.
         """
+        # One row less than the capacity, because the writer may be writing the oldest row.
         end = self.written
         first = max(first, end - self.capacity + 1, 0)
         last = end if limit is None else min(end, first + limit)
         rows = self._rows[np.arange(first, last) % self.capacity].copy()
-        lost = max(0, self.written - self.capacity + 1 - first)  # rows overwritten during the copy
+        # Rows that were overwritten during the copy are left out.
+        lost = max(0, self.written - self.capacity + 1 - first)
         return first + lost, rows[lost:]
 
     def close(self) -> None:
@@ -90,7 +93,7 @@ def parent_has_ended() -> bool:
 
 def put_json(ring: Ring, message: Json) -> None:
     """Append an event or a command. Raises ValueError if it is longer than a row."""
-    text = encode(message).encode()
+    text = _encode(message).encode()
     if len(text) >= ring.row_bytes:
         raise ValueError(
             f"{message.get('kind', message.get('type'))!r} has {len(text)} bytes, expected less"

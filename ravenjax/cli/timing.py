@@ -15,26 +15,28 @@ COLUMNS = (
     "late ticks",
     "of",
 )
-LONGEST_TICK_US = 100
+MAX_TICK_US = 100
 """99.9 % of ticks should be computed within this time, us."""
 SCENARIO = "first_steps"
 EMPTY, SESSION = "empty", "session"
 
 
 def measure_timing(seconds: float, say: Say) -> dict[str, clock.LoopTiming]:
-    """Time an empty loop, then a session with recorder and page, driven by a script."""
-    setting = scenario.load_scenario(SCENARIO, [f"duration_s={seconds}", "task.targets=1000"])
+    """Return the times of an empty loop (`EMPTY`) and of a session (`SESSION`), each of `seconds`.
+    The session has recorder and page, and a simulated operator drives.
+    """
+    chosen = scenario.load_scenario(SCENARIO, [f"duration_s={seconds}", "task.targets=1000"])
     say(f"{EMPTY}: {seconds:g} s")
     with clock.use_realtime_priority(), clock.no_collection():
-        paced = clock.Clock()
+        loop_clock = clock.Clock()
         for _ in range(round(seconds * 1000)):
-            paced.wait()
-            paced.done()
-    measured = {EMPTY: paced.timing}
+            loop_clock.wait()
+            loop_clock.done()
+    measured = {EMPTY: loop_clock.timing}
     say(f"{SESSION}: {seconds:g} s")
-    with tempfile.TemporaryDirectory() as place:
+    with tempfile.TemporaryDirectory() as folder:
         options = launch.SessionOptions(
-            scenario=setting, folder=Path(place) / "timed", seed=0, script="none"
+            scenario=chosen, folder=Path(folder) / "timed", seed=0, script="none"
         )
         finished = launch.run_realtime(options, linger_s=0.0, say=lambda _: None)
         assert finished.timing is not None
@@ -44,26 +46,28 @@ def measure_timing(seconds: float, say: Say) -> dict[str, clock.LoopTiming]:
 
 def timing_row(loop: str, timing: clock.LoopTiming) -> tuple[str, ...]:
     """Return the measured values of one loop as a row of a table with the columns `COLUMNS`."""
-    levels = [
-        " / ".join(f"{timing.percentile(what, share):.0f}" for share in (0.5, 0.99, 0.999))
-        for what in ("compute", "whole", "lateness")
+    percentiles = [
+        " / ".join(f"{timing.percentile(duration, share):.0f}" for share in (0.5, 0.99, 0.999))
+        for duration in ("compute", "whole", "lateness")
     ]
+    # Nothing follows the computation of an empty tick.
     if not timing.whole.any():
-        levels[1] = ""  # nothing follows an empty tick
-    return (loop, *levels, f"{timing.late}", f"{timing.ticks}")
+        percentiles[1] = ""
+    return (loop, *percentiles, f"{timing.late}", f"{timing.ticks}")
 
 
 def timing_verdict(measured: dict[str, clock.LoopTiming]) -> list[tuple[str, str]]:
     """Return (state, sentence) for each requirement; state is "ok" if the loop meets it."""
     empty, session = measured[EMPTY], measured[SESSION]
-    slow = session.percentile("compute", 0.999)
+    slowest_us = session.percentile("compute", 0.999)
+    # The machine itself is late so often.
     expected = empty.late / empty.ticks * session.ticks
     # The allowance is three standard deviations of a count.
     allowed = expected + 3 * max(1.0, expected**0.5)
     return [
         (
-            "ok" if slow <= LONGEST_TICK_US else "slow",
-            f"99.9 % of ticks are computed within {slow:.0f} us, expected {LONGEST_TICK_US} us",
+            "ok" if slowest_us <= MAX_TICK_US else "slow",
+            f"99.9 % of ticks are computed within {slowest_us:.0f} us, expected {MAX_TICK_US} us",
         ),
         (
             "ok" if session.late <= allowed else "late",
