@@ -1,6 +1,5 @@
 """The command `ravenjax coverage`: which harmful faults each check detects, and which pairs of
-faults harm together.
-"""
+faults harm together."""
 
 from __future__ import annotations
 
