@@ -129,19 +129,16 @@ def make_plan(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
             f"detector: robot {config.robot.name!r} supports no detectors: remove [[detector]]"
         )
     loading.check_parameters(config, known_parameters(robot.params, robot.setup))
-    values = _filled(varied, robot.params, robot.setup)
+    setup, campaign = robot.setup, config.campaign
+    values = _filled(varied, robot.params, setup)
     for path, purpose in robot.keys.items():
         values[path] = run_id.stream_keys(table.shared_ids(rows), purpose)
     return Plan(
         config=config,
         rows=rows,
         program=TickProgram(
-            robot.loop.__name__,
-            robot.setup,
-            robot.params,
-            tuple(values),
-            config.campaign.ticks,
-            config.campaign.observe_ms is not None,
+            *(robot.loop.__name__, setup, robot.params, tuple(values), campaign.ticks),
+            campaign.observe_ms is not None,
         ),
         motion=robot.motion,
         operator=robot.operator,

@@ -39,6 +39,8 @@ FILE = "manifest.json"
 PARTS_FILE = "parts.jsonl"
 _LISTS = resources.read_tables(__file__, "manifest.toml")
 _DECIDING, PACKAGES = _LISTS["deciding"], _LISTS["packages"]
+Nested = dict[str, Any]
+"""Nested tables, such as those of a campaign file."""
 
 
 class CueRecord(BaseModel):
@@ -70,7 +72,7 @@ class Manifest(BaseModel):
 
     schema_version: int = schema.VERSION
     campaign: str  # name of the campaign
-    config: dict[str, Any]  # the campaign with all defaults
+    config: Nested  # the campaign with all defaults
     # sha256 of `config` and of every run id. A recording is included by its content, not its path.
     config_hash: str
     seed: int
@@ -149,7 +151,7 @@ class Manifest(BaseModel):
         """Number of rows that this folder should contain."""
         return sum(map(len, self.wanted))
 
-    def _identity(self) -> dict[str, Any]:
+    def _identity(self) -> Nested:
         # Returns what must be equal for a campaign to continue in the folder.
         fields = self.model_dump(
             include={"config", "config_hash", "seed", "engine", "device", "versions", "shard"}
@@ -165,9 +167,7 @@ class Manifest(BaseModel):
         return find_differences(self._identity(), other._identity(), word)
 
 
-def find_differences(
-    here: dict[str, Any], other: dict[str, Any], word: str = "requested"
-) -> list[str]:
+def find_differences(here: Nested, other: Nested, word: str = "requested") -> list[str]:
     """Return a line for each difference of nested values: 'path: A here, B requested'."""
     all_changes = find_changes(here, other)
     if any(change.path.startswith("config.") for change in all_changes):
@@ -187,7 +187,7 @@ class Change(NamedTuple):
     second: str | None
 
 
-def find_changes(first: dict[str, Any], second: dict[str, Any]) -> list[Change]:
+def find_changes(first: Nested, second: Nested) -> list[Change]:
     """Return every value in which two nested tables differ, by path."""
     one, other = _flat(first), _flat(second)
     names = sorted(one.keys() | other.keys())
@@ -224,9 +224,9 @@ class _Inner(BaseModel):
 
     fault: list[_Inner] = []
     run: list[_Inner] = []
-    parameters: dict[str, Any] = {}
-    cross: dict[str, Any] = {}
-    effect: str | list[Any] | dict[str, Any] = ""
+    parameters: Nested = {}
+    cross: Nested = {}
+    effect: str | list[Any] | Nested = ""
 
 
 class _Named(_Inner):
@@ -246,10 +246,10 @@ class _Harm(_Named):
 class _Tables(_Inner):
     """The forms of a campaign's tables on which reports depend. All else may be anything."""
 
-    campaign: dict[str, Any] = {}
-    operator: dict[str, Any] = {}
+    campaign: Nested = {}
+    operator: Nested = {}
     outcomes: dict[str, str | float] = {}
-    reaction: dict[str, Any] | None = None
+    reaction: Nested | None = None
     group: list[_Named] = []
     check: list[_Check] = []
     detector: list[_Named] = []
@@ -321,12 +321,12 @@ def utc_now() -> str:
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
-def campaign_hash(config: dict[str, Any], operator: MotionSummary | None, runs: str) -> str:
+def campaign_hash(config: Nested, operator: MotionSummary | None, runs: str) -> str:
     """Return `Manifest.config_hash` of a campaign, its operator and the digest of its run ids."""
     return config_hash({"config": by_content(config, operator), "runs": runs})
 
 
-def by_content(config: dict[str, Any], operator: MotionSummary | None) -> dict[str, Any]:
+def by_content(config: Nested, operator: MotionSummary | None) -> Nested:
     """Return a campaign without paths, so that copies of its files give the same campaign.
 
     The hash of a recording replaces its path. The name of a robot's file replaces its path, because
@@ -339,7 +339,7 @@ def by_content(config: dict[str, Any], operator: MotionSummary | None) -> dict[s
     return config | {"operator": config["operator"] | {"file": f"sha256:{operator.sha256}"}}
 
 
-def config_hash(config: dict[str, Any]) -> str:
+def config_hash(config: Nested) -> str:
     """Return the sha256 of a resolved config. It does not depend on the order of keys."""
     text = json.dumps(config, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     return hashlib.sha256(text.encode()).hexdigest()
@@ -398,8 +398,7 @@ def _flat(tree: Any, prefix: str = "") -> dict[str, str]:
         branches = {f"{prefix}[{number}]": entry for number, entry in enumerate(tree)}
     else:
         return {prefix: json.dumps(tree, sort_keys=True, default=str)}
-    return {
-        path: leaf
-        for name, branch in branches.items()
-        for path, leaf in _flat(branch, name).items()
-    }
+    leaves = {}
+    for name, branch in branches.items():
+        leaves |= _flat(branch, name)
+    return leaves

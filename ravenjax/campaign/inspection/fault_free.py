@@ -17,7 +17,7 @@ from ravenjax.errors import UserError
 from ravenjax.store import manifest
 from ravenjax.store.access import fault_free, query
 from ravenjax.store.access.fault_free import FOLDER, UNVARIED
-from ravenjax.store.manifest import Manifest
+from ravenjax.store.manifest import Manifest, Nested
 
 SHORTEST_S, LONGEST_S = 60, 600
 """Least and greatest length of a fault-free run, s.
@@ -34,8 +34,6 @@ ENOUGH, LITTLE = 10, 0.1
 """After ENOUGH motions with a smaller share of time in pedal-down than LITTLE,
 `extend_fault_free` raises UserError, because something stops the robot early in each motion."""
 MS_PER_HOUR = 3.6e6
-Tables = dict[str, Any]
-"""The tables of a campaign file."""
 
 
 def extend_fault_free(
@@ -103,7 +101,7 @@ def _require(record: Manifest, hours: float) -> None:
     require_new_motions(record.config)
 
 
-def require_new_motions(config: Tables) -> None:
+def require_new_motions(config: Nested) -> None:
     """Raise UserError unless another seed gives a motion that the campaign did not contain.
 
     config: tables of the campaign file.
@@ -126,7 +124,7 @@ def require_new_motions(config: Tables) -> None:
         )
 
 
-def fault_free_campaigns(tables: Tables, seconds: int) -> Iterator[tuple[str, Tables]]:
+def fault_free_campaigns(tables: Nested, seconds: int) -> Iterator[tuple[str, Nested]]:
     """Yield (name, tables) of fault-free campaigns endlessly, each with a new motion.
 
     tables: tables of the original campaign.
@@ -146,7 +144,7 @@ def fault_free_campaigns(tables: Tables, seconds: int) -> Iterator[tuple[str, Ta
         yield name, base | {"operator": tables["operator"] | {"seed": seed}}
 
 
-def fault_free_tables(tables: Tables, runs: int, **settings: Any) -> Tables:
+def fault_free_tables(tables: Nested, runs: int, **settings: Any) -> Nested:
     """Return the tables of a campaign without its faults, with these settings.
 
     runs: number of drawn robots; 0: one run for each listed value of a parameter.

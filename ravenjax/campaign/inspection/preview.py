@@ -113,9 +113,8 @@ def preview_campaign(
     }
     places = np.unique(np.linspace(0, len(rows) - 1, min(SAMPLE, len(rows))).round().astype(int))
     sample = rows.iloc[places].reset_index(drop=True)
-    return view, sample.assign(
-        run_id=run_id.format_run_ids(sample["run_id"].to_numpy()).to_pylist()
-    )
+    ids = run_id.format_run_ids(sample["run_id"].to_numpy()).to_pylist()
+    return view, sample.assign(run_id=ids)
 
 
 def _own_checks(config: CampaignConfig, plan: Plan) -> Iterator[dict[str, Any]]:

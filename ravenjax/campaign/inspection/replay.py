@@ -103,9 +103,8 @@ class Replayer(PlannedCampaign):
             own[schema.OBSERVED] = self.plan.ends[[row]] * tick_ms
         reference = np.asarray(golden.reference)[:, :, 0]
         series = read_series(self.config.robot, program, signals, reference)
-        columns = outcomes.result_columns(
-            self.config, self.plan.rows.iloc[row : row + 1], own, fault_free
-        )
+        own_row = self.plan.rows.iloc[row : row + 1]
+        columns = outcomes.result_columns(self.config, own_row, own, fault_free)
         return Replay(
             row=pd.DataFrame(columns).iloc[0],
             series=memory_windows.take_rows(series, np.arange(end * tick_ms) // tick_ms),

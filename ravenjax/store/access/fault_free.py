@@ -8,11 +8,11 @@ the same robot, cues and detectors may also be put there.
 
 import json
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ravenjax.errors import StoreError
 from ravenjax.store import manifest as manifests
-from ravenjax.store.manifest import Manifest
+from ravenjax.store.manifest import Manifest, Nested
 from ravenjax.vocabulary.packets import CHOICES, EVERY_CYCLE
 
 FOLDER = "fault_free"
@@ -94,7 +94,7 @@ def _difference(campaign: Manifest, other: Manifest) -> str:
     return "; ".join(changes).replace(" requested", " in the campaign")
 
 
-def robot_tables(config: dict[str, Any]) -> dict[str, Any]:
+def robot_tables(config: Nested) -> Nested:
     """Return the tables of a campaign that decide how the robot follows fault-free motion."""
     parts = _without(config, _WITHOUT_PART)
     parts["campaign"] = _without(config.get("campaign", {}), _NOT_OF_ROBOT)
@@ -103,10 +103,10 @@ def robot_tables(config: dict[str, Any]) -> dict[str, Any]:
     return parts
 
 
-def _without(table: dict[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
+def _without(table: Nested, names: tuple[str, ...]) -> Nested:
     return {name: value for name, value in table.items() if name not in names}
 
 
-def without_reaction(parameters: dict[str, Any]) -> dict[str, Any]:
+def without_reaction(parameters: Nested) -> Nested:
     """Return a table of parameters without those of the operator's reaction."""
     return {path: value for path, value in parameters.items() if not path.startswith(REACTION)}
