@@ -167,16 +167,10 @@ def parameter_rows(config: CampaignConfig) -> list[tuple[str, ...]]:
     more = config.own_ranges
     # A campaign cannot vary a parameter without rules.
     rules = {full: bounds.allowed_values(config.robot, full, more) for full in values}
-    return [
-        (
-            full,
-            ", ".join(values[full]),
-            "; ".join(
-                f"{', '.join(rule.joints)}: {rule.range}" if rule.joints else rule.range
-                for rule in of
-            ),
-            of[0].meaning,
-        )
-        for full, of in rules.items()
-        if of
-    ]
+    rows = []
+    for full, of in rules.items():
+        if of:
+            # A rule without names of joints applies to all joints.
+            ranges = [f"{', '.join(rule.joints)}: {rule.range}".removeprefix(": ") for rule in of]
+            rows.append((full, ", ".join(values[full]), "; ".join(ranges), of[0].meaning))
+    return rows

@@ -76,6 +76,7 @@ def train(
     """
     from ravenjax.errors import UserError
 
+    say = console.print_text
     if not (page or headless or script or crtk) and itp_port is None:
         raise UserError("nobody moves the robot: add --page, --script, --itp-port or --crtk")
     with _exit_with_message(), interruption.held_back(), contextlib.ExitStack() as stack:
@@ -88,10 +89,10 @@ def train(
             listening = None
             if page:
                 token, instructor_token = pages.choose_tokens(host, token, instructor_token)
-                listening = pages.open_port(host, port, token, instructor_token, console.print_text)
+                listening = pages.open_port(host, port, token, instructor_token, say)
             helpers = SessionHelpers(stack, listening)
             beginning = f"{scenario}: preparing the session; the first time takes longest"
-            helpers.show_progress(beginning, console.print_text)
+            helpers.show_progress(beginning, say)
         from ravenjax.train import launch
         from ravenjax.train import scenario as scenarios
 
@@ -118,21 +119,19 @@ def train(
             crtk=crtk,
         )
         if headless:
-            result = launch.run_headless(options, console.print_text)
+            result = launch.run_headless(options, say)
         else:
             result = launch.run_realtime(
-                options, with_page=page, linger_s=linger, say=console.print_text, helpers=helpers
+                options, with_page=page, linger_s=linger, say=say, helpers=helpers
             )
     # The same address, so that browser windows reconnect.
     while result.next_command is not None:
-        console.print_text(f"session: {result.folder} ({result.ended})")
+        say(f"session: {result.folder} ({result.ended})")
         options = launch.next_options(options, result)
-        console.print_text(f"{options.scenario.name}: preparing the next session")
+        say(f"{options.scenario.name}: preparing the next session")
         with _exit_with_message(), interruption.held_back():
-            result = launch.run_realtime(
-                options, with_page=page, linger_s=linger, say=console.print_text
-            )
-    console.print_text(f"session: {result.folder} ({result.ended})")
+            result = launch.run_realtime(options, with_page=page, linger_s=linger, say=say)
+    say(f"session: {result.folder} ({result.ended})")
 
 
 @contextlib.contextmanager

@@ -242,20 +242,14 @@ def read_track(
     cycles = packet_lengths.packet_lengths(read.packets.time * 1e3)
     shares = ", ".join(f"{share:g}" for share in packet_lengths.as_campaign(cycles))
     notes = (
+        *read.packets.notes,
         f"packets are those of console {read.profile.name}; the robot would drop"
         f" {dropped:,} of {rows:,}",
         f"campaign.packets = [{shares}] makes packets last as long as these, up to {MOST_CYCLES}"
         " ms",
     )
-    return Track(
-        path,
-        read.packets.clock,
-        tracks,
-        read.pedal,
-        (PACKET,),
-        tuple(f"{PACKET} ({arm})" for arm in ARMS if arm not in arms),
-        (*read.packets.notes, *notes),
-    )
+    ignored = tuple(f"{PACKET} ({arm})" for arm in ARMS if arm not in arms)
+    return Track(path, read.packets.clock, tracks, read.pedal, (PACKET,), ignored, notes)
 
 
 def _profile(

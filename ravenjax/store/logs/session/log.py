@@ -168,14 +168,9 @@ def read_session_log(path: Path, keeps: Callable[[str], bool] = lambda name: Tru
         elif channel is not None and channel.topic == EVENTS:
             events.append(json.loads(topics.ros2_types().decode(message.data, topics.TEXT).data))
     blocks.append(kept(data))
+    row_numbers, rows = np.array(numbers, np.int64), np.concatenate(blocks)
     return SessionLog(
-        header,
-        names,
-        np.array(numbers, np.int64),
-        np.concatenate(blocks),
-        events,
-        content.complete,
-        content.lost_bytes,
+        header, names, row_numbers, rows, events, content.complete, content.lost_bytes
     )
 
 
