@@ -61,13 +61,12 @@ def open_results(folder: str | Path) -> CampaignResults:
 
 
 def simulate(campaign: AnyCampaign, run: str | int = 0, engine: str = "auto") -> xarray.Dataset:
-    """Return the time series of one run of a campaign, one tick per millisecond, as an
-    xarray.Dataset.
+    """Return the time series of one run of a campaign as an xarray.Dataset, one tick per ms.
 
     The dataset has one variable per quantity, with attrs units and long_name. Coordinates are time
     (s), arm, joint, axis, fault and cue: `simulate(c, 42)["tip"].sel(arm="gold", axis="z")`. Its
-    attrs contain the run's index, id and outcomes. run: index, run id, or the first letters of a
-    run id. Raise UserError.
+    attrs contain the run's index, id and outcomes. run: index, run id, or its first letters. Raise
+    UserError.
     """
     config = _config(campaign)
     again = Replayer(config, engine).replay(run)
@@ -81,12 +80,8 @@ def simulate(campaign: AnyCampaign, run: str | int = 0, engine: str = "auto") ->
         "engine": again.engine,
         "version": manifest.package_versions()["ravenjax"],
     }
-    return time_series.series_dataset(
-        again.series,
-        attributes,
-        [cue.threshold_m * 1e3 for cue in config.haptics.cues()],
-        config.robot,
-    )
+    thresholds_mm = [cue.threshold_m * 1e3 for cue in config.haptics.cues()]
+    return time_series.series_dataset(again.series, attributes, thresholds_mm, config.robot)
 
 
 def explain(
@@ -103,9 +98,8 @@ def explain(
     (-1: no hazard); left_ms, harm_ms minus leaves_ms (NaN if either is missing). attrs name the
     engine.
 
-    campaign: see `run`, or a result folder. runs: index, run id, or first letters of a run id, or
-    a list of these; None: every run with a fault. Raise UserError, and StoreError for a folder that
-    cannot be read.
+    campaign: see `run`, or a result folder. runs: index, run id, or first letters of a run id, or a
+    list of these; None: every run with a fault. Raise UserError, and StoreError.
     """
     from ravenjax.notebook import explaining
 
@@ -125,8 +119,7 @@ def counterfactual(
     seed: int = 0,
     engine: str = "auto",
 ) -> pd.DataFrame:
-    """Select a small set of additional checks that would have detected the faults that evade the
-    robot's checks.
+    """Select a few additional checks that detect the faults which evade the robot's checks.
 
     Return the table `counterfactual.csv`, with a row per candidate check. The column `chosen` marks
     the selected checks. attrs: "sentences" (the findings) and "files" (the written files).
@@ -142,14 +135,10 @@ def counterfactual(
     config = load_source(folder) if folder else _config(campaign)
     found = finding.find_checks(config, question, engine)
     files = [] if out is None else output.write_files(found, Path(out))
-    table = pd.read_csv(
-        io.StringIO(downloads.format_csv(output.candidate_table(found))),
-        keep_default_na=False,
-        na_values=[""],
-    )
-    table.attrs.update(
-        {"sentences": output.finding_sentences(found), "files": [str(path) for path in files]}
-    )
+    text = io.StringIO(downloads.format_csv(output.candidate_table(found)))
+    table = pd.read_csv(text, keep_default_na=False, na_values=[""])
+    table.attrs["sentences"] = output.finding_sentences(found)
+    table.attrs["files"] = [str(path) for path in files]
     return table
 
 
@@ -176,16 +165,9 @@ def calibrate_monitor(
     """
     from ravenjax.analyses.monitors import calibrate, writing
 
+    rate, config = false_alarms_per_hour, _config(campaign)
     request = calibrate.Request(
-        _config(campaign),
-        signals,
-        segments,
-        false_alarms_per_hour,
-        confidence,
-        length_s,
-        robots,
-        motions,
-        seed,
+        config, signals, segments, rate, confidence, length_s, robots, motions, seed
     )
     calibrate.calibrate_monitor(request, Path(out), hours, engine)
     return writing.read_monitor(Path(out))[1]
@@ -208,9 +190,8 @@ def check_monitor(
     from ravenjax.analyses.monitors import checking
 
     several = [sources] if isinstance(sources, str | Path) else sources
-    return checking.check_exchangeability(
-        Path(folder), [Path(source) for source in several], level, seed
-    )
+    paths = [Path(source) for source in several]
+    return checking.check_exchangeability(Path(folder), paths, level, seed)
 
 
 def _folder(campaign: Any) -> Path | None:

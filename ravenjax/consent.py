@@ -33,9 +33,7 @@ _FOLDERS: ContextVar[tuple[Path, ...]] = ContextVar("folders", default=())
 
 @contextlib.contextmanager
 def given_for(*folders: Path) -> Iterator[None]:
-    """Within a `with` block, let the code in these folders run, in addition to code that may run
-    anyway.
-    """
+    """Within a `with` block, let the code in these folders run, too."""
     before = _FOLDERS.set((*_FOLDERS.get(), *(folder.resolve() for folder in folders)))
     try:
         yield

@@ -20,9 +20,7 @@ class UserError(ValueError):
 
 
 class StoreError(Exception):
-    """Raised for a result folder or file that cannot be used. The message names the file, the
-    problem, and what to do.
-    """
+    """Raised for a result folder or file that cannot be used. The message states what to do."""
 
 
 _SHORT = reprlib.Repr()

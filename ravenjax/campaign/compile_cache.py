@@ -1,5 +1,4 @@
-"""Caches compiled code on disk, so that a campaign starts quickly when its code was compiled
-before.
+"""Caches compiled code on disk, so that a campaign with the same code starts quickly.
 
 Two processes may use the folder at the same time. Damaged files are ignored. When the folder grows
 too large, the files that were used longest ago are deleted.
@@ -37,7 +36,7 @@ def cache_folder(kind: str) -> Path | None:
     """Return the cache folder for a kind of code, and create it if needed.
 
     Return None if the cache is off or cannot be created. Raise UserError if other users may write
-    into the folder.
+    there.
     """
     wanted = os.environ.get(VARIABLE, "")
     if wanted.lower() == "off":
@@ -86,9 +85,8 @@ def object_cache() -> MutableMapping[str, bytes] | None:
     folder = cache_folder("objects")
     if folder is None:
         return None
-    size_mb = files.megabytes(
-        SIZE_VARIABLE, SIZE_MB, f"; to turn the cache off, set {VARIABLE}=off"
-    )
+    advice = f"; to turn the cache off, set {VARIABLE}=off"
+    size_mb = files.megabytes(SIZE_VARIABLE, SIZE_MB, advice)
     return Objects(folder, size_mb * 1_000_000)
 
 
@@ -104,8 +102,7 @@ def cached_engine(name: str, precision: Precision, ticks: int | None = None) -> 
 class Objects(MutableMapping[str, bytes]):
     """A mapping with one file per key. A file contains the hash of the content, then the content.
 
-    If a file cannot be written, the entry is lost. A key is a hash of everything on which the
-    content depends.
+    If a file cannot be written, the entry is lost. A key is a hash of all that decides the content.
     """
 
     def __init__(self, place: Path, most: int) -> None:

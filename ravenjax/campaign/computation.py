@@ -58,8 +58,7 @@ STANDS_STILL = 0.1
 _FROM_GOLDEN = re.compile(r"\b(unintended|loss|false_report|from_golden)\b")
 SORTED_ROWS, SORTED_TICKS = 2**14, 2**28
 """Number of rows in a window, and of ticks of these rows, with which enough rows have faults that
-begin at about the same time. Such rows can start from one checkpoint.
-"""
+begin at about the same time. Such rows can start from one checkpoint."""
 
 
 class Computation:
@@ -199,14 +198,10 @@ class Computation:
         """
         program, lanes = self.plan.program, self.kernel.lanes
         setup = program.setup
-        a_series = (
-            program.ticks
-            * program.loop.series_length(setup)
-            * np.dtype(setup.precision.real).itemsize
-        )
-        a_golden = a_series + (
-            snapshot_bytes(program.ticks) if self._fast_forward.branches.any() else 0
-        )
+        numbers = program.ticks * program.loop.series_length(setup)
+        a_series = numbers * np.dtype(setup.precision.real).itemsize
+        snapshots = snapshot_bytes(program.ticks) if self._fast_forward.branches.any() else 0
+        a_golden = a_series + snapshots
         blocks = max(self.threads, min(AHEAD * self.threads, ENOUGH_ROWS // lanes))
         if self.kernel.branches:
             ticks = max(1.0, float((self.plan.ends - self.plan.acts).mean()))
@@ -281,11 +276,8 @@ class Computation:
 
         Rows may end at different times. Each end of a golden run is computed once.
         """
-        computed, golden, ends = (
-            golden_runs.computed.result(),
-            self.plan.golden[rows],
-            self.plan.ends[rows],
-        )
+        computed = golden_runs.computed.result()
+        golden, ends = self.plan.golden[rows], self.plan.ends[rows]
         early = self._fast_forward.early[rows]
         if len(computed.numbers) == 1 and not early.any():
             return {
@@ -305,9 +297,8 @@ class Computation:
         if early.any():
             moments = golden[early] * (1 + self.plan.program.ticks) + ends[early]
             _, first, of_moment = np.unique(moments, return_index=True, return_inverse=True)
-            result = self.kernel.run(
-                self._block(rows[early][first], computed, harmless=True), self.plan.columns
-            )
+            block = self._block(rows[early][first], computed, harmless=True)
+            result = self.kernel.run(block, self.plan.columns)
             for name, values in columns.items():
                 values[early] = result.outcomes[name][of_moment]
         return columns
@@ -333,13 +324,13 @@ class Computation:
 
     def _block(self, rows: np.ndarray, computed: Computed | None, harmless: bool = False) -> Block:
         # Returns the inputs of a kernel for these rows. The last row is repeated to fill all lanes.
-        plan, filled = self.plan, self._filled(rows)
+        plan, filled, golden = self.plan, self._filled(rows), None
+        if computed is not None:
+            golden = np.searchsorted(computed.numbers, plan.golden[filled])
         return Block(
             *plan.lanes(rows, len(filled), harmless),
             reference=None if computed is None else computed.reference,
-            golden=None
-            if computed is None
-            else np.searchsorted(computed.numbers, plan.golden[filled]),
+            golden=golden,
             acts=plan.acts[filled],
             ends=plan.ends[filled] if plan.program.ends else None,
             rows=len(rows),

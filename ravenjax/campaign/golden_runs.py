@@ -74,8 +74,7 @@ class Branches(NamedTuple):
 
     trunk: Any  # checkpoints, for `Block.trunks`
     ends: np.ndarray  # int [ends], ascending, ticks at which runs end
-    # outcome -> [ends], outcomes of the golden run if it ended at these ticks.
-    outcomes: Columns
+    outcomes: Columns  # outcome -> [ends], outcomes of the golden run if it ended at these ticks
 
 
 class GoldenRuns(NamedTuple):

@@ -70,8 +70,8 @@ def from_dict(
     """Return the campaign of nested tables as in a TOML file, with overrides applied.
 
     `source` and `text` are the file and its text, for error messages. Python code in the folder of
-    the file may run. Without a file, a Python program wrote the tables, and any code may run. Raise
-    UserError for mistakes.
+    the file may run. Without a file, a program wrote the tables, and any code may run. Raise
+    UserError.
     """
     with consent.given_for(consent.EVERYWHERE if source is None else source.parent):
         return from_record(raw, overrides, source, text)
@@ -235,13 +235,9 @@ def tables_of(
     The first item is the whole file, with the path ().
     """
     yield path, model
-    own = [
-        name for name in model.model_fields if not path and name not in CampaignConfig.model_fields
-    ]
+    own = [key for key in model.model_fields if not path and key not in CampaignConfig.model_fields]
     # In a file, a robot's tables come after [campaign].
-    for name in sorted(
-        model.model_fields, key=lambda name: 0 if name == "campaign" else 1 if name in own else 2
-    ):
+    for name in sorted(model.model_fields, key=lambda name: (name != "campaign", name not in own)):
         for inner in models_in(model.model_fields[name].annotation):
             yield from tables_of(inner, (*path, name))
 

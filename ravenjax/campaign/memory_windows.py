@@ -1,5 +1,4 @@
-"""Divides the runs of a campaign into windows that fit in memory, and windows into blocks for an
-engine.
+"""Divides a campaign into windows that fit in memory, and windows into blocks for an engine.
 
 The module also joins the results of blocks to the files of the result folder.
 """
@@ -11,8 +10,7 @@ import numpy as np
 
 SHARED = 32
 """Smallest mean number of lanes per golden run with which an engine stores a golden run's series
-once. With fewer lanes it stores a copy for each lane.
-"""
+once. With fewer lanes it stores a copy for each lane."""
 
 
 class Window(NamedTuple):
@@ -28,8 +26,7 @@ class WindowLimits(NamedTuple):
     lanes: int  # largest number of lanes of a block
     blocks: int
     golden_runs: int
-    # Largest number of lanes of a block whose runs have different golden runs.
-    alone: int
+    alone: int  # largest number of lanes of a block whose runs have different golden runs
 
 
 def cut_into_windows(

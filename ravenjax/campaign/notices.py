@@ -55,15 +55,9 @@ def of_config(config: CampaignConfig) -> Iterator[str]:
     ):
         for value in np.ravel(values):
             if value >= largest:
-                yield (
-                    f"{key}: {value:g} mm is never reached: two positions of the tip are at most"
-                    f" {largest:g} mm apart"
-                )
+                yield f"{key}: {value:g} mm is never reached: tips are at most {largest:g} mm apart"
             elif value <= lowest:
-                yield (
-                    f"{key}: {value:g} mm is always exceeded: without a fault the moving tip is"
-                    f" already {lowest:g} mm away from the nominal model"
-                )
+                yield f"{key}: {value:g} mm is always exceeded: {lowest:g} mm even without a fault"
     for kind, parts in (("detector", config.detector), ("check", config.check)):
         for number, part in enumerate(parts):
             key = f"{kind}[{number}]"
@@ -85,10 +79,7 @@ def of_config(config: CampaignConfig) -> Iterator[str]:
         if (first := cues.index(cue)) < number:
             yield f"haptics: set {number} is the same as set {first}"
         if not cue.cap or not (cue.kp or cue.kd):
-            yield (
-                f"haptics: set {number} has cap 0, or no spring and damper, so its force is always"
-                " 0"
-            )
+            yield f"haptics: set {number} has cap 0, or no spring and damper, so it has no force"
     if (limit := config.campaign.limit) is not None and limit >= design.count_rows(config):
         yield f"campaign.limit: {limit} limits nothing, because the campaign has no more runs"
     if config.stop is not None:
@@ -109,22 +100,14 @@ def of_config(config: CampaignConfig) -> Iterator[str]:
     for g, group in enumerate(config.group):
         for f, fault in enumerate(() if group.run else group.fault):
             if fault.wraps and not any(semantics.find_unfit_values(config, group, fault, False)):
-                yield (
-                    f"group[{g}].fault[{f}].wraps: has no effect, because all values fit into 16"
-                    " bits"
-                )
+                yield f"group[{g}].fault[{f}].wraps: has no effect, as all values fit into 16 bits"
         if config.campaign.noise and semantics.is_silent(config, group):
-            yield (
-                f"campaign.noise: has no effect in group {group.name!r}, because all sizes of noise"
-                " are 0"
-            )
+            yield f"campaign.noise: has no effect in group {group.name!r}, because all noise is 0"
     for key, axes in config.parameter_tables():
         for path, axis in axes.items() if not config.campaign.noise else ():
             if bounds.shorten_path(robot, path) in robot.noise and axis.values != (0,):
-                yield (
-                    f"{location.format_key((*key, path))}: has no effect without campaign.noise ="
-                    " true"
-                )
+                name = location.format_key((*key, path))
+                yield f"{name}: has no effect without campaign.noise = true"
 
 
 def _draws(config: CampaignConfig, group: Group) -> bool:
@@ -146,18 +129,14 @@ def _of_parameters(plan: Plan) -> Iterator[str]:
     for path, values in table.varied_parameters(plan.rows).items():
         # One path may name several numbers of the robot. NaN: the run does not set the parameter.
         usual = list(paths.named_numbers(program.params, program.setup, path).values())
-        unchanged = np.isnan(values) | np.all(
-            [np.float32(values) == np.float32(number) for number in usual], axis=0
-        )
+        same = [np.float32(values) == np.float32(number) for number in usual]
+        unchanged = np.isnan(values) | np.all(same, axis=0)
         if unchanged.all():
             idle.append(f"{path} = {float(usual[0]):g}")
         elif (fault_free & ~unchanged).any():
             varied.append(f"{path} (the robot's: {float(usual[0]):g})")
     if idle:
-        yield (
-            f"parameters.{list_names(idle, NAMED)}: this is already the robot's value, so the"
-            " setting has no effect"
-        )
+        yield f"parameters.{list_names(idle, NAMED)}: no effect, this is already the robot's value"
     if varied:
         yield (
             f"parameters.{list_names(varied, NAMED)}: differs from the robot's value in runs"
@@ -177,20 +156,16 @@ def _of_pedal(plan: Plan) -> OfRuns:
     # Yields a notice if runs end before the pedal is down.
     clocks = plan.any_clocks
     if clocks is not None and not clocks.moved.any():
-        yield (
-            "campaign.duration_s",
-            clocks.first_down(plan.program.ticks) >= plan.program.ticks,
-            "the run ends before the robot is in pedal-down, so no instrument follows the operator",
-        )
+        late = clocks.first_down(plan.program.ticks) >= plan.program.ticks
+        words = "the run ends before the robot is in pedal-down, so no instrument moves"
+        yield "campaign.duration_s", late, words
 
 
 def _of_faults(plan: Plan) -> OfRuns:
     if not plan.faults["code"].any():
         return
     faults, ticks, unit = plan.faults, plan.program.ticks, plan.tick_ms
-    start, length, every = (
-        faults[name].astype(np.int64) for name in ("start", "duration", "every")
-    )
+    start, length, every = (faults[key].astype(np.int64) for key in ("start", "duration", "every"))
     clocks, there = plan.any_clocks, faults["code"] > 0
     closes = span.last_window_ends(faults, ticks, clocks)
     opens = there & (closes > 0)
@@ -211,32 +186,19 @@ def _of_faults(plan: Plan) -> OfRuns:
         moved = clocks.moved[faults["code"]].any(axis=1, keepdims=True)
         ahead = (closes <= first[:, None]) & (first < ticks)[:, None]
         early, down = opens & ahead & ~moved, first.min()
+    single = opens & (every > 0) & (start + every >= ticks)
+    cut = f"up to {beyond[worst] * unit} of {length[worst] * unit} ms"
     for key, which, words in (
         *_beyond_range(plan),
         ("start_ms", there & ~opens, "the fault does not begin before the end of the run"),
-        (
-            "start_ms",
-            early,
-            f"the fault ends before the robot is in pedal-down, which begins at {down} ms",
-        ),
-        (
-            "duration_ms",
-            beyond > 0,
-            f"up to {beyond[worst] * unit} of {length[worst] * unit} ms are after the end of the"
-            " run, which cuts the fault short",
-        ),
-        (
-            "every_ms",
-            opens & (every > 0) & (start + every >= ticks),
-            "the fault is not repeated before the end of the run",
-        ),
+        ("start_ms", early, f"the fault ends before the robot is in pedal-down, at {down} ms"),
+        ("duration_ms", beyond > 0, f"{cut} are after the end of the run, which cuts it short"),
+        ("every_ms", single, "the fault is not repeated before the end of the run"),
         ("value", there & _idle(plan), "changes the signal by at most one count, or not at all"),
         ("site", unread[faults["code"]], "nothing in the robot reads this signal"),
         ("site", twice, "the run has the same fault twice"),
     ):
-        yield from (
-            (f"fault[{slot}].{key}", of_slot, words) for slot, of_slot in enumerate(which.T)
-        )
+        yield from ((f"fault[{slot}].{key}", marks, words) for slot, marks in enumerate(which.T))
 
 
 def _beyond_range(plan: Plan) -> OfRuns:
@@ -256,11 +218,8 @@ def _beyond_range(plan: Plan) -> OfRuns:
         number = np.where(plan.faults["code"] == code, _by_effect(plan, reached, x), limits.low)
         outside = np.maximum(limits.low - number, number - limits.high)
         worst = number.flat[outside.argmax()]
-        yield (
-            "value",
-            outside > 0,
-            f"{channel.name} becomes {worst:.6g}, expected {limits.low:g}..{limits.high:g}",
-        )
+        words = f"{channel.name} becomes {worst:.6g}, expected {limits.low:g}..{limits.high:g}"
+        yield "value", outside > 0, words
 
 
 # A value beyond single precision becomes infinite, which is never a usual value.
@@ -299,8 +258,7 @@ def _channels(plan: Plan) -> list[tuple[str, Channel]]:
 
 def _numbers(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the value of each fault, the ticks in which it may act, and the usual value of its
-    signal (NaN if unknown), [runs, slots].
-    """
+    signal (NaN if unknown), [runs, slots]."""
     usual = np.full(plan.faults["code"].shape, np.nan)
     for code, (site, channel) in enumerate(_channels(plan), start=1):
         number = np.nan if channel.usual is None else channel.usual
@@ -332,11 +290,8 @@ def _clock_ends(plan: Plan) -> np.ndarray:
     trigger, ticks, clocks = plan.faults["trigger"], plan.program.ticks, plan.any_clocks
     # Packet numbers begin at 1, and the time of the pedal when the pedal first goes down.
     down = 0 if clocks is None or clocks.moved.any() else clocks.first_down(ticks)[:, None]
-    return (
-        ticks
-        + (trigger == TRIGGER_CODES["packet"])
-        - np.where(trigger == TRIGGER_CODES["pedal"], down, 0)
-    )
+    pedal = np.where(trigger == TRIGGER_CODES["pedal"], down, 0)
+    return ticks + (trigger == TRIGGER_CODES["packet"]) - pedal
 
 
 def find_copies(plan: Plan) -> np.ndarray:
@@ -345,10 +300,7 @@ def find_copies(plan: Plan) -> np.ndarray:
     Their inputs are equal, and nothing in them is random. A fault that would last beyond the end of
     the run equals a fault that ends with the run.
     """
-    fixed = {
-        group.name: not semantics.random_in_itself(plan.config, group)
-        for group in plan.config.group
-    }
+    fixed = {g.name: not semantics.random_in_itself(plan.config, g) for g in plan.config.group}
     rows = plan.rows["group"].map(fixed.__getitem__).to_numpy(bool)
     ticks, faults = plan.program.ticks, {k: v for k, v in plan.faults.items() if k != "key"}
     again = np.where(faults["start"] + faults["every"] < ticks, faults["every"], 0)
@@ -369,7 +321,4 @@ def find_copies(plan: Plan) -> np.ndarray:
 def _of_copies(plan: Plan) -> Iterator[str]:
     # Yields a notice if runs have the same inputs as others.
     if plan.runs <= MOST_COMPARED and (count := int(find_copies(plan).sum())):
-        yield (
-            f"group: {count} of {plan.runs} runs have the same inputs as an earlier run, so they"
-            " have the same outcome; equal runs count once"
-        )
+        yield f"group: {count} of {plan.runs} runs have inputs of an earlier run and do not count"

@@ -33,10 +33,8 @@ class Plan:
     config: CampaignConfig
     rows: pd.DataFrame  # the fault table, one row per run
     program: TickProgram
-    # The operator's motion, in the robot's own type.
-    motion: Any
-    # Summary of a recorded motion; None for a generated motion.
-    operator: MotionSummary | None
+    motion: Any  # the operator's motion, in the robot's own type
+    operator: MotionSummary | None  # summary of a recorded motion; None for a generated motion
     columns: tuple[np.ndarray, ...]  # the motion's columns, float32 [ticks]
     # Parameters that are keys of random numbers, and their purpose. Runs have different keys.
     keys: Mapping[str, str]
@@ -131,19 +129,16 @@ def make_plan(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
             f"detector: robot {config.robot.name!r} supports no detectors: remove [[detector]]"
         )
     loading.check_parameters(config, known_parameters(robot.params, robot.setup))
-    values = _filled(varied, robot.params, robot.setup)
+    setup, campaign = robot.setup, config.campaign
+    values = _filled(varied, robot.params, setup)
     for path, purpose in robot.keys.items():
         values[path] = run_id.stream_keys(table.shared_ids(rows), purpose)
     return Plan(
         config=config,
         rows=rows,
         program=TickProgram(
-            robot.loop.__name__,
-            robot.setup,
-            robot.params,
-            tuple(values),
-            config.campaign.ticks,
-            config.campaign.observe_ms is not None,
+            *(robot.loop.__name__, setup, robot.params, tuple(values), campaign.ticks),
+            campaign.observe_ms is not None,
         ),
         motion=robot.motion,
         operator=robot.operator,
@@ -157,8 +152,7 @@ def make_plan(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
 
 def known_parameters(params: Any, setup: Setup) -> list[str]:
     """Return every path that a campaign may vary: full paths, paths without the arm, and paths of
-    whole vectors.
-    """
+    whole vectors."""
     names: dict[str, None] = {}
     for full, _ in paths.path_leaves(params, setup):
         if full.startswith("start."):

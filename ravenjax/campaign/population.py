@@ -1,5 +1,4 @@
-"""Reads a file with parameters of a robot, such as a calibrated robot: `[parameters] from =
-"my_robot.toml"`.
+"""Reads a file with parameters of a calibrated robot: `[parameters] from = "my_robot.toml"`.
 
 The file has a table [parameters], and a table [campaign] with the settings for which its numbers
 are valid. If the campaign also sets a parameter, the campaign's value is used.
@@ -19,8 +18,7 @@ TABLES = ("campaign", "parameters")
 def with_population(raw: dict[str, Any], where: Where, source: Path | None) -> dict[str, Any]:
     """Return the tables `raw` of a campaign, completed with the tables of its file of parameters.
 
-    The path of this file is relative to the folder of `source`. Raise UserError for a file that
-    cannot be used.
+    The path is relative to the folder of `source`. Raise UserError for a file that cannot be used.
     """
     own = raw.get("parameters") if isinstance(raw, dict) else None
     if not isinstance(own, dict) or KEY not in own:
@@ -30,10 +28,7 @@ def with_population(raw: dict[str, Any], where: Where, source: Path | None) -> d
         raise where.error([(key or ("parameters", KEY), message)]) from None
 
     if not isinstance(own[KEY], str):
-        refuse(
-            f"got {format_value(own[KEY])}, expected the path of a file that `ravenjax calibrate`"
-            " wrote"
-        )
+        refuse(f"got {format_value(own[KEY])}, expected the path of a robot's file")
     path = Path(own[KEY]) if source is None else source.parent / own[KEY]
     if not path.is_file():
         refuse(f"found no file {path}; `ravenjax calibrate LOG` writes such a file")

@@ -52,8 +52,7 @@ class Prepared(NamedTuple):
     # The robot's parameters as plain numbers, with the values that the file sets for all runs.
     params: Any
     columns: tuple[np.ndarray, ...]  # columns of the operator's motion, [ticks] or longer
-    # The same motion in the robot's own type.
-    motion: Any = None
+    motion: Any = None  # the same motion in the robot's own type
     operator: MotionSummary | None = None  # summary of a recorded motion
     # Parameters that are keys of random numbers, and their purpose. Runs have different keys.
     keys: Mapping[str, str] = {}

@@ -28,8 +28,7 @@ EVERY_S = 1.0
 class Status:
     """The progress of a campaign. A start is one call of the command, which may be interrupted."""
 
-    # "compile", "run", "done", or "stopped" if the start was interrupted.
-    phase: str
+    phase: str  # "compile", "run", "done", or "stopped" if the start was interrupted
     done: int  # number of finished runs, including those of earlier starts
     total: int
     engine: str  # engine and device, as text
@@ -77,8 +76,7 @@ class Progress:
         notes: tuple[str, ...] = (),
     ) -> None:
         """engine: engine and device, as text. total: number of runs of the campaign. rows: number
-        of runs that this start computes, each with `ticks` ticks.
-        """
+        of runs that this start computes, each with `ticks` ticks."""
         earlier = total - rows
         self.status = Status("compile", earlier, total, engine, earlier=earlier, notes=notes)
         self._on_progress = on_progress

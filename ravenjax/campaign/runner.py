@@ -29,8 +29,7 @@ from ravenjax.store.folder import ResultFolder, Results
 
 PART_TICKS, LEAST_ROWS = 2**27, 256
 """Number of ticks in a file of the result, which a core computes in ten seconds, and the smallest
-number of its rows. So runs of long operations are stored early.
-"""
+number of its rows. So runs of long operations are stored early."""
 
 
 def run_campaign(
@@ -137,12 +136,11 @@ def make_manifest(plan: Plan, engine: Engine) -> manifest.Manifest:
         {"observe_ms"} if config.campaign.observe_ms is None else set()
     )
     content = config.model_dump(mode="json", exclude={"campaign": undecided})
+    ids = run_id.hash_run_ids(plan.rows["run_id"].to_numpy())
     return manifest.Manifest(
         campaign=config.campaign.name,
         config=content,
-        config_hash=manifest.campaign_hash(
-            content, plan.operator, run_id.hash_run_ids(plan.rows["run_id"].to_numpy())
-        ),
+        config_hash=manifest.campaign_hash(content, plan.operator, ids),
         seed=config.campaign.seed,
         runs=plan.runs,
         duration_ms=config.campaign.duration_ms,

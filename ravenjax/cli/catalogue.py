@@ -1,5 +1,4 @@
-"""Commands that list campaigns, faults and parameters: `ravenjax campaigns`, `faults`,
-`parameters`."""
+"""The commands `ravenjax campaigns`, `faults` and `parameters`, which list them."""
 
 from __future__ import annotations
 
@@ -9,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ravenjax import robots
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson, Listing, Overrides
+from ravenjax.cli.console import Json, Listing, Overrides
 from ravenjax.vocabulary.sites import PARAMETER
 
 if TYPE_CHECKING:
@@ -18,7 +17,7 @@ if TYPE_CHECKING:
     from ravenjax.vocabulary.sites import Channel, Site
 
 
-def campaigns(*, as_json: AsJson = False) -> None:
+def campaigns(*, as_json: Json = False) -> None:
     """List the bundled campaigns, searches and training scenarios."""
     from ravenjax.analyses.search.file import loading as searches
     from ravenjax.bundled import resources
@@ -38,9 +37,7 @@ def campaigns(*, as_json: AsJson = False) -> None:
     console.print_tables(listings, as_json)
 
 
-def faults(
-    word: str | None = None, *, robot: str = robots.DEFAULT, as_json: AsJson = False
-) -> None:
+def faults(word: str | None = None, *, robot: str = robots.DEFAULT, as_json: Json = False) -> None:
     """List layers, fault sites and channels, effects, triggers, and the hazard library.
 
     Args:
@@ -114,7 +111,7 @@ def parameters(
     path: str = "",
     robot: str | None = None,
     overrides: Overrides = None,
-    as_json: AsJson = False,
+    as_json: Json = False,
 ) -> None:
     """List the parameters that a campaign may vary, with default, range and meaning.
 
@@ -170,16 +167,10 @@ def parameter_rows(config: CampaignConfig) -> list[tuple[str, ...]]:
     more = config.own_ranges
     # A campaign cannot vary a parameter without rules.
     rules = {full: bounds.allowed_values(config.robot, full, more) for full in values}
-    return [
-        (
-            full,
-            ", ".join(values[full]),
-            "; ".join(
-                f"{', '.join(rule.joints)}: {rule.range}" if rule.joints else rule.range
-                for rule in of
-            ),
-            of[0].meaning,
-        )
-        for full, of in rules.items()
-        if of
-    ]
+    rows = []
+    for full, of in rules.items():
+        if of:
+            # A rule without names of joints applies to all joints.
+            ranges = [f"{', '.join(rule.joints)}: {rule.range}".removeprefix(": ") for rule in of]
+            rows.append((full, ", ".join(values[full]), "; ".join(ranges), of[0].meaning))
+    return rows

@@ -43,25 +43,21 @@ Words = Annotated[list[str] | None, Parameter(consume_multiple=True, negative=""
 Switch = Annotated[bool, Parameter(negative="")]
 Engine = Annotated[str, Parameter(help="auto, cuda, simd, xla or mjx")]
 SameEngine = Annotated[str, Parameter(help="auto is the engine that computed the campaign")]
-ResultFolder = Annotated[Path, Parameter(help="Result folder that `ravenjax run` wrote.")]
+Folder = Annotated[Path, Parameter(help="Result folder that `ravenjax run` wrote.")]
 RunIds = Annotated[
-    str, Parameter(help="The run_id of each run, the first letters of it, or the run's index.")
+    str, Parameter(help="The run_id of each run, its first letters, or the run's index.")
 ]
 Ranking = Annotated[
-    str,
-    Parameter(help="order of the worst runs: unintended, loss, report, tissue, cue or response"),
+    str, Parameter(help="order of worst runs: unintended, loss, report, tissue, cue or response")
 ]
 
-AsJson = Annotated[
-    bool, Parameter(name="--json", negative="", help="print only JSON on standard output")
-]
+Json = Annotated[bool, Parameter(name="--json", negative="", help="print only JSON")]
 
 
 class Listing(NamedTuple):
     """A table that a command prints. In JSON it is a list of objects."""
 
-    # Key of the list in JSON.
-    name: str
+    name: str  # key of the list in JSON
     title: str
     # Headings of the columns. In JSON, "what it asks" becomes the key what_it_asks.
     columns: tuple[str, ...]
@@ -118,8 +114,7 @@ def print_findings(
     **content: Any,
 ) -> None:
     """Print sentences, tables and the paths of written files, or sentences, files and `content` as
-    JSON. tables: title and rows, of which the first has the headings.
-    """
+    JSON. tables: title and rows, of which the first has the headings."""
     if as_json:
         return emit_json(content | {"sentences": sentences, "files": files})
     print_text("\n".join(sentences))
@@ -168,8 +163,7 @@ def print_note(text: str) -> None:
 
 def load_module(name: str) -> Any:
     """Import and return a module of the folder `analysis` of a checkout, such as
-    "studies.claims". Raise UserError if ravenjax runs from an installed package.
-    """
+    "studies.claims". Raise UserError if ravenjax runs from an installed package."""
     analysis = Path(__file__).resolve().parents[2] / "analysis"
     folder = analysis / name.partition(".")[0]
     if not (folder / "__init__.py").is_file():

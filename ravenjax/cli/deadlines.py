@@ -1,18 +1,13 @@
-"""The command `ravenjax deadline`: the last moment in which an action prevents the harm of a
-fault."""
+"""The command `ravenjax deadline`: the last time at which an action prevents harm."""
 
 from __future__ import annotations
 
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson, ResultFolder, SameEngine
+from ravenjax.cli.console import Folder, Json, SameEngine
 
 
 def deadline(
-    folder: ResultFolder,
-    *,
-    group: str | None = None,
-    engine: SameEngine = "auto",
-    as_json: AsJson = False,
+    folder: Folder, *, group: str | None = None, engine: SameEngine = "auto", as_json: Json = False
 ) -> None:
     """Find the point of no return of each harmful fault: the last time at which an action prevents
     the harm.

@@ -1,7 +1,6 @@
 """The commands `ravenjax trace` and `ravenjax explain`, which compute runs again.
 
-`trace` writes the time series of runs. `explain` shows how an error propagates from the fault to
-the failure.
+`trace` writes the time series of runs. `explain` shows how a fault becomes a failure.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson, Ranking, ResultFolder, RunIds, SameEngine
+from ravenjax.cli.console import Folder, Json, Ranking, RunIds, SameEngine
 
 if TYPE_CHECKING:
     from ravenjax.campaign.inspection.explain import Explained
@@ -20,13 +19,13 @@ if TYPE_CHECKING:
 
 
 def trace(
-    folder: ResultFolder,
+    folder: Folder,
     *run_ids: RunIds,
     worst: int | None = None,
     by: Ranking = "unintended",
     out: Path | None = None,
     engine: SameEngine = "auto",
-    as_json: AsJson = False,
+    as_json: Json = False,
 ) -> None:
     """Compute single runs of a result again and write their time series: MCAP, CSV and a plot.
 
@@ -36,7 +35,7 @@ def trace(
     """
     from ravenjax.campaign.inspection.replay import Replayer
     from ravenjax.errors import UserError
-    from ravenjax.report.run import summary as run_summary
+    from ravenjax.report.run.summary import summarize_run
     from ravenjax.store import files, manifest
 
     if bool(run_ids) == (worst is not None):
@@ -49,9 +48,7 @@ def trace(
     out_folder = out or files.path_inside(folder, "traces")
     files.require_writable(out_folder)
     if record.code_hash != manifest.code_hash(record.robot):
-        console.print_note(
-            f"{folder} was computed by another version of the code, so a run's outcome may differ"
-        )
+        console.print_note(f"{folder} was computed by other code, so a run's outcome may differ")
     runs = run_ids or tuple(run.run_id for run in ranked)
     records = []
     replayer = Replayer.of_folder(folder, engine) if runs else None
@@ -59,13 +56,9 @@ def trace(
         assert replayer is not None
         again = replayer.replay(run)
         row = again.row.to_dict()
-        summary = run_summary.summarize_run(
-            row, record.rules, again.series, again.golden, record.robot
-        )
+        summary = summarize_run(row, record.rules, again.series, again.golden, record.robot)
         paths = _write(out_folder, record, again, [event._asdict() for event in summary.events])
-        records.append(
-            {"run_id": row["run_id"], **summary._asdict(), "files": [str(path) for path in paths]}
-        )
+        records.append({"run_id": row["run_id"], **summary._asdict(), "files": paths})
         if not as_json:
             console.print_text("\n".join(summary.lines()))
             console.print_written(paths)
@@ -74,9 +67,7 @@ def trace(
         console.emit_json(records)
 
 
-def _write(
-    out_folder: Path, record: Manifest, again: Replay, events: list[dict[str, Any]]
-) -> list[Path]:
+def _write(out_folder: Path, record: Manifest, again: Replay, events: list[dict]) -> list[Path]:
     # Writes the trace of a recomputed run as MCAP file, CSV table and figure. Returns the paths.
     from ravenjax.report import wording
     from ravenjax.report.run.plot import trace_plot
@@ -130,14 +121,14 @@ def _write(
 
 
 def explain(
-    folder: ResultFolder,
+    folder: Folder,
     *run_ids: RunIds,
     worst: int | None = None,
     by: Ranking = "unintended",
     group: str | None = None,
     out: Path | None = None,
     engine: SameEngine = "auto",
-    as_json: AsJson = False,
+    as_json: Json = False,
 ) -> None:
     """Explain how a fault became a failure: which signal differed first, and where a check could
     have detected the fault.
@@ -158,9 +149,7 @@ def explain(
     from ravenjax.store.access import explained
 
     if sum((bool(run_ids), worst is not None, group is not None)) > 1:
-        raise UserError(
-            "expected only one selection of runs: run ids or indices, --worst N, or --group NAME"
-        )
+        raise UserError("expected one of: run ids or indices, --worst N, or --group NAME")
     record = manifest.read_manifest(folder)
     ranked = console.worst_runs(folder, worst, by)
     if worst is not None and not ranked:

@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson, Engine, Listing, Switch, load_module
+from ravenjax.cli.console import Engine, Json, Listing, Switch, load_module
 
 TableName = Literal["engines", "shell", "cores", "devices", "peers"]
 
@@ -50,7 +50,7 @@ def reproduce(
     out: Path = Path("results/reproduce"),
     engine: Engine = "auto",
     keep: Path | None = None,
-    as_json: AsJson = False,
+    as_json: Json = False,
 ) -> None:
     """Repeat a published experiment, or run a study, and compare the results with the publication.
 
@@ -78,7 +78,7 @@ def evidence(
     check: Path | None = None,
     xlsx: Switch = False,
     credibility: Path | None = None,
-    as_json: AsJson = False,
+    as_json: Json = False,
 ) -> int:
     """Write evidence for a risk file: failure modes, hazards, unsafe control actions, an argument.
 
@@ -98,7 +98,7 @@ def evidence(
     return commands.evidence(folders, out, check, xlsx, credibility, as_json)
 
 
-def doctor(*, realtime: Switch = False, seconds: float = 60.0, as_json: AsJson = False) -> int:
+def doctor(*, realtime: Switch = False, seconds: float = 60.0, as_json: Json = False) -> int:
     """Check this installation: versions, devices, CPU, memory, and a test of each part.
 
     Args:
@@ -122,9 +122,8 @@ def doctor(*, realtime: Switch = False, seconds: float = 60.0, as_json: AsJson =
         "results": _results_writable,
         "console port": _port_opens,
     }
-    works = Listing(
-        "works", "What works", ("test", "state", "detail"), list(terminal.run_checks(tests))
-    )
+    states = list(terminal.run_checks(tests))
+    works = Listing("works", "What works", ("test", "state", "detail"), states)
     console.print_tables([about, works] if as_json else [works], as_json)
     return int(any(state != "ok" for _, state, _ in works.rows))
 
@@ -150,9 +149,7 @@ def _jax_computes() -> str:
     total = float(jax.jit(lambda x: (x * x).sum())(jnp.arange(4.0)))
     if total != 14.0:
         raise ArithmeticError(f"JAX computed 0 + 1 + 4 + 9 = {total}, expected 14")
-    return ", ".join(
-        f"{device.platform}:{device.id} {device.device_kind}" for device in jax.devices()
-    )
+    return ", ".join(f"{one.platform}:{one.id} {one.device_kind}" for one in jax.devices())
 
 
 def _engine_chosen() -> str:
@@ -161,9 +158,8 @@ def _engine_chosen() -> str:
     from ravenjax.numbers.setup import CAMPAIGN
 
     name, why = selection.fastest_engine(CAMPAIGN)
-    return f"{name} on {selection.select_engine(name, CAMPAIGN).device}" + (
-        f"; {why}" if why else ""
-    )
+    device = selection.select_engine(name, CAMPAIGN).device
+    return f"{name} on {device}" + (f"; {why}" if why else "")
 
 
 def _model_loads() -> str:

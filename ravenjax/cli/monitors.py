@@ -1,8 +1,7 @@
 """The commands `ravenjax monitor` and `ravenjax counterfactual`.
 
 `monitor` calibrates checks on fault-free motion to a stated false-alarm rate, and tests whether the
-calibration is still valid. `counterfactual` finds additional checks that detect faults which evade
-the robot's checks.
+calibration is still valid. `counterfactual` finds checks for faults that evade the robot's checks.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from pathlib import Path
 from cyclopts import App
 
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson, Engine, Listing, Overrides, Switch, Words
+from ravenjax.cli.console import Engine, Json, Listing, Overrides, Switch, Words
 
 monitor = App(
     name="monitor",
@@ -38,7 +37,7 @@ def calibrate(
     seed: int = 0,
     engine: Engine = "auto",
     overrides: Overrides = None,
-    as_json: AsJson = False,
+    as_json: Json = False,
 ) -> None:
     """Calibrate a monitor: find thresholds with at most a given rate of false alarms.
 
@@ -68,16 +67,9 @@ def calibrate(
     from ravenjax.campaign import loading
 
     config = loading.load_campaign(file, overrides or ())
+    rate = false_alarms_per_hour
     request = calibration.Request(
-        config,
-        signals or (),
-        segments,
-        false_alarms_per_hour,
-        confidence,
-        length_s,
-        robots,
-        motions or (),
-        seed,
+        config, signals or (), segments, rate, confidence, length_s, robots, motions or (), seed
     )
     place = out or Path("results/monitors") / config.campaign.name
     with _progress(as_json) as progress:
@@ -88,9 +80,8 @@ def calibrate(
     terms = zip(result.monitor.terms, result.monitor.limits.tolist(), strict=True)
     console.print_tables(console.fill_listings("terms.j2", terms=terms), as_json)
     words = record["promise"]["words"]
-    return console.print_text(
-        console.render_template("monitor.j2", words=words, result=result, place=place)
-    )
+    text = console.render_template("monitor.j2", words=words, result=result, place=place)
+    return console.print_text(text)
 
 
 @monitor.command
@@ -102,7 +93,7 @@ def operate(
     robots: int | None = None,
     engine: Engine = "auto",
     overrides: Overrides = None,
-    as_json: AsJson = False,
+    as_json: Json = False,
 ) -> None:
     """Simulate new fault-free operations for `ravenjax monitor check`.
 
@@ -129,7 +120,7 @@ def operate(
 
 @monitor.command
 def check(
-    folder: Path, *sources: Path, level: float = 0.05, seed: int = 0, as_json: AsJson = False
+    folder: Path, *sources: Path, level: float = 0.05, seed: int = 0, as_json: Json = False
 ) -> int:
     """Test whether the calibration of a monitor is valid for new fault-free operations.
 
@@ -156,7 +147,7 @@ def check(
 
 
 @monitor.command
-def signals(file: Path | None = None, *, as_json: AsJson = False) -> None:
+def signals(file: Path | None = None, *, as_json: Json = False) -> None:
     """List the signals that a monitor can use.
 
     Args:
@@ -171,9 +162,8 @@ def signals(file: Path | None = None, *, as_json: AsJson = False) -> None:
         (signal.name, signal.words, ", ".join(dict.fromkeys(signal.units)), signal.layer)
         for signal in list_candidates(robot)
     ]
-    console.print_tables(
-        [Listing("signals", robot.title, ("name", "meaning", "unit", "layer"), rows)], as_json
-    )
+    listing = Listing("signals", robot.title, ("name", "meaning", "unit", "layer"), rows)
+    console.print_tables([listing], as_json)
 
 
 def counterfactual(
@@ -189,7 +179,7 @@ def counterfactual(
     confirm: Switch = False,
     engine: Engine = "auto",
     overrides: Overrides = None,
-    as_json: AsJson = False,
+    as_json: Json = False,
 ) -> None:
     """Select a few additional checks that would detect the faults that evade the robot's checks,
     and estimate their false alarms.
@@ -228,18 +218,16 @@ def counterfactual(
     with terminal.Watch(console.err) as watch:
         found = finding.find_checks(config, question, engine, print_stage, watch)
         paths = output.write_files(found, place)
-        sure = (
-            finding.confirm_checks(found, paths[-1], config.campaign.seed + 1, engine, watch)
-            if confirm
-            else None
-        )
-    sentences = [*output.finding_sentences(found), *([sure.sentence] if sure else [])]
+        sentences = [*output.finding_sentences(found)]
+        if confirm:
+            confirmed_seed = config.campaign.seed + 1
+            sure = finding.confirm_checks(found, paths[-1], confirmed_seed, engine, watch)
+            sentences.append(sure.sentence)
     checks = [row for row in output.candidate_table(found) if row["chosen"]]
     if not as_json:
         console.print_tables(console.fill_listings("counterfactual.j2", found=found), as_json)
-        console.print_text(
-            console.render_template("checks.j2", found=found, smallest=SMALLEST_SCALE)
-        )
+        text = console.render_template("checks.j2", found=found, smallest=SMALLEST_SCALE)
+        console.print_text(text)
     console.print_findings(sentences, as_json, files=paths, checks=checks)
 
 

@@ -1,5 +1,4 @@
-"""The commands `ravenjax motion`, on recordings of operators, and `ravenjax calibrate`, on logs of
-a robot.
+"""Commands on recordings of operators, `ravenjax motion`, and logs of robots, `calibrate`.
 
 The module also prints the lines of `ravenjax run` about recorded operators.
 """
@@ -63,14 +62,12 @@ def motion(
     except UserError:
         # If the file cannot even be read, this raises that error.
         raw = recording.load_recording(file, config.campaign.arms, options)
-        courses = replay.motion_courses(
-            raw, reach.reach_poses(raw.poses, bounds).inside, np.zeros(0)
-        )
+        courses = replay.tip_courses(raw, reach.reach_poses(raw.poses, bounds).inside, np.zeros(0))
         _draw(file, out, courses, "cannot be replayed as it is")
         raise
     _table(made.summary, console.out)
     begin, end = made.summary.window_s
-    courses = replay.motion_courses(made.recording, made.reach.inside, made.rows)
+    courses = replay.tip_courses(made.recording, made.reach.inside, made.rows)
     _draw(file, out, courses, f"{begin:.3f} to {end:.3f} s are replayed")
 
 
@@ -91,8 +88,7 @@ def show_operator(config: CampaignConfig, to: Console) -> None:
 def _config(
     file: Path, campaign: str | None, arms: list[str] | None, overrides: list[str]
 ) -> tuple[RavenConfig, bool]:
-    # Returns a campaign with the recording as its operator, and whether to replay all of the
-    # recording.
+    # Returns a campaign with the recording as its operator, and whether to replay all of it.
     from ravenjax.campaign import loading
     from ravenjax.robots.raven2.campaign.config import of_raven
     from ravenjax.store.motion import recording
@@ -192,10 +188,8 @@ def calibrate(
     )
     for note in logged.log.notes:
         console.print_text(note)
-    wanted = parameters.select_unknowns(
-        logged.log.joints, [word.strip() for word in ask.split(",")]
-    )
-    calibrated = logged.calibrated(robot.params(setup, arm, SET), wanted)
+    asked = parameters.select_unknowns(logged.log.joints, [word.strip() for word in ask.split(",")])
+    calibrated = logged.calibrated(robot.params(setup, arm, SET), asked)
     models = {"before": calibrated.base, "calibrated": calibrated.robot}
     where = ("in the first half, which was fitted", "in the second half, which was not fitted")
     for place, part in zip(where, logged.halves, strict=True):
@@ -211,11 +205,9 @@ def calibrate(
     ]
     if text := console.render_template("doubts.j2", integrated=integrated, fit=calibrated):
         console.print_text(text)
-    values = parameters.values_by_path(
-        calibrated.base, calibrated.unknowns, calibrated.draws(draws)
-    )
+    drawn = parameters.values_by_path(calibrated.base, calibrated.unknowns, calibrated.draws(draws))
     out.parent.mkdir(parents=True, exist_ok=True)
-    write_text(out, parameters.format_robot_file(values, arm, SET, log))
+    write_text(out, parameters.format_robot_file(drawn, arm, SET, log))
     pictures = out.with_suffix(".svg"), out.with_name(f"{out.stem}_parameters.svg")
     whole = logged.log.compared(0, len(logged.log.desired))
     replayed = logged.replay(whole, [calibrated.robot])[0]

@@ -8,10 +8,10 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson, Listing, ResultFolder, SameEngine
+from ravenjax.cli.console import Folder, Json, Listing, SameEngine
 
 
-def report(folder: ResultFolder, *, figures: Path | None = None) -> None:
+def report(folder: Folder, *, figures: Path | None = None) -> None:
     """Write report.html into a result folder.
 
     Args:
@@ -26,12 +26,12 @@ def report(folder: ResultFolder, *, figures: Path | None = None) -> None:
 
 
 def verify(
-    folder: ResultFolder,
+    folder: Folder,
     *,
     sample: int = 64,
     engine: SameEngine = "auto",
     seed: int = 0,
-    as_json: AsJson = False,
+    as_json: Json = False,
 ) -> int:
     """Verify a result folder: checksums, rows, values, and a random sample of runs computed again.
 
@@ -52,9 +52,7 @@ def verify(
         content = {"folder": folder, "fine": verified.fine, "checks": checks, "rerun": rerun}
         console.emit_json(content)
         return 0 if verified.fine else 1
-    rows = [
-        (check.name, "ok" if check.fine else "WRONG", check.looked_at) for check in verified.checks
-    ]
+    rows = [(one.name, "ok" if one.fine else "WRONG", one.looked_at) for one in verified.checks]
     console.print_table(f"Verified: {folder}", ("check", "result", "what was checked"), rows)
     for check in verified.checks:
         for problem in check.problems:
@@ -108,7 +106,7 @@ def write_report(folder: Path, prints: bool = True) -> Path:
     return path
 
 
-def compare(first: ResultFolder, second: Path, *, most: int = 10, as_json: AsJson = False) -> None:
+def compare(first: Folder, second: Path, *, most: int = 10, as_json: Json = False) -> None:
     """Compare two results run by run: configuration, outcomes, rates, and the runs that changed
     most.
 
@@ -137,7 +135,5 @@ def compare(first: ResultFolder, second: Path, *, most: int = 10, as_json: AsJso
         for change in (*result.configuration, *result.environment)
     ]
     title = "Differences in configuration, code and machine"
-    differences = Listing("configuration", title, ("key", "first", "second"), changes)
-    console.print_tables(
-        [differences, *console.fill_listings("comparison.j2", found=result)], False
-    )
+    changed = Listing("configuration", title, ("key", "first", "second"), changes)
+    console.print_tables([changed, *console.fill_listings("comparison.j2", found=result)], False)

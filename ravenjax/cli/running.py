@@ -1,5 +1,4 @@
-"""Commands that check and run campaigns and searches: `ravenjax run`, `check`, `fault-free`,
-`search`."""
+"""Commands that check and run campaigns: `ravenjax run`, `check`, `fault-free`, `search`."""
 
 from __future__ import annotations
 
@@ -8,13 +7,13 @@ import gc
 import json
 import signal
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ravenjax import interruption
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson, Count, Engine, Overrides, ResultFolder
+from ravenjax.cli.console import Count, Engine, Folder, Json, Overrides
 from ravenjax.cli.motion import show_operator
 from ravenjax.cli.results import write_report
 
@@ -39,7 +38,7 @@ def run(
     ray_address: str | None = None,
     shard: str | None = None,
     report: bool = True,
-    as_json: AsJson = False,
+    as_json: Json = False,
 ) -> None:
     """Run a campaign, or continue it in an existing result folder.
 
@@ -70,9 +69,7 @@ def run(
     share = shards.parse_shard(shard) if shard is not None else None
     who = choose_executor(executor, workers, ray_address)
     config = loading.load_campaign(file, changes)
-    folder = out or Path("results") / config.campaign.name / (
-        share.folder if share is not None else ""
-    )
+    folder = out or Path("results") / config.campaign.name / (share.folder if share else "")
 
     from ravenjax.campaign.stop import adaptive, decisions
     from ravenjax.store import manifest
@@ -104,9 +101,7 @@ def run(
         }
         console.emit_json(content)
     elif share is not None:
-        console.print_text(
-            f"this is one of {share.of} shards; `ravenjax merge OUT SHARD...` joins all shards"
-        )
+        console.print_text(f"one of {share.of} shards; `ravenjax merge OUT SHARD...` joins all")
 
 
 def check(
@@ -116,7 +111,7 @@ def check(
     out: Path | None = None,
     engine: Engine = "auto",
     limit: Count = None,
-    as_json: AsJson = False,
+    as_json: Json = False,
 ) -> None:
     """Show what a campaign file would run: runs, groups, faults, operator, cues, time and memory.
 
@@ -154,12 +149,12 @@ def check(
 
 
 def fault_free(
-    folder: ResultFolder,
+    folder: Folder,
     hours: float,
     *,
     engine: str = "auto",
     report: bool = True,
-    as_json: AsJson = False,
+    as_json: Json = False,
 ) -> None:
     """Simulate fault-free motion of a campaign's robot, to measure false alarms per hour.
 
@@ -216,9 +211,7 @@ def _count_faults(folder: Path, record: Manifest) -> tuple[dict[str, Any], dict[
         return tables.headline_counts(runs, record), counted
 
 
-def _summary(
-    folder: Path, record: Manifest, head: Mapping[str, Any], counted: Mapping[str, int]
-) -> None:
+def _summary(folder: Path, record: Manifest, head: dict[str, Any], counted: dict[str, int]) -> None:
     # Prints the verdicts of a finished or interrupted campaign.
     from ravenjax.campaign.stop import decisions
     from ravenjax.cli import terminal
@@ -257,7 +250,7 @@ def search(
     out: Path | None = None,
     engine: Engine = "auto",
     overrides: Overrides = None,
-    as_json: AsJson = False,
+    as_json: Json = False,
 ) -> None:
     """Search for the smallest harmful fault, the inputs that matter most, or the probability of a
     rare event.

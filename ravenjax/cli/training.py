@@ -13,7 +13,7 @@ from ravenjax.cli import console
 from ravenjax.cli.console import Overrides, Switch, load_module
 
 Crtk = Literal["ros1", "ros2"] | None
-ConsoleProfile = Annotated[str, Parameter("--console")]
+Profile = Annotated[str, Parameter("--console")]
 Seed = Annotated[int | None, Parameter(validator=validators.Number(gte=0, lt=2**31))]
 Port = Annotated[int, Parameter(validator=validators.Number(gte=0, lte=65535))]
 
@@ -43,7 +43,7 @@ def train(
     token: str | None = None,
     instructor_token: str | None = None,
     itp_port: int | None = None,
-    console_profile: ConsoleProfile = "raven",
+    console_profile: Profile = "raven",
     console_host: str | None = None,
     robot: str | None = None,
     crtk: Crtk = None,
@@ -76,10 +76,9 @@ def train(
     """
     from ravenjax.errors import UserError
 
+    say = console.print_text
     if not (page or headless or script or crtk) and itp_port is None:
-        raise UserError(
-            "nobody moves the robot: without the page give --script, --itp-port or --crtk"
-        )
+        raise UserError("nobody moves the robot: add --page, --script, --itp-port or --crtk")
     with _exit_with_message(), interruption.held_back(), contextlib.ExitStack() as stack:
         helpers = None
         if not headless:
@@ -90,10 +89,10 @@ def train(
             listening = None
             if page:
                 token, instructor_token = pages.choose_tokens(host, token, instructor_token)
-                listening = pages.open_port(host, port, token, instructor_token, console.print_text)
+                listening = pages.open_port(host, port, token, instructor_token, say)
             helpers = SessionHelpers(stack, listening)
             beginning = f"{scenario}: preparing the session; the first time takes longest"
-            helpers.show_progress(beginning, console.print_text)
+            helpers.show_progress(beginning, say)
         from ravenjax.train import launch
         from ravenjax.train import scenario as scenarios
 
@@ -120,21 +119,19 @@ def train(
             crtk=crtk,
         )
         if headless:
-            result = launch.run_headless(options, console.print_text)
+            result = launch.run_headless(options, say)
         else:
             result = launch.run_realtime(
-                options, with_page=page, linger_s=linger, say=console.print_text, helpers=helpers
+                options, with_page=page, linger_s=linger, say=say, helpers=helpers
             )
     # The same address, so that browser windows reconnect.
     while result.next_command is not None:
-        console.print_text(f"session: {result.folder} ({result.ended})")
+        say(f"session: {result.folder} ({result.ended})")
         options = launch.next_options(options, result)
-        console.print_text(f"{options.scenario.name}: preparing the next session")
+        say(f"{options.scenario.name}: preparing the next session")
         with _exit_with_message(), interruption.held_back():
-            result = launch.run_realtime(
-                options, with_page=page, linger_s=linger, say=console.print_text
-            )
-    console.print_text(f"session: {result.folder} ({result.ended})")
+            result = launch.run_realtime(options, with_page=page, linger_s=linger, say=say)
+    say(f"session: {result.folder} ({result.ended})")
 
 
 @contextlib.contextmanager
@@ -144,12 +141,9 @@ def _exit_with_message() -> Iterator[None]:
         try:
             yield
         except (KeyboardInterrupt, SystemExit) as stop:
-            console.print_text(
-                "stopped; if a session had begun, its recording is kept", console.err
-            )
-            raise SystemExit(
-                stop.code if isinstance(stop, SystemExit) else 128 + signal.SIGINT
-            ) from None
+            console.print_text("stopped; if a session began, its recording is kept", console.err)
+            code = stop.code if isinstance(stop, SystemExit) else 128 + signal.SIGINT
+            raise SystemExit(code) from None
 
 
 def robot(
@@ -162,7 +156,7 @@ def robot(
     joint_port: Port = 36002,
     token: str | None = None,
     console_host: str | None = None,
-    console_profile: ConsoleProfile = "raven",
+    console_profile: Profile = "raven",
     crtk: Crtk = None,
 ) -> None:
     """Run the control software and the virtual robot as a process that any ITP console can move.
@@ -194,9 +188,7 @@ def robot(
     process.run_robot(chosen, options, seed, joint_port, console.print_text)
 
 
-def play(
-    packets: Path, *, to: str = "127.0.0.1:36000", console_profile: ConsoleProfile = "auto"
-) -> None:
+def play(packets: Path, *, to: str = "127.0.0.1:36000", console_profile: Profile = "auto") -> None:
     """Send recorded packets of a console to a robot or a session, at the recorded times.
 
     Before the first packet the pedal is up for 0.4 s, because a robot accepts a pressed pedal only

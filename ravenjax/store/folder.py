@@ -46,9 +46,8 @@ class ResultFolder:
     @property
     def manifest(self) -> Manifest:
         """The current manifest of the folder."""
-        return self._manifest.model_copy(
-            update={"parts": tuple(sorted(self._parts, key=lambda part: part.first))}
-        )
+        parts_in_order = tuple(sorted(self._parts, key=lambda part: part.first))
+        return self._manifest.model_copy(update={"parts": parts_in_order})
 
     @staticmethod
     def open(path: Path, wanted: Manifest) -> ResultFolder:
@@ -72,18 +71,12 @@ class ResultFolder:
                     " another --out. To replace them, delete the folder first: rm -r"
                     f" {path}"
                 )
-            record = record.model_copy(
-                update={
-                    "command": wanted.command,
-                    "rows": manifests.join_ranges(record.rows, wanted.rows),
-                    "starts": record.starts + 1,
-                }
-            )
-        recorded = {part.file: part for part in record.parts}
+            rows = manifests.join_ranges(record.rows, wanted.rows)
+            resumed = {"command": wanted.command, "rows": rows, "starts": record.starts + 1}
+            record = record.model_copy(update=resumed)
+        known = {part.file: part for part in record.parts}
         finished = threads.map_in_threads(
-            lambda file: _finished(file, recorded.get(file.name), wanted.config_hash),
-            there,
-            READERS,
+            lambda file: _finished(file, known.get(file.name), wanted.config_hash), there, READERS
         )
         # Without a manifest, these files may be the only copy of another campaign's results.
         if not resumes:
@@ -91,7 +84,7 @@ class ResultFolder:
                 if isinstance(what, parts.ForeignPart):
                     raise what
         whole, over = parts.without_overlaps(
-            [part for part in finished if isinstance(part, parts.Part)], recorded
+            [part for part in finished if isinstance(part, parts.Part)], known
         )
         useless = {
             file.name: str(why)
@@ -135,11 +128,9 @@ class ResultFolder:
 
     def close(self, compile_s: float, run_s: float, rows: int, notes: Sequence[str] = ()) -> None:
         """Write the times of this start (s), the number of rows it computed, and its notes into
-        the manifest. If all rows are stored, also write the finish time.
-        """
-        update: dict[str, Any] = {
-            "notices": tuple(dict.fromkeys((*self._manifest.notices, *notes)))
-        }
+        the manifest. If all rows are stored, also write the finish time."""
+        notices = tuple(dict.fromkeys((*self._manifest.notices, *notes)))
+        update: dict[str, Any] = {"notices": notices}
         if rows:
             rate = rows / run_s if run_s else None
             update |= {"compile_s": compile_s, "run_s": run_s, "runs_per_s": rate}
@@ -156,9 +147,7 @@ def read_complete_manifest(path: Path) -> Manifest:
     """
     record = manifests.read_manifest(path)
     if not record.parts:
-        raise StoreError(
-            f"{path}: contains no results yet; start or resume the campaign with `ravenjax run`"
-        )
+        raise StoreError(f"{path}: contains no results yet; start or resume it with `ravenjax run`")
     if over := parts.without_overlaps(record.parts)[1]:
         raise StoreError(
             f"{path / PARTS / over[0].file}: contains runs that another file contains, too. "

@@ -3,8 +3,7 @@
 manifest.json states what was computed, by which code and on which device. parts.jsonl has one line
 for each finished Parquet file (*part*) of the result table. Lines are only appended, so that
 recording a part takes the same time however many parts there are. A crash may leave an incomplete
-line. This line and all later lines are ignored; their parts are found on disk, checked and recorded
-again.
+line. This line and all later lines are ignored; their parts are found on disk and recorded again.
 """
 
 from __future__ import annotations
@@ -40,6 +39,8 @@ FILE = "manifest.json"
 PARTS_FILE = "parts.jsonl"
 _LISTS = resources.read_tables(__file__, "manifest.toml")
 _DECIDING, PACKAGES = _LISTS["deciding"], _LISTS["packages"]
+Nested = dict[str, Any]
+"""Nested tables, such as those of a campaign file."""
 
 
 class CueRecord(BaseModel):
@@ -59,8 +60,7 @@ class DetectorRecord(NamedTuple):
     name: str
     kind: str  # see ravenjax.vocabulary.detectors
     fusion: str
-    # Number of consecutive milliseconds above the threshold that raise an alarm.
-    consecutive: int
+    consecutive: int  # number of consecutive milliseconds above the threshold that raise an alarm
     thresholds: tuple[float, ...]  # in the unit of the score
     stops: bool = False  # an alarm at the first threshold presses the E-stop
 
@@ -71,52 +71,40 @@ class Manifest(BaseModel):
     model_config = ConfigDict(extra="ignore", ser_json_inf_nan="constants")
 
     schema_version: int = schema.VERSION
-    # Name of the campaign.
-    campaign: str
-    # The campaign with all defaults.
-    config: dict[str, Any]
+    campaign: str  # name of the campaign
+    config: Nested  # the campaign with all defaults
     # sha256 of `config` and of every run id. A recording is included by its content, not its path.
     config_hash: str
     seed: int
-    # Rows of the fault table.
-    runs: Row
+    runs: Row  # rows of the fault table
     duration_ms: int
-    # Counts and names on which the columns of the table depend.
-    shape: schema.Shape
+    shape: schema.Shape  # counts and names on which the columns of the table depend
     cues: tuple[CueRecord, ...] = ()
     detectors: tuple[DetectorRecord, ...] = ()
-    # Summary of a recorded motion of the operator.
-    operator: MotionSummary | None = None
-    # Number of the haptic set that the column `verdict` uses.
-    verdict_cue: int = 0
+    operator: MotionSummary | None = None  # summary of a recorded motion of the operator
+    verdict_cue: int = 0  # number of the haptic set that the column `verdict` uses
     # Column of the campaign's rule for jumps.
     verdict_jump: str = Field(default="jump_code", pattern="^jump_[a-z]+$")
-    # Unintended motion above which a run has a hazard, mm.
-    limit_mm: float = LIMIT_MM
+    limit_mm: float = LIMIT_MM  # unintended motion above which a run has a hazard, mm
     engine: str
-    # Device that computed the runs, as text.
-    device: str
+    device: str  # device that computed the runs, as text
     versions: dict[str, str] = Field(default_factory=lambda: package_versions())
     # sha256 of the source files on which outcomes depend.
     code_hash: str = Field(default_factory=lambda: code_hash())
     started: str = Field(default_factory=lambda: utc_now())
     finished: str | None = None
-    # Command line of the last start, if there was one.
-    command: tuple[str, ...] = ()
-    # Settings without effect, and notes of all starts.
-    notices: tuple[str, ...] = ()
+    command: tuple[str, ...] = ()  # command line of the last start, if there was one
+    notices: tuple[str, ...] = ()  # settings without effect, and notes of all starts
     # Shard of the campaign in this folder, such as 2/7; None: the whole campaign.
     shard: str | None = None
     # Row ranges (first, last inclusive) that this folder should contain; None: all rows.
     rows: tuple[tuple[Row, Row], ...] | None = None
-    # Number of starts of the command, including starts after interruptions.
-    starts: int = 1
+    starts: int = 1  # number of starts of the command, including starts after interruptions
     # Of the last start: time of compilation (s), time of computation (s), runs per second.
     compile_s: float | None = None
     run_s: float | None = None
     runs_per_s: float | None = None
-    # Finished parts, stored in parts.jsonl.
-    parts: tuple[Part, ...] = ()
+    parts: tuple[Part, ...] = ()  # finished parts, stored in parts.jsonl
 
     @property
     def robot(self) -> Robot:
@@ -131,9 +119,7 @@ class Manifest(BaseModel):
         """The campaign's settings on which the definitions of outcomes depend."""
         threshold = self.cues[self.verdict_cue].threshold_mm if self.cues else PUBLISHED_CUE_MM
         built_in = built_in_column(self.shape.own_checks, self.shape.stops)
-        stopping = tuple(
-            (number, one.name) for number, one in enumerate(self.detectors) if one.stops
-        )
+        stopping = tuple((i, one.name) for i, one in enumerate(self.detectors) if one.stops)
         own = [one for one in self.config.get("harm", ()) if one["counts"] != "watch"]
         return Rules(
             *(self.verdict_cue, threshold, self.verdict_jump, self.limit_mm, built_in, stopping),
@@ -165,15 +151,13 @@ class Manifest(BaseModel):
         """Number of rows that this folder should contain."""
         return sum(map(len, self.wanted))
 
-    def _identity(self) -> dict[str, Any]:
+    def _identity(self) -> Nested:
         # Returns what must be equal for a campaign to continue in the folder.
         fields = self.model_dump(
             include={"config", "config_hash", "seed", "engine", "device", "versions", "shard"}
         )
-        return fields | {
-            "code": self.code_hash[:16],
-            "config": by_content(self.config, self.operator),
-        }
+        config = by_content(self.config, self.operator)
+        return fields | {"code": self.code_hash[:16], "config": config}
 
     def differences(self, other: Manifest, word: str = "requested") -> list[str]:
         """Return the differences from `other` that affect outcomes, one line each.
@@ -183,9 +167,7 @@ class Manifest(BaseModel):
         return find_differences(self._identity(), other._identity(), word)
 
 
-def find_differences(
-    here: dict[str, Any], other: dict[str, Any], word: str = "requested"
-) -> list[str]:
+def find_differences(here: Nested, other: Nested, word: str = "requested") -> list[str]:
     """Return a line for each difference of nested values: 'path: A here, B requested'."""
     all_changes = find_changes(here, other)
     if any(change.path.startswith("config.") for change in all_changes):
@@ -205,15 +187,12 @@ class Change(NamedTuple):
     second: str | None
 
 
-def find_changes(first: dict[str, Any], second: dict[str, Any]) -> list[Change]:
+def find_changes(first: Nested, second: Nested) -> list[Change]:
     """Return every value in which two nested tables differ, by path."""
     one, other = _flat(first), _flat(second)
     names = sorted(one.keys() | other.keys())
-    return [
-        Change(name, one.get(name), other.get(name))
-        for name in names
-        if one.get(name) != other.get(name)
-    ]
+    changes = [Change(name, one.get(name), other.get(name)) for name in names]
+    return [change for change in changes if change.first != change.second]
 
 
 def read_manifest(folder: Path) -> Manifest:
@@ -245,9 +224,9 @@ class _Inner(BaseModel):
 
     fault: list[_Inner] = []
     run: list[_Inner] = []
-    parameters: dict[str, Any] = {}
-    cross: dict[str, Any] = {}
-    effect: str | list[Any] | dict[str, Any] = ""
+    parameters: Nested = {}
+    cross: Nested = {}
+    effect: str | list[Any] | Nested = ""
 
 
 class _Named(_Inner):
@@ -267,10 +246,10 @@ class _Harm(_Named):
 class _Tables(_Inner):
     """The forms of a campaign's tables on which reports depend. All else may be anything."""
 
-    campaign: dict[str, Any] = {}
-    operator: dict[str, Any] = {}
+    campaign: Nested = {}
+    operator: Nested = {}
     outcomes: dict[str, str | float] = {}
-    reaction: dict[str, Any] | None = None
+    reaction: Nested | None = None
     group: list[_Named] = []
     check: list[_Check] = []
     detector: list[_Named] = []
@@ -342,12 +321,12 @@ def utc_now() -> str:
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
-def campaign_hash(config: dict[str, Any], operator: MotionSummary | None, runs: str) -> str:
+def campaign_hash(config: Nested, operator: MotionSummary | None, runs: str) -> str:
     """Return `Manifest.config_hash` of a campaign, its operator and the digest of its run ids."""
     return config_hash({"config": by_content(config, operator), "runs": runs})
 
 
-def by_content(config: dict[str, Any], operator: MotionSummary | None) -> dict[str, Any]:
+def by_content(config: Nested, operator: MotionSummary | None) -> Nested:
     """Return a campaign without paths, so that copies of its files give the same campaign.
 
     The hash of a recording replaces its path. The name of a robot's file replaces its path, because
@@ -360,7 +339,7 @@ def by_content(config: dict[str, Any], operator: MotionSummary | None) -> dict[s
     return config | {"operator": config["operator"] | {"file": f"sha256:{operator.sha256}"}}
 
 
-def config_hash(config: dict[str, Any]) -> str:
+def config_hash(config: Nested) -> str:
     """Return the sha256 of a resolved config. It does not depend on the order of keys."""
     text = json.dumps(config, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     return hashlib.sha256(text.encode()).hexdigest()
@@ -419,8 +398,7 @@ def _flat(tree: Any, prefix: str = "") -> dict[str, str]:
         branches = {f"{prefix}[{number}]": entry for number, entry in enumerate(tree)}
     else:
         return {prefix: json.dumps(tree, sort_keys=True, default=str)}
-    return {
-        path: leaf
-        for name, branch in branches.items()
-        for path, leaf in _flat(branch, name).items()
-    }
+    leaves = {}
+    for name, branch in branches.items():
+        leaves |= _flat(branch, name)
+    return leaves

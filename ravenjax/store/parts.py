@@ -35,8 +35,7 @@ Fewer rows take longer to write than to compute. More rows are stored too late.
 """
 ALONE, PARTS = 4, 32
 """ALONE: factor on the smallest number if one process computes all runs, because its threads wait
-for the writer. PARTS: number of parts per process, if this gives enough rows.
-"""
+for the writer. PARTS: number of parts per process, if this gives enough rows."""
 
 
 Row = Annotated[int, Field(ge=0, lt=10**9)]
@@ -96,8 +95,7 @@ def encode_table(table: pa.Table, config_hash: str) -> Encoded:
     first, last = int(index[0]), int(index[-1])
     if not np.array_equal(index, np.arange(first, first + len(index))):
         raise StoreError(
-            f"expected consecutive rows in order, got {len(index)} rows with index {first} to"
-            f" {last}"
+            f"expected consecutive rows, got {len(index)} rows with index {first} to {last}"
         )
     table = table.replace_schema_metadata(
         {**table.schema.metadata, b"ravenjax.config_hash": config_hash.encode()}
@@ -161,8 +159,7 @@ def read_part(
 ) -> pa.Table:
     """Read and check the table of one part, or some of its columns.
 
-    Raise StoreError if the file is truncated or changed, has another schema, or belongs to another
-    campaign.
+    Raise StoreError if the file is damaged, has another schema, or is of another campaign.
     """
     with _opened(path, config_hash, recorded) as file:
         table = file.read(columns if columns is None else list(columns), use_threads=False)
@@ -175,8 +172,7 @@ def read_part(
 def verify_part(path: Path, config_hash: str, recorded: Part | None) -> Part:
     """Check that a part is complete and belongs to this campaign. Return its record.
 
-    recorded: the expected record; None: unknown, so the whole file is read. Raise StoreError as
-    `read_part`.
+    recorded: the expected record; None: the whole file is read. Raise StoreError as `read_part`.
     """
     if recorded is None:
         digest, size = hash_file(path), path.stat().st_size
@@ -195,15 +191,11 @@ def _opened(path: Path, config_hash: str | None, recorded: Part | None) -> Itera
     """
     if recorded is not None and path.is_file():
         if (size := path.stat().st_size) != recorded.size:
-            raise _damaged(
-                path,
-                f"has {size} bytes, expected {recorded.size}: the file is truncated or was changed",
-            )
+            why = "the file is truncated or was changed"
+            raise _damaged(path, f"has {size} bytes, expected {recorded.size}: {why}")
         if hash_file(path) != recorded.sha256:
             digest = recorded.sha256[:16]
-            raise _damaged(
-                path, f"does not have the expected checksum {digest}: its content was changed"
-            )
+            raise _damaged(path, f"its checksum is not {digest}, so its content was changed")
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             metadata = file.schema_arrow.metadata or {}
@@ -213,8 +205,7 @@ def _opened(path: Path, config_hash: str | None, recorded: Part | None) -> Itera
             )
             if not version.isdigit():
                 raise ForeignPart(
-                    f"{path}: is a Parquet file, but not of a ravenjax result (it has no schema"
-                    " version)"
+                    f"{path}: is no ravenjax result, because the file has no schema version"
                 )
             require_version(path, int(version))
             if config_hash not in (None, actual):
@@ -249,15 +240,13 @@ def concatenate_parts(tables: Sequence[pa.Table]) -> pd.DataFrame:
     return frame
 
 
-def missing_rows(
-    finished: Iterable[Part], wanted: Iterable[range], chunk: int = 2**62
-) -> Iterator[range]:
-    """Yield the rows of `wanted` (disjoint ranges in order) that no finished part contains.
+def missing_rows(done: Iterable[Part], due: Iterable[range], chunk: int = 2**62) -> Iterator[range]:
+    """Yield the rows of `due` (disjoint ranges in order) that no finished part contains.
 
     Ranges are divided at multiples of `chunk`, so that the same rows always give the same files.
     """
-    held = sorted((part.rows for part in finished), key=lambda rows: rows.start)
-    for rows in wanted:
+    held = sorted((part.rows for part in done), key=lambda rows: rows.start)
+    for rows in due:
         row = rows.start
         for block in (*(block for block in held if block.stop > row), range(rows.stop, rows.stop)):
             # Rows until the next finished block, or until the end, are missing.

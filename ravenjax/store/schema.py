@@ -27,9 +27,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 VERSION = 1
-"""Version of the schema. It increases if a column changes its name, type, unit or meaning, but not
-for a new column.
-"""
+"""Version of the schema. It increases if a column changes, but not for a new column."""
 
 Columns: TypeAlias = "Mapping[str, Any] | pd.DataFrame"
 """Columns by name, arrays [rows]."""
@@ -60,10 +58,8 @@ class Shape:
     parameters: tuple[str, ...] = ()  # paths of the varied parameters
     reacts: bool = False  # the operator may react to the cue
     hand_yields: bool = False  # the cue's force moves the operator's hand
-    # The table has columns of the load of the robot's cables.
-    cables: bool = False
-    # The table has columns of the contact force of instruments.
-    contact: bool = False
+    cables: bool = False  # the table has columns of the load of the robot's cables
+    contact: bool = False  # the table has columns of the contact force of instruments
     detectors: tuple[int, ...] = ()  # number of thresholds of each detector
     harms: tuple[str, ...] = ()  # names of harms that the campaign defines
     observes: bool = False  # runs end some time after their last fault
@@ -84,16 +80,12 @@ def table_columns(shape: Shape) -> tuple[Column, ...]:
     )
     rows: list[Column] = []
     for name, *others in csv.reader(text.splitlines(keepends=True)):
+        if others:
+            rows.append(Column(name, *others))
+            continue
         # A line with only a name stands for the golden run's columns of all columns before.
-        rows += (
-            [Column(name, *others)]
-            if others
-            else [
-                one._replace(name=GOLDEN + one.name, meaning=f"golden run: {one.meaning}")
-                for one in rows
-                if kept_of_golden(one.name)
-            ]
-        )
+        for one in [one for one in rows if kept_of_golden(one.name)]:
+            rows.append(one._replace(name=GOLDEN + one.name, meaning=f"golden run: {one.meaning}"))
     return tuple(rows)
 
 
@@ -123,28 +115,19 @@ def kept_of_golden(name: str) -> bool:
 @functools.cache
 def arrow_schema(shape: Shape) -> pa.Schema:
     """Return the Arrow schema of the table, with unit and meaning in each field's metadata."""
-    return pa.schema(
-        [
-            pa.field(
-                c.name,
-                pa.dictionary(pa.int32(), pa.string())
-                if c.dtype == "category"
-                else pa.type_for_alias(c.dtype),
-                nullable=False,
-                metadata={"unit": c.unit, "meaning": c.meaning},
-            )
-            for c in table_columns(shape)
-        ],
-        metadata={"ravenjax.schema_version": str(VERSION)},
-    )
+    word_type = pa.dictionary(pa.int32(), pa.string())
+    fields = []
+    for c in table_columns(shape):
+        kind = word_type if c.dtype == "category" else pa.type_for_alias(c.dtype)
+        metadata = {"unit": c.unit, "meaning": c.meaning}
+        fields.append(pa.field(c.name, kind, nullable=False, metadata=metadata))
+    return pa.schema(fields, metadata={"ravenjax.schema_version": str(VERSION)})
 
 
 def conform_table(columns: Columns, shape: Shape) -> pa.Table:
-    """Return columns, or a DataFrame, as an Arrow table with exactly the schema's columns and
-    types, in order.
+    """Return columns as an Arrow table with exactly the schema's columns and types, in order.
 
-    Raise StoreError for a column that is missing or unknown, or has a value that its type cannot
-    represent.
+    Raise StoreError for a missing or unknown column, or a value that its type cannot represent.
     """
     schema = arrow_schema(shape)
     names = schema.names
@@ -152,9 +135,8 @@ def conform_table(columns: Columns, shape: Shape) -> pa.Table:
     unknown = [str(name) for name in columns if name not in names]
     if missing or unknown:
         raise StoreError(_mismatch(missing, unknown, names))
-    return pa.Table.from_arrays(
-        [_array(columns[field.name], field) for field in schema], schema=schema
-    )
+    arrays = [_array(columns[field.name], field) for field in schema]
+    return pa.Table.from_arrays(arrays, schema=schema)
 
 
 def _array(values: Any, field: pa.Field) -> pa.Array:

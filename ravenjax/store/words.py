@@ -36,6 +36,5 @@ def arrow_words(words: Any) -> pa.DictionaryArray:
         column = column.fillna("")
     if not all(isinstance(word, str) for word in column.categories):
         raise pa.ArrowTypeError(f"got {column.categories[0]!r}, expected words")
-    return pa.DictionaryArray.from_arrays(
-        column.codes.astype(np.int32), pa.array(column.categories, pa.string())
-    )
+    words = pa.array(column.categories, pa.string())
+    return pa.DictionaryArray.from_arrays(column.codes.astype(np.int32), words)

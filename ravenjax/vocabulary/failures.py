@@ -2,16 +2,14 @@
 
 A run is *failed* from the tick on in which a number of the virtual robot or of its observers is
 infinite or NaN. Numbers of the control software may be infinite or NaN without failing the run: the
-software continues with them, as the original software does. They fail the run only if they reach
-the robot or its observers.
+software continues with them, as the original software does. They fail the run if they reach robot
+or observers.
 """
 
 from ravenjax.bundled import resources
 
 SIGNALS: dict[str, str] = resources.read_tables(__file__, "failures.toml")
-"""The signals that are checked for infinite numbers and NaN, with descriptions, in the order in
-which they are checked.
-"""
+"""The signals that are checked for infinite numbers and NaN, in order, with descriptions."""
 
 CODES: dict[str, int] = {name: i for i, name in enumerate(SIGNALS)}
 

@@ -1,8 +1,7 @@
 """Decides which values a fault effect may have at a channel.
 
 A value must fit the channel's number type, so that the stored value equals the value in the
-campaign file. A DAC word has 16 bits. A larger value is accepted only if the campaign allows it
-explicitly.
+campaign file. A DAC word has 16 bits. A larger value needs the campaign's permission.
 """
 
 import math
@@ -79,11 +78,8 @@ def find_illegal_value(
 
 def find_rounding(channel: Channel, effect: str, value: float) -> str | None:
     """Return an error message if single precision would change a whole number, else None."""
-    if (
-        channel.kind in ("float", "bool")
-        or not EFFECTS[effect].of_its_type
-        or not abs(value) < 2**31
-    ):
+    rounds = channel.kind not in ("float", "bool") and EFFECTS[effect].of_its_type
+    if not rounds or not abs(value) < 2**31:
         return None
     nearest = np.float32(value)
     if float(nearest) == value:

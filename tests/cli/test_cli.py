@@ -28,10 +28,7 @@ def test_help_and_version_import_nothing_slow():
     [
         (["run", "."], [".: is a folder, expected a campaign file"]),
         (["run", "quick.toml", "--chunk", "0"], ['Invalid value "0" for --chunk']),
-        (
-            ["train", "first_steps", "--no-page"],
-            ["nobody moves the robot: without the page give --script"],
-        ),
+        (["train", "first_steps", "--no-page"], ["nobody moves the robot: add --page, --script"]),
         (["rn"], ['Did you mean "run"']),
         (["faults", "usb_ou"], ["unknown word 'usb_ou', expected a layer", "'usb_out'?"]),
         (["check", "a\udcff.toml"], ["is not UTF-8; rename the file or folder"]),

@@ -28,8 +28,7 @@ from ravenjax.engines.interface import Engine
 
 Pack = Callable[[Mapping[str, Any]], Any]
 """Function that converts the columns of a chunk to what is stored, such as the bytes of a file. It
-is called in the process that computes the chunk.
-"""
+is called in the process that computes the chunk."""
 
 WRITERS = 12
 """Largest number of chunks that executor `local` packs and delivers in parallel."""
@@ -127,11 +126,9 @@ class Local:
         writers = min(WRITERS, len(os.sched_getaffinity(0)))
         with (
             interruption.held_back(),
-            BackgroundQueue(writers) as queue,
+            BackgroundQueue(writers) as jobs,
             contextlib.closing(computation.blocks(chunks)) as blocks,
         ):
             for part in memory_windows.assemble_parts(chunks, blocks):
-                queue.call(
-                    lambda part: work.deliver(finish_chunk(work.plan, part, work.pack)), part
-                )
-            queue.finish()
+                jobs.call(lambda part: work.deliver(finish_chunk(work.plan, part, work.pack)), part)
+            jobs.finish()

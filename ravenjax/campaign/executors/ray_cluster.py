@@ -43,15 +43,11 @@ WRITERS = 4
 SILENT_S = 600.0
 """Longest time to wait for a chunk before its worker is replaced, s. It doubles each time."""
 SLOW_S, SLOW = 60.0, 10.0
-"""A worker is replaced earlier if its chunk takes longer than SLOW_S and SLOW times the longest
-time of a finished chunk.
-"""
+"""It is replaced earlier after SLOW_S and SLOW times the longest time of a finished chunk."""
 ANSWER_S = 10.0
 """Time in which a cluster must answer, s."""
 _PASSED_ON = ("XLA_FLAGS", "JAX_PLATFORMS", "JAX_ENABLE_X64", "RAVENJAX_CACHE")
-"""Environment variables that affect results or speed. Each task has the values of the process that
-the user started.
-"""
+"""Environment variables that affect results or speed. Each task gets the user's values."""
 
 _workers: dict[str, Worker] = {}
 """In a Ray worker process: the compiled Worker of the current campaign, by key."""
@@ -270,9 +266,7 @@ def _join(ray: Any, address: str | None) -> None:
         if address is not None and (match := re.fullmatch(r"\[?([^/]+?)\]?:(\d+)", address)):
             # Ray itself would retry for minutes.
             socket.create_connection((match[1], int(match[2])), ANSWER_S).close()
-        ray.init(
-            address=address, include_dashboard=False, log_to_driver=False, logging_level="error"
-        )
+        ray.init(address, include_dashboard=False, log_to_driver=False, logging_level="error")
     # Also catches ConnectionError, which Ray raises: it is a subclass of OSError.
     except OSError as error:
         what = "Ray cannot start on this machine"
@@ -300,10 +294,8 @@ def _cores_and_tasks(
     if gpu:
         tasks = workers or max(1, int(resources.get("GPU", 0)))
         return max(1, total // tasks), tasks
-    largest = max(
-        (int(node["Resources"].get("CPU", 0)) for node in nodes if node["Alive"]), default=1
-    )
-    cores = max(1, min(largest, CORES if workers is None else total // workers))
+    most = max((int(node["Resources"].get("CPU", 0)) for node in nodes if node["Alive"]), default=1)
+    cores = max(1, min(most, CORES if workers is None else total // workers))
     return cores, workers or max(1, total // cores)
 
 
@@ -312,7 +304,5 @@ def _import_ray() -> Any:
     try:
         import ray
     except ImportError as error:
-        raise UserError(
-            "--executor ray needs the package ray: pip install 'ravenjax[ray]'"
-        ) from error
+        raise UserError("--executor ray needs package ray: pip install 'ravenjax[ray]'") from error
     return ray

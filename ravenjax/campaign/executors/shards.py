@@ -10,9 +10,7 @@ from typing import NamedTuple
 from ravenjax.errors import UserError, format_value
 
 CHUNKS = 16
-"""Smallest number of chunks in a shard, if the campaign has enough runs and the user chose no chunk
-size.
-"""
+"""Smallest number of chunks in a shard, if there are enough runs and the user chose no size."""
 FEWEST_ROWS = 64
 """Smallest number of rows of a chunk, if the user chose no chunk size."""
 

@@ -1,2 +1,1 @@
-"""Expands the groups of a campaign file into a table of faults, and converts it to arrays for an
-engine."""
+"""Expands the groups of a campaign file into a table of faults, and into arrays for an engine."""

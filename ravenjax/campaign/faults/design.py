@@ -3,8 +3,8 @@
 The expansion is deterministic. A group's random draws depend only on the campaign's seed and on the
 group's name and design. They do not depend on other groups, on chunk size or on storage order. The
 `run_id` of a row is a hash of its content and of all settings of the campaign. Equal runs therefore
-have equal ids, in whatever row. The code computes whole columns, because a campaign may have
-millions of runs.
+have equal ids, in whatever row. Whole columns are computed, because a campaign may have millions of
+runs.
 """
 
 import hashlib
@@ -64,13 +64,9 @@ def table_columns(config: CampaignConfig) -> pd.DataFrame:
 
     def joined(columns: Iterable[Any], dtype: Any) -> np.ndarray:
         # Concatenates one value or one array for each piece of the table to a column [runs].
-        lengths = (piece.runs for piece in pieces)
-        return np.concatenate(
-            [
-                np.broadcast_to(np.asarray(values, dtype), length)
-                for values, length in zip(columns, lengths, strict=True)
-            ]
-        )
+        parts = [np.asarray(values, dtype) for values in columns]
+        lengths = [piece.runs for piece in pieces]
+        return np.concatenate([*map(np.broadcast_to, parts, lengths)])
 
     def coded(columns: Iterable[Any], known: Sequence[str]) -> pd.Categorical:
         return word_column(joined(columns, np.min_scalar_type(-len(known))), known)
@@ -83,15 +79,12 @@ def table_columns(config: CampaignConfig) -> pd.DataFrame:
         for name, vocabulary in words_of(config.robot).items():
             words[f"fault{s}_{name}"] = coded((fault.get(name, 0) for fault in faults), vocabulary)
         for name, (dtype, empty) in NUMBERS.items():
-            numbers[f"fault{s}_{name}"] = joined(
-                (fault.get(name, empty) for fault in faults), dtype
-            )
-    parameters = {
-        f"param:{path}": joined(
-            (piece.parameters.get(path, math.nan) for piece in pieces), np.float64
-        )
-        for path in dict.fromkeys(path for piece in pieces for path in piece.parameters)
-    }
+            values = (fault.get(name, empty) for fault in faults)
+            numbers[f"fault{s}_{name}"] = joined(values, dtype)
+    parameters = {}
+    for path in dict.fromkeys(path for piece in pieces for path in piece.parameters):
+        values = (piece.parameters.get(path, math.nan) for piece in pieces)
+        parameters[f"param:{path}"] = joined(values, np.float64)
     groups = list(dict.fromkeys(piece.group for piece in pieces))
     # Numbers of an empty slot must not change the run id, so they become NaN.
     counted = {
@@ -170,9 +163,7 @@ def _pieces(config: CampaignConfig, group: Group, moments: Moments) -> Iterator[
 
 
 def _crossings(config: CampaignConfig, group: Group) -> list[dict[str, np.ndarray]]:
-    """Return {path: value} of each combination of crossed parameters. The last parameter varies
-    fastest.
-    """
+    """Return {path: value} of each combination of crossed parameters; the last varies fastest."""
     axes = {**config.cross, **group.cross}
     rows = itertools.product(*(axis.values for axis in axes.values()))
     return [
@@ -242,11 +233,9 @@ def _arrange_table(config: CampaignConfig, table: pd.DataFrame) -> pd.DataFrame:
         start += len(rows)
     place = np.empty_like(order)
     place[order] = np.arange(len(order))
-    numbers = {
-        "index": np.arange(len(order), dtype=np.int32),
-        "pair": place[pair[order]].astype(np.int32),
-    }
-    return table.take(order).reset_index(drop=True).assign(**numbers)
+    index = np.arange(len(order), dtype=np.int32)
+    pair = place[pair[order]].astype(np.int32)
+    return table.take(order).reset_index(drop=True).assign(index=index, pair=pair)
 
 
 def rows_of_a_draw(config: CampaignConfig, group: Group) -> int:

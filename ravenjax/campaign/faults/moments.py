@@ -46,8 +46,7 @@ class Moments:
         return int(phase.at(np.array((round(moment.share * (count - 1)) + 0.5) / count)))
 
     def _phase(self, phase: str, where: str) -> Axis:
-        # Returns an axis over all moments of a phase. where: location in the file for error
-        # messages.
+        # Returns an axis over all moments of a phase. where: location for error messages.
         stretches = self.phases[phase]
         if not len(stretches):
             there = ", ".join(name for name, some in self.phases.items() if len(some))

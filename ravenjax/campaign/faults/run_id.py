@@ -29,9 +29,8 @@ def compute_run_ids(
     """
     sums = np.zeros(len(next(iter(numbers.values()))), np.uint64)
     for name, column in words.items():
-        hashes = [
-            _salt(f"{common}/{name}/{word}") if word else np.uint64(0) for word in column.categories
-        ]
+        keys = (word and f"{common}/{name}/{word}" for word in column.categories)
+        hashes = [_salt(key) if key else np.uint64(0) for key in keys]
         sums += np.array(hashes, np.uint64)[column.codes]
     for name, values in numbers.items():
         sums += _hashed(values, _salt(f"{common}/{name}"))

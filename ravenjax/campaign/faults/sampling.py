@@ -25,8 +25,7 @@ class Sample(NamedTuple):
     """
 
     runs: int
-    # Number of the repeat, int64 [runs]; [] if there is only one repeat.
-    repeat: np.ndarray
+    repeat: np.ndarray  # number of the repeat, int64 [runs]; [] if there is only one repeat
     # Position on each axis for `Axis.at`, [runs]; [] on an axis of one value.
     places: dict[Key, np.ndarray]
 

@@ -1,5 +1,4 @@
-"""Computes the first tick in which the faults of a run may act, and the tick in which they have
-ended."""
+"""Computes the first tick in which the faults of a run may act, and the tick after their end."""
 
 from collections.abc import Iterator, Mapping
 
@@ -70,7 +69,6 @@ def _openings(faults: Faults) -> Iterator[tuple[int, tuple[np.ndarray, ...], np.
     for trigger in (_TIME, _PACKET, _PEDAL):
         where = np.nonzero((faults["code"] > 0) & (faults["trigger"] == trigger))
         if len(where[0]):
-            columns = (
-                faults[name][where].astype(np.int64) for name in ("start", "duration", "every")
-            )
+            names = ("start", "duration", "every")
+            columns = (faults[name][where].astype(np.int64) for name in names)
             yield trigger, where, where[0], Opening(*columns)

@@ -21,8 +21,7 @@ ARRAYS = dict.fromkeys(_INTEGERS, np.int32) | {"value": np.float32, "key": np.ui
 
 SHARED = "shared_id"
 """Column of a fault table with crossed parameters: the id of the first run that differs only in
-these parameters.
-"""
+these parameters."""
 
 Target = tuple[str, str, str]
 """(site, arm, channel); arm is "" if the site has none."""
@@ -55,16 +54,10 @@ def table_injection(table: pd.DataFrame, robot: Robot) -> Injection:
         ]
         if targets:
             used = set().union(*(effects[name, *target] for target in targets))
-            uses.append(
-                SiteUse(
-                    name, tuple(targets), tuple(effect for effect in EFFECT_CODES if effect in used)
-                )
-            )
-    return Injection(
-        count_slots(table),
-        tuple(uses),
-        tuple(trigger for trigger in TRIGGER_CODES if trigger in triggers),
-    )
+            ordered = tuple(effect for effect in EFFECT_CODES if effect in used)
+            uses.append(SiteUse(name, tuple(targets), ordered))
+    used_triggers = tuple(trigger for trigger in TRIGGER_CODES if trigger in triggers)
+    return Injection(count_slots(table), tuple(uses), used_triggers)
 
 
 def injection_targets(injection: Injection) -> list[Target]:

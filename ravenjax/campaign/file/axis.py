@@ -46,8 +46,7 @@ UNTIL_END = -1
 
 TAIL = 7.04
 """Largest distance from the mean, in standard deviations, that is drawn from a normal distribution.
-It is the quantile of 1e-12.
-"""
+It is the quantile of 1e-12."""
 
 
 class Moment(NamedTuple):
@@ -158,8 +157,7 @@ class OneValue(NamedTuple):
     """Defines the possible values of a key, and which tables may replace a value."""
 
     expected: str  # the possible values as text, for messages
-    # Returns the value; raises ValueError for an invalid one.
-    parsed: Callable[[Any], Any]
+    parsed: Callable[[Any], Any]  # returns the value; raises ValueError for an invalid one
     schema: dict[str, Any]  # JSON Schema
     forms: tuple[str, ...] = ("uniform", "loguniform", "normal", "choice", LIST)
     least: float = -math.inf

@@ -29,8 +29,7 @@ if TYPE_CHECKING:
 def parameter_bounds(robot: Robot) -> tuple[tuple[str, Quantity], ...]:
     """Return (path, allowed values) of each parameter of a robot, in order.
 
-    Paths have the form of `shorten_path`. A parameter whose joints have different ranges has
-    several entries.
+    Paths have the form of `shorten_path`. Joints with different ranges have several entries.
     """
     return tuple(quantity.list_quantities(robot.part("campaign").Params))
 
@@ -61,23 +60,17 @@ def allowed_values(robot: Robot, path: str, more: Ranges = ()) -> list[Quantity]
     the campaign adds to those of its robot.
     """
     kind, last = shorten_path(robot, path), path.rpartition(".")[2]
-    matches = [row for name, row in (*parameter_bounds(robot), *more) if name == kind]
-    return [
-        row for row in matches if last in row.joints or not row.joints or last not in robot.joints
-    ]
+    rows = [row for name, row in (*parameter_bounds(robot), *more) if name == kind]
+    return [row for row in rows if last in row.joints or not row.joints or last not in robot.joints]
 
 
 def reserved_reason(robot: Robot, path: str) -> str:
     """Return why a campaign must not vary a parameter, and what to write instead; "" if it may."""
     kind = shorten_path(robot, path)
-    return next(
-        (
-            f"cannot be set: {why}"
-            for name, why in _reserved(robot)
-            if kind == name or kind.startswith(f"{name}.")
-        ),
-        "",
-    )
+    for name, why in _reserved(robot):
+        if kind == name or kind.startswith(f"{name}."):
+            return f"cannot be set: {why}"
+    return ""
 
 
 @functools.cache
@@ -126,10 +119,8 @@ def find_invalid_values(config: CampaignConfig) -> Iterator[Complaint]:
             yield from (((*key, path), message) for message in wrong if message)
     for path, other in itertools.combinations(first, 2):
         if paths_overlap(config.robot, path, other):
-            yield (
-                first[other],
-                f"names the same numbers as {path}: use only one of these paths in the file",
-            )
+            message = f"names the same numbers as {path}: use only one of these paths in the file"
+            yield first[other], message
 
 
 def find_invalid_paths(config: CampaignConfig, known: Iterable[str]) -> Iterator[Complaint]:
@@ -159,9 +150,7 @@ def _unfit(config: CampaignConfig, path: str, axis: Axis, known: list[str]) -> s
                 f"unknown parameter: this campaign has no {part!r}. Add the section of the file to"
                 " which the parameter belongs"
             )
-        free = [
-            name for name in known if not reserved_reason(robot, name) and not config.unread(name)
-        ]
+        free = [name for name in known if not (reserved_reason(robot, name) or config.unread(name))]
         return f"unknown parameter{suggest_name(path, free)}"
     parts = [name.rpartition(".")[2] for name in known if name.rpartition(".")[0] == path]
     parts = [part for part in parts if part in paths.path_words(robot.joints)]
@@ -180,9 +169,8 @@ def out_of_range(axis: Axis, row: Quantity) -> str:
     """Return a message if values of a parameter are out of range, else ""."""
     if row.whole and axis.drawn and not axis.listed:
         return f"{axis.kind} may draw fractions, expected {row}; write {{choice = [..]}}"
-    drawn = (
-        "" if axis.listed else f"{axis.kind} = {format_value(list(axis.values))}, which may draw "
-    )
+    law = f"{axis.kind} = {format_value(list(axis.values))}"
+    drawn = "" if axis.listed else f"{law}, which may draw "
     for value in axis.listed or axis.extent:
         if not row.low <= value <= row.high or (row.whole and value != int(value)):
             return f"got {drawn}{format_value(value)}, expected {row}"

@@ -1,8 +1,6 @@
-"""Defines the pydantic model of a whole campaign file, with values that follow from several
-sections.
+"""Defines the pydantic model of a whole campaign file, and values from several sections.
 
-A robot may add sections. `loading` reads a file, and `semantics` checks rules that involve several
-sections.
+A robot may add sections. `loading` reads a file, and `semantics` checks rules for several sections.
 """
 
 from __future__ import annotations
@@ -16,10 +14,11 @@ import numpy as np
 from pydantic import Field, PrivateAttr, field_validator
 
 from ravenjax import robots
-from ravenjax.campaign.file import own_part, sections
+from ravenjax.campaign.file import sections
 from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.group import Cross, Fault, Group, Parameters, Run, Section
 from ravenjax.campaign.file.location import Complaint, Key
+from ravenjax.campaign.file.own_part import locate_part
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.outcomes import events
 from ravenjax.parts import part
@@ -37,8 +36,7 @@ class CampaignConfig(Section):
     parameters: Parameters = Field(default_factory=dict)
     """path = value, list or distribution; from = a file of robots"""
     cross: Cross = Field(default_factory=dict)
-    """path = list: every run is repeated with each value and equal random numbers, for paired
-    comparisons"""
+    """path = list: every run is repeated with each value and equal random numbers"""
     haptics: sections.Haptics = sections.Haptics()
     detector: tuple[sections.Detector, ...] = ()
     """detectors, which observe the runs"""
@@ -73,13 +71,10 @@ class CampaignConfig(Section):
 
         Raise UserError for a file that cannot be used.
         """
-        located = {
-            kind: tuple(
-                own_part.locate_part(table, folder, kind, table.name)
-                for table in getattr(self, kind)
-            )
-            for kind in ("detector", "check")
-        }
+        located = {}
+        for kind in ("detector", "check"):
+            tables = getattr(self, kind)
+            located[kind] = tuple(locate_part(table, folder, kind, table.name) for table in tables)
         return self.model_copy(update=located)
 
     @property
@@ -173,10 +168,8 @@ class CampaignConfig(Section):
         named = " and ".join(arms) + " arm" * (arms != ("arm",)) + "s" * (len(arms) > 1)
         yield "robot", f"{self.robot_label}, {named}{noise}"
         if self.campaign.observe_ms is not None:
-            yield (
-                "observed",
-                f"until {self.campaign.observe_ms:,} ms after the end of a run's last fault",
-            )
+            wait = f"{self.campaign.observe_ms:,} ms"
+            yield "observed", f"until {wait} after the end of a run's last fault"
 
     def settings(self) -> dict[str, Any]:
         """The content of `lines` as values for JSON."""
@@ -219,9 +212,7 @@ class CampaignConfig(Section):
 
     @property
     def distances_mm(self) -> tuple[float, float]:
-        """Distance from the nominal model that a fault-free robot exceeds, and the largest possible
-        distance, mm.
-        """
+        """Distance from the nominal model without a fault, and largest possible distance, mm."""
         return 0.0, math.inf
 
     def parameter_tables(self) -> Iterator[tuple[Key, dict[str, Axis]]]:
@@ -247,7 +238,7 @@ class CampaignConfig(Section):
 
         Defaults are left out, so that a new key does not change the ids of existing campaigns.
         """
-        deciding_nothing = {"name", "description", "seed", "limit", "chunk"}
+        ignored = {"name", "description", "seed", "limit", "chunk"}
         stops = [
             [part.hash_source(use.part), use.consecutive, thresholds[0]]
             for _, use, thresholds in self.detectors
@@ -260,16 +251,12 @@ class CampaignConfig(Section):
             if c.acts != "watch"
         ]
         own = {"stops": stops, "checks": checks, "harms": [one.use for one in self.harm]}
+        campaign = self.campaign.model_dump(mode="json", exclude=ignored, exclude_defaults=True)
+        outcomes = {"jump": "code", "cue": 0} | self.outcomes.model_dump(exclude_defaults=True)
         return {
-            "campaign": self.campaign.model_dump(
-                mode="json", exclude=deciding_nothing, exclude_defaults=True
-            ),
+            "campaign": campaign,
             "cues": self.haptics.cues(),
-            "outcomes": {
-                "jump": "code",
-                "cue": 0,
-                **self.outcomes.model_dump(exclude_defaults=True),
-            },
+            "outcomes": outcomes,
             **{key: parts for key, parts in own.items() if parts},
         }
 
@@ -279,10 +266,8 @@ class CampaignConfig(Section):
 
         Raises UserError for a file that cannot be used.
         """
-        thresholds = tuple(
-            (f"checks.threshold.{check.name}", part.THRESHOLD) for check in self.check
-        )
-        return thresholds + tuple(
+        checks = tuple((f"checks.threshold.{check.name}", part.THRESHOLD) for check in self.check)
+        return checks + tuple(
             (f"{above}.{path}", limits)
             for above, source in self.own_parts()
             for path, limits in part.part_quantities(source)

@@ -33,8 +33,8 @@ def find_campaign_file(path: str | Path, folder: str, what: str, listing: str = 
     """Return the file that `path` names: a path, a file in ./`folder`, or a bundled file.
 
     The ending `.toml` may be left out. what: kind of file, such as "campaign". listing: command
-    that lists the bundled files; if it is "", the error lists them. Raise UserError if no file is
-    found.
+    that lists the bundled files; if it is "", the error lists them. Raise UserError if there is no
+    file.
     """
     name = require_path(what, path, f"a {what} file or the name of a bundled {what}")
     for candidate in (name, name.with_name(name.name + SUFFIX)) if name.name else ():
@@ -42,20 +42,15 @@ def find_campaign_file(path: str | Path, folder: str, what: str, listing: str = 
             return resources.find_resource(folder, candidate)
         except FileNotFoundError:
             continue
-        except OSError as error:
-            raise UserError(
-                f"{format_value(str(path))}: cannot be read ({error.strerror})"
-            ) from None
+        except OSError as err:
+            raise UserError(f"{format_value(str(path))}: cannot be read ({err.strerror})") from None
     names = [file.stem for file in resources.list_resources(folder, f"*{SUFFIX}")]
     problem = f"is a folder, expected a {what} file" if name.is_dir() else f"no such {what} file"
-    others = (
-        f"`{listing}` lists the bundled files"
-        if listing
-        else f"bundled files are {', '.join(names) or 'none'}"
-    )
-    raise UserError(
-        f"{path}: {problem}; {others}{suggest_name(name.name.removesuffix(SUFFIX), names)}"
-    )
+    others = f"bundled files are {', '.join(names) or 'none'}"
+    if listing:
+        others = f"`{listing}` lists the bundled files"
+    hint = suggest_name(name.name.removesuffix(SUFFIX), names)
+    raise UserError(f"{path}: {problem}; {others}{hint}")
 
 
 def require_path(name: str, value: Any, of: str) -> Path:

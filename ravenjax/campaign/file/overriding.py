@@ -72,10 +72,7 @@ def _index(table: list[Any], part: str, override: str) -> int:
         return names.index(part)
     if part.isdecimal() and int(part) < len(table):
         return int(part)
-    expected = f"a number 0..{len(table) - 1}" + (
-        f" or one of the names {', '.join(map(str, names))}" if any(names) else ""
-    )
-    raise UserError(
-        f"--set {override}: got {part!r}, expected"
-        f" {expected}{suggest_name(part, [str(n) for n in names])}"
-    )
+    others = f" or one of the names {', '.join(map(str, names))}" if any(names) else ""
+    hint = suggest_name(part, [str(name) for name in names])
+    expected = f"a number 0..{len(table) - 1}{others}{hint}"
+    raise UserError(f"--set {override}: got {part!r}, expected {expected}")

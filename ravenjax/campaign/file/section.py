@@ -1,5 +1,4 @@
-"""Defines the base class of all tables of a campaign file: a pydantic model that Python code can
-also construct."""
+"""Defines the base class of all tables of a campaign file, a pydantic model."""
 
 import dataclasses
 import os
@@ -14,9 +13,7 @@ from ravenjax.errors import describe_unknown_name, format_error, format_value, m
 
 
 class _SectionClass(type(BaseModel)):
-    """Metaclass of tables that Python code constructs. It accepts NumPy values and raises UserError
-    with the messages of a file.
-    """
+    """Metaclass of tables from Python: NumPy values are accepted, errors are those of a file."""
 
     if not TYPE_CHECKING:
 
@@ -24,13 +21,11 @@ class _SectionClass(type(BaseModel)):
             try:
                 return super().__call__(**toml_value(keys))
             except ValidationError as error:
-                raise location.Where(None, {}, []).error(
-                    (
-                        (cls.__name__, *problem["loc"]),
-                        format_error(problem, model_at(cls, problem["loc"][:-1])),
-                    )
-                    for problem in error.errors()
-                ) from None
+                complaints = []
+                for problem in error.errors():
+                    message = format_error(problem, model_at(cls, problem["loc"][:-1]))
+                    complaints.append(((cls.__name__, *problem["loc"]), message))
+                raise location.Where(None, {}, []).error(complaints) from None
 
 
 def _typed(schema: Any) -> Any:
@@ -60,11 +55,7 @@ class Section(BaseModel, metaclass=_SectionClass):
     """A table of a file. It is immutable and refuses unknown keys."""
 
     model_config = ConfigDict(
-        frozen=True,
-        extra="forbid",
-        allow_inf_nan=False,
-        strict=False,
-        use_attribute_docstrings=True,
+        frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
     )
 
     @classmethod
@@ -79,8 +70,7 @@ class Section(BaseModel, metaclass=_SectionClass):
 
 
 def toml_value(value: Any) -> Any:
-    """Convert a value to types of TOML. Arrays, tuples and ranges become lists; keys that are None
-    are removed.
+    """Convert a value to types of TOML: arrays, tuples and ranges to lists; keys that are None go.
 
     Other values are returned unchanged. A later check refuses them.
     """

@@ -125,10 +125,7 @@ class Haptics(Section):
         # Checks how the lists of settings combine to haptic sets, and their number.
         lengths = {name: len(values) for name, values in self._lists().items() if len(values) > 1}
         if self.combine == "zip" and len(set(lengths.values())) > 1:
-            raise ValueError(
-                "combine = 'zip' needs lists of one length (or single numbers), got lengths"
-                f" {lengths}"
-            )
+            raise ValueError(f"combine = 'zip' needs lists of one length, got lengths {lengths}")
         sets = (max if self.combine == "zip" else math.prod)((1, *lengths.values()))
         if sets > MOST_CUES:
             raise ValueError(f"the lists make {sets} haptic sets, expected at most {MOST_CUES}")
@@ -156,8 +153,7 @@ _UpTo8 = Annotated[int, Field(ge=1, le=8)]
 
 class Detector(Section):
     """[[detector]]: a detector, which observes the runs and may raise alarms. If `fusion` or
-    `consecutive` is a list, each combination of their values is one detector.
-    """
+    `consecutive` is a list, each combination of their values is one detector."""
 
     name: str = Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*$", max_length=60)
     """name of the detector in tables"""
@@ -194,17 +190,14 @@ class Detector(Section):
         # Checks that the keys of a detector can be used together.
         if (self.kind is None) == (self.file is None):
             got = "neither" if self.file is None else "both"
-            raise ValueError(
-                f"expected one of the keys kind (built-in detector) and file (your own), got {got}"
-            )
+            raise ValueError(f"expected one of the keys kind (built-in) and file (own), got {got}")
         if self.file is None and (self.acts != "watch" or self.sha256 is not None):
             raise ValueError("the keys acts and sha256 need the key file: remove them")
         if self.file is not None:
             own_part.require_identifier(self.name)
         if self.kind != "steps" and self.fusion != ("all",):
             raise ValueError(
-                f"fusion = {list(self.fusion)} needs kind 'steps', got kind"
-                f" {self.kind or 'file'!r}: remove the key"
+                f"fusion = {list(self.fusion)} needs kind 'steps', got kind {self.kind or 'file'!r}"
             )
         return self
 
@@ -275,8 +268,7 @@ class OwnCheck(Section):
 
 class OwnHarm(Section):
     """[[harm]]: a harm that you define. It begins in the first millisecond in which its expression
-    is true, even in a run without a fault.
-    """
+    is true, even in a run without a fault."""
 
     name: own_part.OwnName
     """name of the harm in tables; its columns are harm_NAME_.."""

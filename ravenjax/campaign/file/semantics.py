@@ -34,17 +34,12 @@ def find_errors(config: CampaignConfig) -> Iterator[Complaint]:
     """Yield (key, message) of each mistake in a campaign whose keys have valid types."""
     arms, names = config.campaign.arms, config.robot.arms
     if list(arms) != [arm for arm in names if arm in arms]:
-        yield (
-            ("campaign", "arms"),
-            f"got {list(arms)}, expected each arm once, in the order {list(names)}",
-        )
+        message = f"got {list(arms)}, expected each arm once, in the order {list(names)}"
+        yield ("campaign", "arms"), message
     yield from config.complaints()
     cue, sets = config.outcomes.cue, len(config.haptics.cues())
     if cue >= sets:
-        yield (
-            ("outcomes", "cue"),
-            f"got {cue}, expected 0..{sets - 1}, because [haptics] has {sets} sets",
-        )
+        yield ("outcomes", "cue"), f"got {cue}, expected 0..{sets - 1}: [haptics] has {sets} sets"
     if config.stop is not None:
         if "cable_overload" in config.stop.rates and not config.watches_cables:
             yield ("stop", "rates"), f"got 'cable_overload', {events.UNWATCHED}"
@@ -58,15 +53,10 @@ def find_errors(config: CampaignConfig) -> Iterator[Complaint]:
             )
     for c, check in enumerate(config.check):
         if check.at not in config.robot.check_seams:
-            yield (
-                ("check", c, "at"),
-                describe_unknown_name("seam", check.at, config.robot.check_seams),
-            )
+            message = describe_unknown_name("seam", check.at, config.robot.check_seams)
+            yield ("check", c, "at"), message
         if check.name in names:
-            yield (
-                ("check", c, "name"),
-                f"got {check.name!r}, the name of an arm; write another name",
-            )
+            yield ("check", c, "name"), f"{check.name!r} is the name of an arm; write another"
     windows = ((h, harm.WINDOW_END.findall(one.when)) for h, one in enumerate(config.harm))
     for key, times in (
         (("campaign", "duration_s"), [config.campaign.duration_ms]),
@@ -148,16 +138,9 @@ def _place(
     if fault.arm is not None and not site.per_arm:
         yield "arm", f"site {site.name} is not part of an arm: remove the key"
     elif fault.arm is None and site.per_arm and len(arms) > 1:
-        yield (
-            "arm",
-            f"missing: each arm has a site {site.name}; write one of {', '.join(arms)} or a list",
-        )
+        yield "arm", f"missing: each arm has site {site.name}; write {', '.join(arms)} or a list"
     elif strays := [arm for arm in (fault.arm.listed if fault.arm else ()) if arm not in arms]:
-        yield (
-            "arm",
-            f"arm {strays[0]!r} is not in this campaign: expected one of campaign.arms ="
-            f" {list(arms)}",
-        )
+        yield "arm", f"arm {strays[0]!r} is not in this campaign, expected one of {list(arms)}"
     network = [effect for effect in fault.effect.listed if effect in NETWORK_EFFECTS]
     if network and site.name != "network":
         yield "effect", f"{network[0]!r} needs site 'network', got site {site.name!r}"
@@ -172,11 +155,8 @@ def _place(
     elif site.name == "network":
         for effect, name in _combinations((fault.effect, fault.channels(site)), paired):
             if effect in network and name != (acts_on := NETWORK_EFFECTS[effect].channel):
-                yield (
-                    "channel",
-                    f"got {name!r}, but effect {effect!r} acts on {acts_on!r}: remove the key, or"
-                    f" write another effect for {name!r}, such as 'overwrite'",
-                )
+                why = f"got {name!r}, but effect {effect!r} acts on {acts_on!r}: remove the key"
+                yield "channel", why
                 return
 
 
@@ -241,10 +221,7 @@ def _misfit(
     value: a value of `axis`, or an end of its distribution.
     """
     if not abs(value) <= LARGEST:
-        return (
-            f"got {format_value(value)}, expected a number of at most {LARGEST:.4g}, the largest of"
-            " single precision"
-        )
+        return f"got {format_value(value)}, expected at most {LARGEST:.4g} (single precision)"
     rule, drawn = legal_values(channel, effect, beyond), not axis.listed
     if drawn and rule.rounded:
         low, high = axis.extent

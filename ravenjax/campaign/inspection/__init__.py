@@ -1,3 +1,1 @@
-"""Inspects a campaign before it runs, and its runs afterwards. This package never changes an
-outcome.
-"""
+"""Inspects a campaign before it runs, and its runs afterwards, without changing an outcome."""

@@ -40,11 +40,9 @@ class CostFactors(NamedTuple):
 
     runs: int  # number of runs to compute
     ticks: int  # length of each run, ms
-    # Golden runs that the runs are compared with.
-    golden_runs: int
+    golden_runs: int  # golden runs that the runs are compared with
     arms: int = 1
-    # Fault sites, summed over arms.
-    sites: int = 1
+    sites: int = 1  # fault sites, summed over arms
     slots: int = 1  # largest number of faults in a run
     cues: int = 1  # number of haptic sets
     thresholds: int = 0  # number of thresholds, summed over detectors
@@ -55,10 +53,8 @@ class CostFactors(NamedTuple):
 class CostEstimate(NamedTuple):
     """Expected time and memory."""
 
-    # Time from the command to the first run, s.
-    start_s: float
-    # Time of computing and storing all runs, without the report, s.
-    run_s: float
+    start_s: float  # time from the command to the first run, s
+    run_s: float  # time of computing and storing all runs, without the report, s
     memory_mib: float  # at most
 
 
@@ -105,9 +101,8 @@ def tick_ns(work: CostFactors) -> float:
     """Return the core time for one tick of one run, ns."""
     shared = work.golden_runs * SHARED <= max(work.runs, SHARED) and not work.reacts
     ns = _MODEL.ns_arm + _MODEL.ns_further_arm * (work.arms - 1)
-    ns += (
-        _MODEL.ns_site * max(0, work.sites - 1) + _MODEL.ns_substep * (work.substeps - 1)
-    ) * work.arms
+    sites_ns, substeps_ns = _MODEL.ns_site * max(0, work.sites - 1), _MODEL.ns_substep
+    ns += (sites_ns + substeps_ns * (work.substeps - 1)) * work.arms
     ns += _MODEL.ns_cue * max(0, work.cues - 1) + _MODEL.ns_threshold * work.thresholds
     return ns if shared else ns * _MODEL.unshared
 

@@ -34,8 +34,7 @@ PREFIXES = (seams.DIFFERS, seams.LEAVES, seams.NEAR, seams.GOLDEN_NEAR, seams.NE
 class Explained(NamedTuple):
     """Explained runs, one row each in both tables, in the order in which they were given."""
 
-    # The runs' rows of the result table, computed again.
-    results: pd.DataFrame
+    results: pd.DataFrame  # the runs' rows of the result table, computed again
     # Columns run_id, index and harm_ms, and one column for each combination of a prefix in PREFIXES
     # and a number or check of the robot; times in ms.
     ticks: pd.DataFrame
@@ -89,11 +88,9 @@ class Explainer(PlannedCampaign):
         own, golden = work.tables([range(some.runs)])
         progress.status.done = some.runs
         progress.tell("done")
-        observed = {
-            name: own.pop(name) for name in list(own) if name == HARM or name.startswith(PREFIXES)
-        }
+        added = [name for name in own if name == HARM or name.startswith(PREFIXES)]
+        observed = {name: own.pop(name) for name in added}
         results = pd.DataFrame(outcomes.result_columns(self.config, some.rows, own, golden))
-        ticks = pd.DataFrame(
-            {"run_id": results["run_id"], "index": np.asarray(rows, np.int32), **observed}
-        )
+        index = np.asarray(rows, np.int32)
+        ticks = pd.DataFrame({"run_id": results["run_id"], "index": index, **observed})
         return Explained(results, ticks, self.engine)

@@ -5,7 +5,7 @@ seed, even a longer run would begin with the campaign's motion.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +17,12 @@ from ravenjax.errors import UserError
 from ravenjax.store import manifest
 from ravenjax.store.access import fault_free, query
 from ravenjax.store.access.fault_free import FOLDER, UNVARIED
-from ravenjax.store.manifest import Manifest
+from ravenjax.store.manifest import Manifest, Nested
 
 SHORTEST_S, LONGEST_S = 60, 600
 """Least and greatest length of a fault-free run, s.
 
-A longer run needs more memory. A run also records only the first false cue, so false cues after it
-would be missed.
+A longer run needs more memory. A run also records only its first false cue.
 """
 UNTIL_LIVE_S = 1
 """Time from the start of a run until the pedal goes down, rounded up, s."""
@@ -33,8 +32,7 @@ DRAWN = 4
 """Runs of each motion if parameters of the robot are drawn from distributions."""
 ENOUGH, LITTLE = 10, 0.1
 """After ENOUGH motions with a smaller share of time in pedal-down than LITTLE,
-`extend_fault_free` raises UserError, because something stops the robot early in each motion.
-"""
+`extend_fault_free` raises UserError, because something stops the robot early in each motion."""
 MS_PER_HOUR = 3.6e6
 
 
@@ -103,7 +101,7 @@ def _require(record: Manifest, hours: float) -> None:
     require_new_motions(record.config)
 
 
-def require_new_motions(config: Mapping[str, Any]) -> None:
+def require_new_motions(config: Nested) -> None:
     """Raise UserError unless another seed gives a motion that the campaign did not contain.
 
     config: tables of the campaign file.
@@ -126,9 +124,7 @@ def require_new_motions(config: Mapping[str, Any]) -> None:
         )
 
 
-def fault_free_campaigns(
-    tables: Mapping[str, Any], seconds: int
-) -> Iterator[tuple[str, dict[str, Any]]]:
+def fault_free_campaigns(tables: Nested, seconds: int) -> Iterator[tuple[str, Nested]]:
     """Yield (name, tables) of fault-free campaigns endlessly, each with a new motion.
 
     tables: tables of the original campaign.
@@ -142,19 +138,13 @@ def fault_free_campaigns(
     motion, seed = tables["operator"].get("motion") or "suture", int(tables["operator"]["seed"])
     while True:
         seed = (seed + 1) % 2**31
-        base = fault_free_tables(
-            tables,
-            runs,
-            name=f"{motion}_{seed}",
-            description="fault-free motion",
-            seed=seed,
-            duration_s=float(seconds),
-        )
-        name = base["campaign"]["name"]
+        name = f"{motion}_{seed}"
+        settings = {"name": name, "description": "fault-free motion", "duration_s": float(seconds)}
+        base = fault_free_tables(tables, runs, seed=seed, **settings)
         yield name, base | {"operator": tables["operator"] | {"seed": seed}}
 
 
-def fault_free_tables(tables: Mapping[str, Any], runs: int, **settings: Any) -> dict[str, Any]:
+def fault_free_tables(tables: Nested, runs: int, **settings: Any) -> Nested:
     """Return the tables of a campaign without its faults, with these settings.
 
     runs: number of drawn robots; 0: one run for each listed value of a parameter.
@@ -182,8 +172,7 @@ def _hours(folder: Path, record: Manifest) -> float:
     total_ms = 0.0
     for motion in fault_free.find_fault_free(folder, record).motions:
         with query.open_folder(motion.path) as table:
-            (pedal_ms,) = table.row(
-                f"SELECT sum(pedal_down_ms) FROM {query.RESULTS} WHERE failed = ''"
-            )
+            sql = f"SELECT sum(pedal_down_ms) FROM {query.RESULTS} WHERE failed = ''"
+            (pedal_ms,) = table.row(sql)
         total_ms += float(pedal_ms or 0)
     return total_ms / MS_PER_HOUR

@@ -38,8 +38,7 @@ def campaign_schema(robot: Robot) -> Schema:
 
 def of_model(robot: Robot, model: type[BaseModel]) -> Schema:
     """Return the JSON Schema of a file that `model` checks, with the robot's sites, arms, phases
-    and parameters as allowed words.
-    """
+    and parameters as allowed words."""
     whole = {"$schema": DIALECT, **model.model_json_schema()}
     tidy_schema(whole)
     definitions = whole.setdefault("$defs", {})
@@ -118,10 +117,8 @@ def _parameters(robot: Robot, any_path: Schema) -> Schema:
             of = f" ({', '.join(row.joints)})" if row.joints else ""
             node.setdefault("", []).append(f"{row.meaning}{of}: {row.range}")
     table = _node(tree, any_path)
-    table["properties"][KEY] = {
-        "description": "in [parameters]: a file with a population, from which robots are drawn",
-        "type": "string",
-    }
+    text = "in [parameters]: a file with a population, from which robots are drawn"
+    table["properties"][KEY] = {"description": text, "type": "string"}
     first, rest = "|".join(map(re.escape, (*tree, KEY))), any_path["pattern"].partition("(\\.")
     return table | {"propertyNames": {"pattern": f"^({first}){rest[1]}{rest[2]}|^{_OWN}$"}}
 
@@ -132,8 +129,7 @@ _OWN = r"((detectors|checks|control|operator)\.own|checks\.threshold)(\.[A-Za-z]
 
 def _node(tree: Schema, any_path: Schema) -> Schema:
     """Return the schema of a value in a table of parameters: a number if the path ends here, else
-    a table with the next words of the path.
-    """
+    a table with the next words of the path."""
     if "" in tree:
         return {"description": "; ".join(tree[""]), **_REST}
     return _table({word: _node(below, any_path) for word, below in tree.items()}, any_path)
@@ -163,9 +159,8 @@ def _allow_hazards_in_groups(schema_of_file: Schema, names: list[str]) -> None:
     definitions = schema_of_file["$defs"]
     group, fault = definitions["Group"], definitions["Fault"]["properties"]
     words = {"type": "string", "enum": names}
-    keys: Schema = {
-        expansion.KEY: {"anyOf": [words, {"type": "array", "items": words, "minItems": 1}]}
-    }
+    choice = {"anyOf": [words, {"type": "array", "items": words, "minItems": 1}]}
+    keys: Schema = {expansion.KEY: choice}
     keys |= {key: copy.deepcopy(fault[key]) for key in expansion.OVERRIDES}
     for key, schema in keys.items():
         schema["description"] = f"only in a group that names hazards: {expansion.KEYS[key]}"

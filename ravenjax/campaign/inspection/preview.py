@@ -113,9 +113,8 @@ def preview_campaign(
     }
     places = np.unique(np.linspace(0, len(rows) - 1, min(SAMPLE, len(rows))).round().astype(int))
     sample = rows.iloc[places].reset_index(drop=True)
-    return view, sample.assign(
-        run_id=run_id.format_run_ids(sample["run_id"].to_numpy()).to_pylist()
-    )
+    ids = run_id.format_run_ids(sample["run_id"].to_numpy()).to_pylist()
+    return view, sample.assign(run_id=ids)
 
 
 def _own_checks(config: CampaignConfig, plan: Plan) -> Iterator[dict[str, Any]]:
@@ -143,8 +142,7 @@ def _own_checks(config: CampaignConfig, plan: Plan) -> Iterator[dict[str, Any]]:
 
 def _fault_rows(config: CampaignConfig, rows: pd.DataFrame) -> Iterator[dict[str, Any]]:
     """Yield the number of runs with each combination of fault site and effect, in the robot's order
-    of sites. A run with two faults of the same site and effect counts once.
-    """
+    of sites. A run with two faults of the same site and effect counts once."""
     slots = [
         rows[["index", f"fault{slot}_site", f"fault{slot}_effect"]].set_axis(
             ["index", "site", "effect"], axis=1

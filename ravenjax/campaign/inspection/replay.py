@@ -29,13 +29,11 @@ the number of runs in a block.
 class Replay(NamedTuple):
     """One run, computed again."""
 
-    # The run's row of the result table, computed again.
-    row: pd.Series
+    row: pd.Series  # the run's row of the result table, computed again
     # Time series by name, [ms] or [ms, ...]; `ravenjax.store.logs.time_series` lists them. The
     # numbers of a tick are those of each of its milliseconds.
     series: dict[str, np.ndarray]
-    # Outcomes of the golden run, as the engine returned them.
-    golden: dict[str, Any]
+    golden: dict[str, Any]  # outcomes of the golden run, as the engine returned them
     bases: dict[str, Base]  # base of each arm in the world frame
     engine: str  # names of engine and device
 
@@ -105,9 +103,8 @@ class Replayer(PlannedCampaign):
             own[schema.OBSERVED] = self.plan.ends[[row]] * tick_ms
         reference = np.asarray(golden.reference)[:, :, 0]
         series = read_series(self.config.robot, program, signals, reference)
-        columns = outcomes.result_columns(
-            self.config, self.plan.rows.iloc[row : row + 1], own, fault_free
-        )
+        own_row = self.plan.rows.iloc[row : row + 1]
+        columns = outcomes.result_columns(self.config, own_row, own, fault_free)
         return Replay(
             row=pd.DataFrame(columns).iloc[0],
             series=memory_windows.take_rows(series, np.arange(end * tick_ms) // tick_ms),

@@ -6,7 +6,6 @@ code and packages, the runs must be equal to the bit. On another engine numbers 
 result states by how much. Runs are computed from their beginning, not from snapshots.
 """
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -57,9 +56,8 @@ class Rerun(NamedTuple):
     @property
     def differing(self) -> list[ColumnAgreement]:
         """Return the columns that are not equal in every row, those with most differences first."""
-        return sorted(
-            (one for one in self.columns if one.equal < len(self.rows)), key=lambda one: one.equal
-        )
+        equal_rows = sorted(self.columns, key=lambda one: one.equal)
+        return [one for one in equal_rows if one.equal < len(self.rows)]
 
 
 class Verification(NamedTuple):
@@ -81,16 +79,13 @@ def verify_folder(
 
     engine: "auto" means the engine that computed the folder; for a folder from a GPU, the fastest
     engine of this machine. Raise StoreError if the folder contains no result, and UserError for an
-    engine that is not available.
+    unavailable engine.
     """
     if sample < 0:
         raise UserError(f"--sample {sample}: expected a number of runs, or 0 to compute none again")
     record = manifest.read_manifest(folder)
     if not record.parts:
-        raise StoreError(
-            f"{folder}: contains no finished part yet; start or resume the campaign with"
-            " `ravenjax run`"
-        )
+        raise StoreError(f"{folder}: contains no finished part yet; resume it with `ravenjax run`")
     parts, whole = checking.check_files(folder, record)
     checks = [parts, checking.check_rows(record), *checking.check_values(folder, record, whole)]
     try:
@@ -103,24 +98,18 @@ def verify_folder(
         return Verification(checks, None)
     stored = np.concatenate([np.asarray(part.rows) for part in whole])
     drawn = np.random.default_rng(seed).choice(stored, min(sample, len(stored)), replace=False)
-    rerun = _compute_again(folder, record, plan, np.sort(drawn), engine)
+    rerun = _recompute(folder, record, plan, np.sort(drawn), engine)
     return Verification([*checks, _check_rerun(rerun, plan)], rerun)
 
 
-def _check_campaign(
-    folder: Path, record: Manifest, plan: Plan, whole: Sequence[Part]
-) -> FolderCheck:
+def _check_campaign(folder: Path, record: Manifest, plan: Plan, whole: list[Part]) -> FolderCheck:
     # Checks that the campaign file expands to the runs in the manifest and in the stored parts.
     ids = plan.rows["run_id"].to_numpy()
+    config_hash = manifest.campaign_hash(record.config, record.operator, run_id.hash_run_ids(ids))
     if plan.runs != record.runs:
         problems = [f"the campaign expands to {plan.runs} runs, the manifest states {record.runs}"]
-    elif record.config_hash != manifest.campaign_hash(
-        record.config, record.operator, run_id.hash_run_ids(ids)
-    ):
-        problems = [
-            f"{manifest.FILE}: config_hash is not that of its config and of the runs that it"
-            " expands to"
-        ]
+    elif record.config_hash != config_hash:
+        problems = [f"{manifest.FILE}: config_hash is not that of its config and its runs"]
     else:
         problems = [
             f"{part.file}: its run ids are not those of the campaign's rows {part.first} to"
@@ -130,16 +119,11 @@ def _check_campaign(
             != run_id.format_run_ids(ids[part.first : part.last + 1]).to_pylist()
         ]
     rows = sum(len(part.rows) for part in whole)
-    return FolderCheck(
-        "campaign",
-        f"expanded again, {rows:,} run ids and the config hash compared",
-        problems[: checking.MOST],
-    )
+    looked_at = f"expanded again, {rows:,} run ids and the config hash compared"
+    return FolderCheck("campaign", looked_at, problems[: checking.MOST])
 
 
-def _compute_again(
-    folder: Path, record: Manifest, plan: Plan, rows: np.ndarray, engine: str
-) -> Rerun:
+def _recompute(folder: Path, record: Manifest, plan: Plan, rows: np.ndarray, engine: str) -> Rerun:
     # Computes some rows again and compares every column with the stored one.
     precision = plan.program.setup.precision
     backend = compile_cache.cached_engine(original_engine(record, engine), precision)
@@ -192,8 +176,7 @@ def _column(name: str, kept: pa.ChunkedArray, new: pa.ChunkedArray) -> ColumnAgr
 
 def _check_rerun(rerun: Rerun, plan: Plan) -> FolderCheck:
     """Return the errors found by a rerun. A difference in a run's inputs is always an error. A
-    difference in outcomes is an error only if engine, device, code and packages are the same.
-    """
+    difference in outcomes is an error only if engine, device, code and packages are the same."""
     n, inputs = len(rerun.rows), set(plan.rows)
     problems = [
         f"{column.name}: differs in {n - column.equal} of {n} rows"

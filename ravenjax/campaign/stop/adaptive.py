@@ -46,9 +46,8 @@ def run_adaptively(
             " some runs. Write --executor ray, or remove [stop]"
         )
     if out is None:
-        return runner.in_temporary_folder(
-            lambda folder: run_adaptively(config, folder, engine, **options)
-        )
+        again = functools.partial(run_adaptively, config, engine=engine, **options)
+        return runner.in_temporary_folder(again)
     rule, draws = stop_rule(config), group_draws(config)
     looks: list[Look] = []
     counts, before = rule.first_sizes(), np.zeros(len(draws), np.int64)

@@ -1,5 +1,4 @@
-"""Reads and writes decisions.jsonl of a result folder, with one line for each look of a stop
-rule."""
+"""Reads and writes decisions.jsonl of a result folder: one line per look of a stop rule."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -83,9 +83,7 @@ def check_rows(record: Manifest) -> FolderCheck:
     if missing:
         complaints.append(f"{sum(map(len, missing)):,} rows are missing: {query.in_words(missing)}")
     elif record.finished is None:
-        complaints.append(
-            "all runs are stored, but the command did not end normally: start it again"
-        )
+        complaints.append("all runs are stored, but the command was interrupted: start it again")
     complaints += [
         f"{part.file}: contains runs that do not belong in this folder"
         for part in record.parts
@@ -98,27 +96,18 @@ def check_values(folder: Path, record: Manifest, whole: list[parts.Part]) -> lis
     """Check the values in complete files with rules.toml, which lists possible values."""
     if not whole:
         return []
-    with query.open_parts(
-        [folder / PARTS / part.file for part in whole], folder, numbered=True
-    ) as table:
+    files = [folder / PARTS / part.file for part in whole]
+    with query.open_parts(files, folder, numbered=True) as table:
         rules = resources.read_tables(__file__, "rules.toml")
         return [_check(table, record, check, listed) for check, listed in rules.items()]
 
 
-def _check(
-    table: ResultTable, record: Manifest, check: str, rules: list[dict[str, str]]
-) -> FolderCheck:
+def _check(table: ResultTable, record: Manifest, check: str, rules: list[dict]) -> FolderCheck:
     # Checks a column's values with the rules of its name, type and unit, in one query.
     musts, complaints = [], []
     for column in schema.table_columns(record.shape):
-        rule = next(
-            (
-                rule
-                for rule in rules
-                if re.fullmatch(rule["columns"], f"{column.name} {column.dtype} {column.unit}")
-            ),
-            {},
-        )
+        field = f"{column.name} {column.dtype} {column.unit}"
+        rule = next((one for one in rules if re.fullmatch(one["columns"], field)), {})
         if "must" in rule:
             terms = {
                 "name": quote_name(column.name),
@@ -152,10 +141,8 @@ def _differs(path: Path, part: parts.Part, shape: schema.Shape) -> str:
     if actual.equals(wanted):
         return ""
     odd = sorted({field.name for field in {*wanted} ^ {*actual}})
-    return (
-        f"{path}: has other columns than its campaign:"
-        f" {', '.join(odd[:MOST]) or 'in another order'}"
-    )
+    names = ", ".join(odd[:MOST]) or "in another order"
+    return f"{path}: has other columns than its campaign: {names}"
 
 
 def _short(problems: list[str]) -> list[str]:

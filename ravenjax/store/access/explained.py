@@ -1,5 +1,4 @@
-"""Stores additional analyses of a campaign's runs, such as those of `ravenjax explain`, as Parquet
-files."""
+"""Stores analyses of a campaign's runs, such as those of `ravenjax explain`, as Parquet files."""
 
 from pathlib import Path
 
@@ -22,8 +21,7 @@ _CAMPAIGN, _CODE = b"config_hash", b"code_hash"
 def add_explained(folder: Path, ticks: pd.DataFrame, record: Manifest) -> Path:
     """Add explained runs to the file in a folder. They replace earlier rows of the same runs.
 
-    Rows of other code or of another campaign are removed. Raise StoreError if the file cannot be
-    written.
+    Rows of other code or of another campaign are removed. Raise StoreError if writing fails.
     """
     path, own = folder / FILE, manifest.code_hash(record.robot).encode()
     before = read_explained(folder, record)

@@ -1,5 +1,4 @@
-"""Finds the fault-free runs in a campaign's result folder, from which rates of false cues are
-computed.
+"""Finds fault-free runs in a campaign's result folder, which give rates of false cues.
 
 The golden runs of a campaign are often a few seconds of one motion. They are too short for a rate
 of false cues per hour. `ravenjax fault-free` therefore computes additional motions, each with its
@@ -9,11 +8,11 @@ the same robot, cues and detectors may also be put there.
 
 import json
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ravenjax.errors import StoreError
 from ravenjax.store import manifest as manifests
-from ravenjax.store.manifest import Manifest
+from ravenjax.store.manifest import Manifest, Nested
 from ravenjax.vocabulary.packets import CHOICES, EVERY_CYCLE
 
 FOLDER = "fault_free"
@@ -79,10 +78,8 @@ def motion_of(manifest: Manifest) -> str:
     """
     operator = _without(manifest.config.get("operator") or {}, (SCALE,))
     campaign = manifest.config.get("campaign") or {}
-    random = (
-        campaign.get("noise")
-        or campaign.get("packets", CHOICES[EVERY_CYCLE]) != CHOICES[EVERY_CYCLE]
-    )
+    usual = CHOICES[EVERY_CYCLE]
+    random = campaign.get("noise") or campaign.get("packets", usual) != usual
     return json.dumps([operator, random and manifest.seed], sort_keys=True)
 
 
@@ -93,13 +90,11 @@ def _difference(campaign: Manifest, other: Manifest) -> str:
     for name in ("cues", "detectors"):
         if getattr(campaign, name) != getattr(other, name):
             return f"has other {name}"
-    differences = manifests.find_differences(
-        robot_tables(other.config), robot_tables(campaign.config)
-    )
-    return "; ".join(differences).replace(" requested", " in the campaign")
+    changes = manifests.find_differences(robot_tables(other.config), robot_tables(campaign.config))
+    return "; ".join(changes).replace(" requested", " in the campaign")
 
 
-def robot_tables(config: dict[str, Any]) -> dict[str, Any]:
+def robot_tables(config: Nested) -> Nested:
     """Return the tables of a campaign that decide how the robot follows fault-free motion."""
     parts = _without(config, _WITHOUT_PART)
     parts["campaign"] = _without(config.get("campaign", {}), _NOT_OF_ROBOT)
@@ -108,10 +103,10 @@ def robot_tables(config: dict[str, Any]) -> dict[str, Any]:
     return parts
 
 
-def _without(table: dict[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
+def _without(table: Nested, names: tuple[str, ...]) -> Nested:
     return {name: value for name, value in table.items() if name not in names}
 
 
-def without_reaction(parameters: dict[str, Any]) -> dict[str, Any]:
+def without_reaction(parameters: Nested) -> Nested:
     """Return a table of parameters without those of the operator's reaction."""
     return {path: value for path, value in parameters.items() if not path.startswith(REACTION)}

@@ -60,9 +60,7 @@ def merge_shards(out: Path, shards: Sequence[Path], partial: bool = False) -> Me
     first = folders[0]
     for folder in folders[1:]:
         _require_same(first, records[first], folder, records[folder])
-    sources = _disjoint(
-        [source for folder in folders for source in _parts(folder, records[folder])]
-    )
+    sources = _disjoint([part for folder in folders for part in _parts(folder, records[folder])])
     wanted = range(records[first].runs)
     missing = list(parts.missing_rows([source.part for source in sources], [wanted]))
     if missing and not partial:
@@ -77,8 +75,7 @@ def merge_shards(out: Path, shards: Sequence[Path], partial: bool = False) -> Me
 
 
 def _folders(out: Path, shards: Sequence[Path]) -> list[Path]:
-    # Returns the folders to merge, each once: the output folder, if it has a result, and the
-    # shards.
+    # Returns the folders to merge, each once: the shards, and the output folder with a result.
     if not shards:
         raise StoreError(
             f"{out}: got no shards to merge; on the command line, write the result folders of the"
@@ -151,21 +148,16 @@ def _incomplete(records: dict[Path, Manifest], missing: list[range]) -> str:
     for folder, record in records.items():
         own = list(parts.missing_rows(record.parts, record.wanted))
         if record.rows is not None and own:
-            sentences.append(
-                f"{folder} lacks its rows {query.in_words(own)}: start its command again."
-            )
-    sentences.append(
-        "Nothing was merged: name all shards, or merge an incomplete result with --partial."
-    )
+            sentences.append(f"{folder} lacks rows {query.in_words(own)}: start its command again.")
+    sentences.append("Nothing was merged: name all shards, or permit missing rows with --partial.")
     return " ".join(sentences)
 
 
 def _link_or_copy(source: PartSource, out: Path, config_hash: str) -> str:
     # Links a file into the merged folder, which needs no disk space, or else copies the file.
-    target = out / PARTS / source.part.file
-    if target.exists() and (
-        target.samefile(source.file) or hash_file(target) == source.part.sha256
-    ):
+    merged = out / PARTS / source.part.file
+    part = source.part
+    if merged.exists() and (merged.samefile(source.file) or hash_file(merged) == part.sha256):
         return "kept"
 
     def fill(aside: Path) -> None:
@@ -176,10 +168,10 @@ def _link_or_copy(source: PartSource, out: Path, config_hash: str) -> str:
         except OSError:
             shutil.copyfile(source.file, aside)
 
-    write_aside(target, fill)
-    if target.samefile(source.file):
+    write_aside(merged, fill)
+    if merged.samefile(source.file):
         return "linked"
-    parts.verify_part(target, config_hash, source.part)
+    parts.verify_part(merged, config_hash, part)
     return "copied"
 
 
@@ -196,7 +188,8 @@ def _require_own(out: Path, sources: list[PartSource]) -> None:
 
 def _joined(records: list[Manifest], sources: list[PartSource], incomplete: bool) -> Manifest:
     # Returns the manifest of the merged folder.
-    finished = [record.finished for record in records]
+    ends = [record.finished for record in records if record.finished]
+    finished = None if incomplete else max(ends, default=manifests.utc_now())
     seconds = [record.run_s for record in records if record.run_s]
     return records[0].model_copy(
         update={
@@ -206,11 +199,7 @@ def _joined(records: list[Manifest], sources: list[PartSource], incomplete: bool
             "notices": tuple(dict.fromkeys(note for record in records for note in record.notices)),
             "device": "; ".join(dict.fromkeys(record.device for record in records)),
             "started": min(record.started for record in records),
-            "finished": (
-                None
-                if incomplete
-                else max((end for end in finished if end), default=manifests.utc_now())
-            ),
+            "finished": finished,
             # How often a process started to compute the campaign.
             "starts": max(record.starts for record in records),
             "run_s": sum(seconds) if seconds else None,

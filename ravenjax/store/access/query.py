@@ -60,9 +60,7 @@ class ResultTable(contextlib.ExitStack):
 
     def types(self, name: str = RESULTS) -> dict[str, str]:
         """Return the columns of a table or view, in order, and their SQL types."""
-        return dict(
-            self.rows(f"SELECT column_name, column_type FROM (DESCRIBE {quote_name(name)})")
-        )
+        return {row[0]: row[1] for row in self.rows(f"DESCRIBE {quote_name(name)}")}
 
     def register(self, name: str, table: pa.Table) -> None:
         """Make an Arrow table available to queries as `name`."""
@@ -75,10 +73,7 @@ class ResultTable(contextlib.ExitStack):
         try:
             # A name in somebody else's file must not add a second statement.
             if self.connection.extract_statements(sql)[1:]:
-                raise StoreError(
-                    "a name in the result contains SQL, so the result is forged; nothing was"
-                    " computed"
-                )
+                raise StoreError("a name in the result contains SQL, so the result is forged")
             return self.connection.execute(sql, list(given))
         except duckdb.OutOfMemoryException as error:
             raise StoreError(
@@ -97,8 +92,7 @@ class ResultTable(contextlib.ExitStack):
 def open_folder(path: str | Path) -> ResultTable:
     """Open the finished rows of a result folder for queries.
 
-    Raise StoreError if the folder has no results, or if a file is missing, damaged, or has another
-    schema version.
+    Raise StoreError if the folder has no results, or if a file is missing, damaged or too new.
     """
     path = Path(path)
     return open_parts(whole_parts(path), path)

@@ -1,13 +1,12 @@
-"""Reads bags of ROS 1 and ROS 2 and MCAP files with the rosbags library, and writes recordings as
-bags.
+"""Reads ROS bags and MCAP files with the rosbags library, and writes recordings as bags.
 
 A recording is session.mcap of a training session, or the trace of a run. It is written as a bag of
 ROS 1 (.bag) or of ROS 2 (a folder), with the same topics, types and times.
 
 In ROS 1 a header has a sequence number, which is 0, and there is no rcl_interfaces/Log;
 `/ravenjax/events` has the same events. A trace begins at time 0, which ROS 1 interprets as "no
-time": its players omit such messages. Therefore all times of a trace are one second later in a bag
-of ROS 1.
+time": its players omit such messages. In a bag of ROS 1, all times of a trace are therefore one
+second later.
 """
 
 from __future__ import annotations
@@ -165,7 +164,7 @@ def write_bag(source: Path, ros: Ros, out: Path | None) -> WrittenBag:
 
     out: path of the bag. The default is beside the recording, with its name and the ending `.bag`
     or `_ros2`. Raise UserError if the recording cannot be read or `out` exists, and StoreError if
-    the bag cannot be written.
+    writing fails.
     """
     recording = source / RECORDING if source.is_dir() else source
     if not recording.is_file() or recording.suffix != ".mcap":
@@ -175,18 +174,13 @@ def write_bag(source: Path, ros: Ros, out: Path | None) -> WrittenBag:
         )
     target = out or recording.with_name(recording.stem + (".bag" if ros == 1 else "_ros2"))
     if ros == 1 and target.suffix != ".bag":
-        raise UserError(
-            f"{target}: a bag of ROS 1 ends in .bag; write --out {target.with_suffix('.bag')}"
-        )
+        raise UserError(f"{target}: a bag ends in .bag; write --out {target.with_suffix('.bag')}")
     if ros == 2 and target.suffix:
         raise UserError(
-            f"{target}: a bag of ROS 2 is a folder; write --out {target.with_suffix('')}, or"
-            " --ros 1"
+            f"{target}: a ROS 2 bag is a folder; write --out {target.with_suffix('')}, or --ros 1"
         )
     if target.exists():
-        raise UserError(
-            f"{target}: exists already, and is not overwritten; choose another name with --out"
-        )
+        raise UserError(f"{target}: exists already; choose another name with --out")
     try:
         with open_bag(recording) as reader:
             if not reader.is2 or not reader.message_count:

@@ -47,8 +47,7 @@ class Scan:
     # Positions of chunks, and of messages outside chunks.
     places: list[int] = field(default_factory=list)
     complete: bool = False  # the file has a footer and the magic bytes at its end
-    # Number of bytes in damaged records, and after the last complete record.
-    lost_bytes: int = 0
+    lost_bytes: int = 0  # number of bytes in damaged records, and after the last complete record
 
     def messages(self, topics: Collection[str] = ()) -> Iterator[Message]:
         """Yield the messages of these topics, or all messages, in the order of the file."""
@@ -78,15 +77,12 @@ def scan_records(path: Path) -> Scan:
         data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     scanned, offset, end = Scan(data), len(MCAP0_MAGIC), len(data)
     foot = end - len(MCAP0_MAGIC) - _FOOTER
-    scanned.complete = (
-        foot > 0 and data[-len(MCAP0_MAGIC) :] == MCAP0_MAGIC and data[foot] == Opcode.FOOTER
-    )
+    ended = data[-len(MCAP0_MAGIC) :] == MCAP0_MAGIC
+    scanned.complete = foot > 0 and ended and data[foot] == Opcode.FOOTER
     summary = int.from_bytes(data[foot + _HEAD : foot + _HEAD + 8], "little")
     while offset < end:
-        length, entries = (
-            int.from_bytes(data[offset + first : offset + last], "little")
-            for first, last in ((1, _HEAD), (_HEAD + 2, _HEAD + 6))
-        )
+        length = int.from_bytes(data[offset + 1 : offset + _HEAD], "little")
+        entries = int.from_bytes(data[offset + _HEAD + 2 : offset + _HEAD + 6], "little")
         beyond = offset + _HEAD + length
         if data[offset] == Opcode.MESSAGE_INDEX and length == 6 + entries and beyond <= end:
             offset = beyond
@@ -128,8 +124,8 @@ def scan_records(path: Path) -> Scan:
 def _read_record(data: mmap.mmap, offset: int) -> tuple[McapRecord, int]:
     """Return the record that begins at byte `offset`, and the byte after its end.
 
-    Raise any exception if its bytes are inconsistent. As a check, the record is encoded again and
-    must have the same length.
+    Raise any exception if its bytes are inconsistent. The record, encoded again, must have the same
+    length.
     """
     end = offset + _HEAD + int.from_bytes(data[offset + 1 : offset + _HEAD], "little")
     record = _parse(data[offset:end])
@@ -199,8 +195,8 @@ def recover_records(path: Path, out: Path | None = None) -> Recovered:
     """Write the complete records of the MCAP file `path` to `out`; None: `recovered_path`.
 
     Messages keep their order, times and numbers. If `out` is `path`, the file is replaced
-    atomically. Raise StoreError if the file cannot be read, contains no complete message, or the
-    new file cannot be written.
+    atomically. Raise StoreError if `path` cannot be read or has no complete message, or writing
+    fails.
     """
     out = recovered_path(path) if out is None else out
     scanned = scan_records(path)
@@ -233,17 +229,13 @@ def recover_records(path: Path, out: Path | None = None) -> Recovered:
                 )
                 for number, one in scanned.channels.items()
             }
-            for message in scanned.messages():
+            for record in scanned.messages():
                 # The chunk that defined the channel may be damaged.
-                if message.channel_id in channels:
-                    writer.add_message(
-                        channels[message.channel_id],
-                        message.log_time,
-                        message.data,
-                        message.publish_time,
-                        message.sequence,
-                    )
-                    times.append(message.log_time)
+                if record.channel_id in channels:
+                    channel, data = channels[record.channel_id], record.data
+                    number, published_ns = record.sequence, record.publish_time
+                    writer.add_message(channel, record.log_time, data, published_ns, number)
+                    times.append(record.log_time)
             writer.finish()
 
     write_aside(out, fill)

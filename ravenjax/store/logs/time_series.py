@@ -1,5 +1,4 @@
-"""Lists every time series of a run with name, axes, unit and meaning, and writes CSV files and
-datasets.
+"""Describes every time series of a run, and writes CSV files and datasets.
 
 The series of a run are a dict of arrays [T] or [T, ...], one row per millisecond. For example,
 `runlevel` is a series of the robot and `gold/jpos` a series of an arm. They have the order in which
@@ -39,12 +38,10 @@ class TimeSeries(NamedTuple):
     """Description of one time series."""
 
     name: str  # without the arm
-    # Unit; if it differs between joints, the unit of a revolute joint.
-    unit: str
+    unit: str  # unit; if it differs between joints, the unit of a revolute joint
     meaning: str
     axes: tuple[str, ...] = ()  # axes in addition to time
-    # Unit of a prismatic joint, if it differs.
-    linear_unit: str = ""
+    linear_unit: str = ""  # unit of a prismatic joint, if it differs
 
 
 def _series_of(owner: str) -> dict[str, TimeSeries]:
@@ -123,15 +120,13 @@ def write_csv(path: Path, series: Series, robot: Robot = robots.USUAL) -> None:
     columns: dict[str, pa.Array] = {"time_s": pa.array(np.arange(ticks) / 1000)}
     for name, values in arrays.items():
         flat = np.ascontiguousarray(values.reshape(ticks, -1).T)
-        for (scalar, unit), numbers in zip(
-            series_scalars(robot, name, values.shape[1:]), flat, strict=True
-        ):
+        scalars = series_scalars(robot, name, values.shape[1:])
+        for (scalar, unit), numbers in zip(scalars, flat, strict=True):
             label = f"{scalar} [{unit}]" if unit not in ("", "1") else scalar
             columns[label] = pa.array(_short(numbers), from_pandas=True)
     table = pa.table(columns)
-    write_aside(
-        path, lambda target: csv.write_csv(table, target, csv.WriteOptions(quoting_style="none"))
-    )
+    options = csv.WriteOptions(quoting_style="none")
+    write_aside(path, lambda target: csv.write_csv(table, target, options))
 
 
 def _short(numbers: np.ndarray) -> np.ndarray:
@@ -141,10 +136,7 @@ def _short(numbers: np.ndarray) -> np.ndarray:
 
 
 def series_dataset(
-    series: Series,
-    attributes: Mapping[str, str | float | int],
-    thresholds_mm: Sequence[float],
-    robot: Robot,
+    series: Series, attributes: Mapping[str, object], thresholds_mm: Sequence[float], robot: Robot
 ) -> xarray.Dataset:
     """Return the series of a run as a Dataset with one variable per quantity.
 
@@ -162,11 +154,8 @@ def series_dataset(
         if one.name in series:
             variables[one.name] = (("time", *one.axes), series[one.name], _attributes(one))
     if windows := [series[name] for name in _windows(series)]:
-        variables["fault_active"] = (
-            ("time", "fault"),
-            np.stack(windows, axis=1),
-            _attributes(OF_RUN["fault_active"]),
-        )
+        dims, about = ("time", "fault"), _attributes(OF_RUN["fault_active"])
+        variables["fault_active"] = (dims, np.stack(windows, axis=1), about)
     for one in OF_ARM.values():
         if arms and all(f"{arm}/{one.name}" in series for arm in arms):
             values = np.stack([series[f"{arm}/{one.name}"] for arm in arms], axis=1)

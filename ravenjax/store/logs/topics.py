@@ -5,8 +5,8 @@ Names are those of CRTK in raven2: gold is arm1, green is arm2. Poses are in fra
 message is a point instead of a pose.
 
 The names in a message and its size are the same in every tick. Therefore rosbags encodes one
-message of each topic, with placeholders for times and numbers. NumPy then replaces the placeholders
-by the values of every tick.
+message of each topic, with placeholders for times and numbers. NumPy then replaces them by the
+values of every tick.
 """
 
 import functools
@@ -40,8 +40,7 @@ TEXT, LOG_ENTRY = "std_msgs/msg/String", "rcl_interfaces/msg/Log"
 _SECOND_NS = 1_000_000_000
 _STAMP_MARK, _FIRST_MARK = 0x5A5A5A5A, 1e6
 """Placeholders in an encoded message: for seconds and nanoseconds of a time, and for the first
-number. The placeholder of each further number is larger by 1.
-"""
+number. The placeholder of each further number is larger by 1."""
 
 
 _TABLES = resources.read_tables(__file__, "topics.toml")
@@ -115,8 +114,7 @@ def joint_state(arm: str, name: str, joints: tuple[str, ...], *present: bool) ->
 @functools.cache
 def tip_topic(arm: str, name: str, schema: str = POSE) -> Topic:
     """Return a topic of an arm. Its numbers are, for PoseStamped, x, y, z in m and a quaternion
-    x, y, z, w; for WrenchStamped, three of force and three of torque; for PointStamped, x, y, z.
-    """
+    x, y, z, w; for WrenchStamped, three of force and three of torque; for PointStamped, x, y, z."""
     fields = {POSE: (_marks(3), _marks(4, 3)), WRENCH: (_marks(3), _marks(3, 3)), POINT: _marks(3)}
     return _topic(arm, name, schema, fields[schema])
 
@@ -124,8 +122,7 @@ def tip_topic(arm: str, name: str, schema: str = POSE) -> Topic:
 @functools.cache
 def frames_topic(pairs: tuple[tuple[str, str], ...]) -> Topic:
     """Return the topic of frames, a TFMessage. For each pair (parent, child), its numbers are x, y,
-    z in m and a quaternion x, y, z, w.
-    """
+    z in m and a quaternion x, y, z, w."""
     transforms = [
         (_header(parent), child, (_marks(3, 7 * i), _marks(4, 7 * i + 3)))
         for i, (parent, child) in enumerate(pairs)
@@ -202,8 +199,7 @@ class LogWriter:
         chunk_bytes: int = 1 << 20,
     ) -> None:
         """metadata: content of the record `METADATA`. chunk_bytes: size of a chunk. If the process
-        is killed, at most one chunk is lost.
-        """
+        is killed, at most one chunk is lost."""
         self._writer = Writer(file, chunk_size=chunk_bytes)
         self._writer.start(profile="ros2", library="ravenjax")
         self._writer.add_metadata(METADATA, dict(metadata))
@@ -212,12 +208,10 @@ class LogWriter:
         for topic in topics:
             self._register(topic)
 
-    def add(
-        self, topic: Topic, stamps_ns: np.ndarray, numbers: np.ndarray, values: np.ndarray
-    ) -> None:
-        """Write one message per row of `values` [n, k], with its time and its number."""
-        for row, data in topic.encode(stamps_ns, values).items():
-            self._add(topic.name, int(stamps_ns[row]), data, int(numbers[row]))
+    def add(self, topic: Topic, time_ns: np.ndarray, numbers: np.ndarray, rows: np.ndarray) -> None:
+        """Write one message per row of `rows` [n, k], with its time and its number."""
+        for row, data in topic.encode(time_ns, rows).items():
+            self._add(topic.name, int(time_ns[row]), data, int(numbers[row]))
 
     def add_event(
         self, event: Mapping[str, Any], text: str, level: str, stamp_ns: int, number: int = 0
@@ -230,9 +224,8 @@ class LogWriter:
         ):
             if topic not in self._channels:
                 self._register(Topic(topic, schema, _definition(schema)))
-            self._add(
-                topic, stamp_ns, ros2_types().encode(ros2_types().message(schema, *fields)), number
-            )
+            message = ros2_types().message(schema, *fields)
+            self._add(topic, stamp_ns, ros2_types().encode(message), number)
 
     def flush(self) -> None:
         """End the chunk and pass it to the operating system."""

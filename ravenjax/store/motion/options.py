@@ -1,5 +1,4 @@
-"""Defines the keys of [operator] in a campaign file that describe a recording of an operator's
-hands."""
+"""Defines the keys of [operator] in a campaign file that describe a recording of hands."""
 
 import dataclasses
 from typing import Any, Literal
@@ -14,9 +13,7 @@ Triple = tuple[float, float, float]
 Turn = tuple[Triple, Triple, Triple] | tuple[float, float, float, float]
 
 MOST_GAP_S = 60.0
-"""Longest gap between two samples that can be bridged, s. A longer gap means that the recorder's
-clock was set.
-"""
+"""Longest gap between two samples, s. In a longer gap the recorder's clock was set."""
 MAX_GAP_S = 0.1
 """Default of the longest gap between two samples, s. Hands move some millimetres in 0.1 s."""
 
@@ -50,12 +47,9 @@ class ReplayOptions:
     slow_down: float = 1.0  # duration of the replayed motion relative to the recorded one
     # Longest permitted gap between two samples in the replayed part, s.
     max_gap_s: float = MAX_GAP_S
-    # Treatment of implausible jumps of a tip.
-    spikes: Spikes = "refuse"
-    # Console profile of a packet stream: "auto", a name or a file.
-    console: str = "auto"
-    # What the hands do if the recording is shorter than the run.
-    at_end: AtEnd = "refuse"
+    spikes: Spikes = "refuse"  # treatment of implausible jumps of a tip
+    console: str = "auto"  # console profile of a packet stream: "auto", a name or a file
+    at_end: AtEnd = "refuse"  # what the hands do if the recording is shorter than the run
 
     # Dictionaries among the options cannot be hashed, but their text can.
     def __hash__(self) -> int:

@@ -1,7 +1,7 @@
 """Reads a recorded stream of a console's packets as a motion of the operator's hands.
 
-A packet contains an increment of the pose of the tip. The motion is the sum of the increments, from
-the pose after homing.
+A packet contains an increment of the tip's pose. The motion is their sum, from the pose after
+homing.
 
 A table (Parquet) has a column `packet` (124 bytes each) and a column of arrival times. A network
 capture (.pcap, .pcapng), as tcpdump and Wireshark write it, contains both. A console's packets are
@@ -9,8 +9,7 @@ UDP datagrams of at least 124 bytes to port 36000, or else to the only port that
 of that size. If there are several senders, the console is the one that sent most.
 
 Complete packets are read with the console's profile, in order. Packets that the robot would drop
-move nothing: repeated and older numbers, and the packet after a gap. A stream may restart
-(`_restarts`).
+move nothing: repeated and older numbers, and the packet after a gap. Streams may restart.
 """
 
 from __future__ import annotations
@@ -48,9 +47,7 @@ CAPTURES = (".pcap", ".pcapng")
 INSTALL = "pip install 'ravenjax[pcap]'"
 PACKET, ARRIVAL = "packet", "arrival"
 MOST_MISFITS = 0.02
-"""Largest share of packets that may not fit the profile. With more, the packets come from another
-console.
-"""
+"""Largest share of packets that may not fit the profile; more come from another console."""
 RATE_AGREES = 3.0
 """Largest factor between the rate at which packets arrived and the profile's rate."""
 
@@ -91,9 +88,7 @@ def read_packets(path: Path) -> RawPackets:
     capture = path.suffix.lower() in CAPTURES
     packets = _read_capture(path) if capture else _read_table(path, files.read_table(path))
     if len(packets.datagrams) < 2:
-        raise UserError(
-            f"{path}: contains {len(packets.datagrams)} packets; expected a stream of at least 2"
-        )
+        raise UserError(f"{path}: contains {len(packets.datagrams)} packets; expected at least 2")
     since = stamps.seconds_since_first(packets.time)
     if not np.isfinite(since).all() or (np.diff(since) < 0).any() or since[-1] <= 0:
         raise UserError(
@@ -247,20 +242,14 @@ def read_track(
     cycles = packet_lengths.packet_lengths(read.packets.time * 1e3)
     shares = ", ".join(f"{share:g}" for share in packet_lengths.as_campaign(cycles))
     notes = (
+        *read.packets.notes,
         f"packets are those of console {read.profile.name}; the robot would drop"
         f" {dropped:,} of {rows:,}",
         f"campaign.packets = [{shares}] makes packets last as long as these, up to {MOST_CYCLES}"
         " ms",
     )
-    return Track(
-        path,
-        read.packets.clock,
-        tracks,
-        read.pedal,
-        (PACKET,),
-        tuple(f"{PACKET} ({arm})" for arm in ARMS if arm not in arms),
-        (*read.packets.notes, *notes),
-    )
+    ignored = tuple(f"{PACKET} ({arm})" for arm in ARMS if arm not in arms)
+    return Track(path, read.packets.clock, tracks, read.pedal, (PACKET,), ignored, notes)
 
 
 def _profile(
@@ -289,8 +278,7 @@ def _profile(
 def _in_seconds(path: Path, packets: RawPackets, profile: ConsoleProfile) -> RawPackets:
     """Return packets with their arrival times in seconds, and a description of their clock.
 
-    If the column's unit contradicts the profile's rate, but another unit agrees with it, use that
-    unit and add a note.
+    If only another unit than the column's agrees with the profile's rate, use it and add a note.
     """
     since, name = packets.time, packets.clock
     if not name:
@@ -324,8 +312,8 @@ def _in_seconds(path: Path, packets: RawPackets, profile: ConsoleProfile) -> Raw
 def read_stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketStream:
     """Return the decoded packets of a Parquet file or a network capture.
 
-    console: name or file of a console profile, or "auto". Raise UserError if the packets do not fit
-    the profile.
+    console: name or file of a console profile, or "auto". Raise UserError if the packets do not
+    fit.
     """
     packets, profile = time_packets(path, console, arms)
     fields, count = packets.fields, len(arms)
@@ -353,11 +341,9 @@ def read_stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketSt
     if len(misfits) > MOST_MISFITS * rows:
         others = [other for other in loading.bundled_profiles() if other != profile]
         fits = matching_profile(misfits, others, arms)
-        advice = (
-            f"they fit {fits}: write operator.console = '{fits}'"
-            if fits
-            else "no bundled profile fits them"
-        )
+        advice = "no bundled profile fits them"
+        if fits:
+            advice = f"they fit {fits}: write operator.console = '{fits}'"
         raise UserError(
             f"{path}: {len(misfits)} of {rows} packets do not fit console {profile.name}, the last"
             f" because of {why}; {advice}"
@@ -381,8 +367,7 @@ def _restarts(number: int, last: int, silence_s: float) -> bool:
 def _accumulated(quat: np.ndarray, turns: np.ndarray) -> np.ndarray:
     """Return the orientations after each rotation in `turns` [T, 4], as unit quaternions [T, 4].
 
-    quat: orientation before the first. Each rotation is multiplied from the left, as the robot
-    does.
+    quat: orientation before the first. Rotations multiply from the left, as on the robot.
     """
     from scipy.spatial.transform import Rotation
 

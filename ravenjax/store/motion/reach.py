@@ -1,6 +1,4 @@
-"""Computes which poses of a recording an arm can reach within its joint limits, and the joints
-there.
-"""
+"""Computes which poses of a recording an arm can reach within its joint limits."""
 
 from __future__ import annotations
 
@@ -19,8 +17,7 @@ MARGIN_RAD, MARGIN_M = math.radians(1.0), 2e-3
 
 LARGEST_STEP = 0.1
 """Largest step of a joint per millisecond, rad or m. A larger step is no motion of the arm, but a
-change to another solution of the inverse kinematics.
-"""
+change to another solution of the inverse kinematics."""
 
 BLOCK_ROWS = 4096
 
@@ -29,8 +26,7 @@ _INSERTION = JOINTS.index("insertion")
 
 class Bounds(NamedTuple):
     """Soft limits of shoulder, elbow (rad), insertion (m), tool roll and wrist (rad), without
-    margin; and how the control software limits the opening of the jaws.
-    """
+    margin; and how the control software limits the opening of the jaws."""
 
     lower: tuple[float, ...]
     upper: tuple[float, ...]
@@ -63,8 +59,7 @@ class ArmReach(NamedTuple):
 
     jpos: np.ndarray  # [T, A, 7] rad and m
     inside: np.ndarray  # [T, A] whether the pose is reachable within the joint limits
-    # [T] whether some joint jumps between this row and the row before.
-    leaps: np.ndarray
+    leaps: np.ndarray  # [T] whether some joint jumps between this row and the row before
 
     def first_bad(self, begin: int, end: int) -> int | None:
         """Return the first row that prevents a replay of the rows `begin` to `end` - 1."""
@@ -88,9 +83,7 @@ def _arm_joints(poses: Poses, i: int, bounds: Bounds) -> tuple[np.ndarray, np.nd
     rows, best, inside = len(poses.position), [], []
     for begin in range(0, rows, BLOCK_ROWS):
         candidates, valid = _candidates(poses, i, np.arange(begin, min(begin + BLOCK_ROWS, rows)))
-        fits = valid & ((candidates[..., :5] >= lower) & (candidates[..., :5] <= upper)).all(
-            axis=-1
-        )
+        fits = valid & ((candidates[..., :5] >= lower) & (candidates[..., :5] <= upper)).all(-1)
         first = np.argmax(fits, axis=1)
         best.append(np.take_along_axis(candidates, first[:, None, None], axis=1)[:, 0])
         inside.append(fits.any(axis=1))
@@ -120,8 +113,7 @@ def unreached_reason(poses: Poses, row: int, bounds: Bounds) -> str:
 
 def _candidates(poses: Poses, i: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the solutions of inverse kinematics for n <= BLOCK_ROWS rows of one arm: joint
-    positions [n, 8, 7], and whether each is valid [n, 8].
-    """
+    positions [n, 8, 7], and whether each is valid [n, 8]."""
     from ravenjax.numbers.lazy import jax
 
     # Always BLOCK_ROWS rows, the last repeated, so that JAX compiles the solver only once.
@@ -146,9 +138,7 @@ def _solver(arm: ArmName) -> Callable[..., Any]:
         # Returns all joint positions [8, 7] that reach one pose, and whether each is valid.
         pose = kinematics.Pose(Vec(position), matrix_from_quat(Vec(quat)))
         candidates = kinematics.inverse_candidates(arm, pose)
-        solutions = [
-            jnp.stack(list(joint_from_theta(arm, theta, opening))) for theta, _ in candidates
-        ]
+        solutions = [jnp.stack([*joint_from_theta(arm, theta, opening)]) for theta, _ in candidates]
         return jnp.stack(solutions), jnp.stack([jnp.asarray(valid) for _, valid in candidates])
 
     return jax.jit(jax.vmap(solve))

@@ -45,8 +45,7 @@ class HandRecording:
     poses: Poses  # tip poses at 1 kHz, filtered if the options say so
     unfiltered: np.ndarray  # [rows, A, 3] m, positions before the low-pass filter
     pedal: np.ndarray | None  # [rows] 1 down, 0 up
-    # [rows] False in gaps and jumps that the options do not permit.
-    covered: np.ndarray
+    covered: np.ndarray  # [rows] False in gaps and jumps that the options do not permit
     # Rows after such gaps and jumps, at which a new continuous stretch begins.
     cuts: tuple[int, ...]
     spikes: tuple[Spike, ...]
@@ -110,9 +109,8 @@ def _read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -
                 f" {lacking[0]}; write a value without names of arms if all have the same"
             )
     if kind == STREAM:
-        return packet_file.read_track(
-            path, arms, options.console, {arm: home_pose(arm) for arm in arms}
-        )
+        homes: dict[ArmName, Home] = {arm: home_pose(arm) for arm in arms}
+        return packet_file.read_track(path, arms, options.console, homes)
     return source.read_track(path, arms, options)
 
 
@@ -136,15 +134,12 @@ def load_recording(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions
     ]
     rows = math.floor(min(times[-1] for times in time_s.values()) / TICK_S + 1e-6) + 1
     if rows < 2:
-        raise UserError(
-            f"{path}: lasts less than 2 ms, or its arms were not recorded at the same time"
-        )
-    unfiltered, pedal = _evenly(track, time_s, jumps, options, rows)
+        raise UserError(f"{path}: lasts less than 2 ms, or arms were recorded at different times")
+    removed = jumps if options.spikes == "remove" else []
+    unfiltered, pedal = _evenly(track, time_s, removed, rows)
     gaps = tuple(_gaps(time_s))
     breaks = [(begin, end) for _, begin, end in gaps if end - begin > options.max_gap_s]
-    breaks += [
-        (spike.begin_s, spike.end_s) for spike in spikes.refused_jumps(jumps, options.spikes)
-    ]
+    breaks += [(jump.begin_s, jump.end_s) for jump in spikes.refused_jumps(jumps, options.spikes)]
     covered = np.ones(rows, bool)
     for begin, end in breaks:
         covered[math.floor(begin / TICK_S + 1e-6) + 1 : _row_at(end)] = False
@@ -178,9 +173,7 @@ def require_readable(path: Path) -> None:
         there = "this is a folder" if path.is_dir() else "no such file"
         raise UserError(f"{path}: {there}; expected a recorded operator motion ({ANY_KIND})")
     if path.suffix.lower() not in KINDS:
-        raise UserError(
-            f"{path}: unknown kind of file {path.suffix.lower()!r}; expected {ANY_KIND}"
-        )
+        raise UserError(f"{path}: unknown kind of file {path.suffix.lower()!r}; write {ANY_KIND}")
     files.require_content(path)
 
 
@@ -198,22 +191,16 @@ def _times(track: Track, options: ReplayOptions) -> dict[str, np.ndarray]:
 
 
 def _evenly(
-    track: Track,
-    time_s: dict[str, np.ndarray],
-    jumps: list[Spike],
-    options: ReplayOptions,
-    rows: int,
+    track: Track, time_s: dict[str, np.ndarray], removed: list[Spike], rows: int
 ) -> tuple[Poses, np.ndarray | None]:
-    # Resamples the poses to one per millisecond.
+    # Resamples the poses, without the removed samples, to one per millisecond.
     at = np.arange(rows) * TICK_S
     position, quat, opening = [], [], []
     arms: tuple[ArmName, ...] = tuple(arm for arm in ARMS if arm in track.arms)
     for arm in arms:
         samples, times, home = track.arms[arm], time_s[arm], home_pose(arm)
-        if options.spikes == "remove":
-            samples, times = spikes.remove_spikes(
-                samples, times, [spike for spike in jumps if spike.arm == arm]
-            )
+        own = [spike for spike in removed if spike.arm == arm]
+        samples, times = spikes.remove_spikes(samples, times, own)
         position.append(resampling.by_time(times, samples.position, at))
         quat.append(
             np.repeat(home.quat[None], rows, axis=0)

@@ -144,8 +144,8 @@ def replay_motion(
     """Return a recorded motion, replayed for `ticks` ms; None: until its window ends.
 
     scale: teleoperation scale at which the tip moves as recorded. bounds: soft joint limits. Raise
-    UserError if the file cannot be used, or if the replayed part has a gap or a jump, is too short
-    or leaves the joint limits.
+    UserError if the file cannot be used, or if the replayed part has a gap or a jump, is too
+    short or leaves the joint limits.
     """
     path = Path(path)
     require_readable(path)
@@ -154,8 +154,7 @@ def replay_motion(
     return _replay(path, key, arms, options or ReplayOptions(), ticks, scale, bounds)
 
 
-# Cached, because a campaign is planned several times: before it starts, and whenever its stopping
-# rule is evaluated.
+# Cached, because a campaign is planned before it starts and at each look of its stop rule.
 @functools.lru_cache(maxsize=2)
 def _replay(
     path: Path,
@@ -178,15 +177,11 @@ def _replay(
         pedal = pedal * recording.pedal[np.floor(rows + 1e-9).astype(int)]
     _require_moving(recording, begin, end, rows[pedal > 0])
     poses = recording.poses
-    hands = [
-        _itp(
-            arm,
-            resampling.at_rows(poses.position[:, i], rows),
-            resampling.at_rows(poses.quat[:, i], rows),
-            scale,
-        )
-        for i, arm in enumerate(arms)
-    ]
+    hands = []
+    for i, arm in enumerate(arms):
+        tip = resampling.at_rows(poses.position[:, i], rows)
+        turn = resampling.at_rows(poses.quat[:, i], rows)
+        hands.append(_itp(arm, tip, turn, scale))
     position, quat = (np.stack(part, axis=1) for part in zip(*hands, strict=True))
     opening = resampling.at_rows(poses.opening_mrad, rows)
     motion = Motion(
@@ -222,15 +217,13 @@ def require_scales(replay: OperatorReplay, scales: Sequence[float] | np.ndarray)
         )
 
 
-def motion_courses(
-    recording: HandRecording, inside: np.ndarray, rows: np.ndarray
-) -> tuple[TipCourse, ...]:
+def tip_courses(recording: HandRecording, inside: np.ndarray, rows: np.ndarray) -> list[TipCourse]:
     """Return the curves of a plot for each arm: recorded samples, and the replayed motion.
 
     inside: [rows, A] whether each pose is reachable. rows: see `OperatorReplay.rows`.
     """
     limit = recording.options.max_gap_s
-    return tuple(
+    return [
         TipCourse(
             arm=arm,
             recorded_s=recording.time_s[arm],
@@ -246,7 +239,7 @@ def motion_courses(
             spikes=tuple(spike.time_s for spike in recording.spikes if spike.arm == arm),
         )
         for i, arm in enumerate(recording.poses.arms)
-    )
+    ]
 
 
 def _window(recording: HandRecording) -> tuple[int, int]:
@@ -299,9 +292,8 @@ def _require_inside(
     if (bad := reachable.first_bad(begin, end)) is None:
         return
     inside = np.all(reachable.inside, axis=1)
-    usable = _longest_first(
-        recording, inside & recording.covered, np.flatnonzero(reachable.leaps).tolist()
-    )
+    leaps = np.flatnonzero(reachable.leaps).tolist()
+    usable = _longest_first(recording, inside & recording.covered, leaps)
     where = f"of the part to replay, {begin * TICK_S:.3f} to {end * TICK_S:.3f} s of the recording"
     advice = (
         f"Reachable stretches, longest first: {format_spans(usable)}. Write a stretch, or a part"
@@ -326,8 +318,7 @@ def _longest_first(
     recording: HandRecording, mask: np.ndarray, cuts: Sequence[int] = ()
 ) -> list[tuple[float, float]]:
     """Return (begin, end) in s of the stretches of at least two rows in which `mask` is true, the
-    longest first. A new stretch begins at each row in `cuts`, and after each gap.
-    """
+    longest first. A new stretch begins at each row in `cuts`, and after each gap."""
     spans = resampling.true_stretches(mask, sorted([*recording.cuts, *cuts]))
     spans = [span for span in spans if span[1] - span[0] > 1]
     return resampling.spans_in_seconds(sorted(spans, key=lambda span: span[0] - span[1]))
@@ -358,8 +349,7 @@ def _itp(
     arm: ArmName, position: np.ndarray, quat: np.ndarray, scale: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the console's positions [T, 3], um, and quaternions [T, 4] in the ITP frame, relative
-    to the first row. position, quat: tip poses in frame 0.
-    """
+    to the first row. position, quat: tip poses in frame 0."""
     from scipy.spatial.transform import Rotation
 
     from ravenjax.robots.raven2.geometry.mapping import ITP_AXES

@@ -1,5 +1,4 @@
-"""Resamples samples at arbitrary times to one sample per millisecond, with an optional low-pass
-filter.
+"""Resamples to one sample per millisecond, with an optional low-pass filter.
 
 The interpolating curve contains every sample. Between two samples the piecewise cubic (PCHIP) is
 monotonic: it has no corners and stays within the recorded values. For a curve with a second

@@ -1,8 +1,7 @@
 """Reads tables and bags of robots and of operators' hands, with uniform names of columns.
 
 The manual page `docs/how-to/recordings.md` lists columns and topics. Replays of operators and the
-calibration of robots read their files with this module, so the same checks of numbers, units and
-times apply.
+calibration of robots read their files with this module, so the same checks apply.
 """
 
 from __future__ import annotations
@@ -95,9 +94,7 @@ class Samples:
         factors = {f"{name}_{unit}".rstrip("_"): factor for unit, factor in units.items()}
         names = [column for column in factors if column in self.table]
         if len(names) > 1:
-            raise UserError(
-                f"{self.path}: columns {' and '.join(names)} mean the same; keep one of them"
-            )
+            raise UserError(f"{self.path}: columns {' and '.join(names)} mean the same; keep one")
         if not names:
             return None
         numbers = self.numbers(names[0])
@@ -314,9 +311,7 @@ class Bag:
         return found[0] if found else None
 
     def missing(self, arm: str, *ends: str) -> UserError:
-        """Return the error for a bag without topics of an arm. It names the option that selects
-        other topics.
-        """
+        """Return the error for a bag without topics of an arm; it names the option for others."""
         space = self._options.topics.get(arm, f"/{ARM_TOPICS[arm]}")
         taken = [f"/{name}/" for one, name in ARM_TOPICS.items() if one != arm]
         others = [t for t in self.kinds if t.endswith(ends) and not any(x in t for x in taken)]
@@ -406,9 +401,8 @@ def _jaws(
         return None
     jaw = bag.read(topic, stamped)
     if alone:
-        opening = np.array(
-            [one.position[0] if len(one.position) else np.nan for one in jaw.messages]
-        )
+        # A message without a position gives NaN.
+        opening = np.array([[*one.position, np.nan][0] for one in jaw.messages])
     else:
         opening = bags.read_joints(bag.path, jaw)[:, JOINTS.index("grasp1") :].sum(axis=1)
         if np.isnan(opening).any():

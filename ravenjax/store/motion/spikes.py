@@ -32,8 +32,7 @@ class Spike(NamedTuple):
 
     arm: str
     row: int  # first sample after the jump
-    # Number of samples until the tip jumps back; 0: it does not.
-    rows: int
+    rows: int  # number of samples until the tip jumps back; 0: it does not
     time_s: float  # time of the first sample after the jump
     size_mm: float  # largest distance from the sample before the jump
     begin_s: float  # time of the sample before the jump
@@ -42,15 +41,11 @@ class Spike(NamedTuple):
     @property
     def words(self) -> str:
         """Return row, time and size as text."""
-        what = f"{self.size_mm:.3g} mm"
-        length = (
-            f" for {self.rows} rows"
-            if self.rows > 1
-            else ""
-            if self.rows
-            else ", without jumping back"
-        )
-        return f"row {self.row} ({self.time_s:.3f} s, {self.arm}): {what}{length}"
+        length = f" for {self.rows} rows" if self.rows > 1 else ""
+        if not self.rows:
+            length = ", without jumping back"
+        place = f"row {self.row} ({self.time_s:.3f} s, {self.arm})"
+        return f"{place}: {self.size_mm:.3g} mm{length}"
 
 
 def find_spikes(arm: str, track: ArmTrack, time_s: np.ndarray, max_gap_s: float) -> list[Spike]:

@@ -13,27 +13,20 @@ from ravenjax.store.motion.options import MOST_GAP_S, ReplayOptions
 
 NAMES = ("time", "t", "stamp", "timestamp")
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-"""Seconds per unit. A column contains times if its name is one of NAMES and a unit, such as
-`t_ms`.
-"""
+"""Seconds per unit. A column of times has one of NAMES and a unit as name, such as `t_ms`."""
 
 LOWEST_HZ, HIGHEST_HZ = 10.0, 20_000.0
-"""Plausible sample rates of recorded hand motions. With a rate outside this range, the unit of the
-times is most likely wrong.
-"""
+"""Plausible sample rates of hand motions. Outside, the unit of the times is most likely wrong."""
 
 USUAL_STEPS, LEAST_GAP_S = 3.0, 0.02
-"""A time step between samples is a gap if it is longer than LEAST_GAP_S and than USUAL_STEPS times
-the median step.
-"""
+"""A time step is a gap if it exceeds LEAST_GAP_S and USUAL_STEPS times the median step."""
 
 RATES_AGREE = 0.05
 """Largest relative difference between the rate that a user states and that of the time stamps."""
 
 BURSTS, LEAST_ROWS = 4.0, 20
 """Rows come in bursts if the median time step is BURSTS times shorter than the mean step. The mean
-does not include the few longest steps. Fewer than LEAST_ROWS rows are not checked.
-"""
+does not include the few longest steps. Fewer than LEAST_ROWS rows are not checked."""
 
 
 def time_columns(names: Iterable[str], stems: tuple[str, ...] = NAMES) -> list[str]:
@@ -55,8 +48,7 @@ def seconds_since_first(values: np.ndarray) -> np.ndarray:
 def sample_times(
     path: Path, clock: str, seconds: np.ndarray | None, rows: int, options: ReplayOptions
 ) -> tuple[np.ndarray | None, str, tuple[str, ...]]:
-    """Return the times of rows [T], s (None if rows are evenly spaced), the name of their source,
-    and notes.
+    """Return the times of rows [T], s (None if rows are evenly spaced), their source, and notes.
 
     clock, seconds: source and times in the file, if it has any. Raise UserError if neither the file
     nor `options.rate_hz` gives the times of rows, or if they contradict each other.
@@ -88,9 +80,7 @@ def sample_times(
 
 
 def require_plausible(path: Path, time_s: np.ndarray, clock: str, options: ReplayOptions) -> None:
-    """Raise UserError for time stamps [T] that repeat, decrease, come in bursts or have an
-    implausible rate.
-    """
+    """Raise UserError for times [T] that repeat, decrease, come in bursts or at a strange rate."""
     if len(time_s) < 2:
         raise UserError(f"{path}: {clock}: {len(time_s)} samples; expected a motion of at least 2")
     steps, span = np.diff(time_s), float(time_s[-1] - time_s[0])

@@ -1,5 +1,4 @@
-"""Summarises a recording and the motion made from it, for the manifest, the terminal and the
-report.
+"""Summarises a recording and the motion made from it, for manifest, terminal and report.
 
 The texts are in summary.j2.
 """
@@ -30,8 +29,7 @@ class ArmSummary(BaseModel):
     distance_mm: tuple[float, float]  # least and greatest distance from the remote centre
     start_mm: tuple[float, float, float]  # first position in frame 0
     from_home_mm: float  # distance of the first position from that after homing
-    # Removed by the low-pass filter: root mean square (mm), largest value (mm), and its time in the
-    # recording (s).
+    # Removed by the low-pass filter: root mean square (mm), largest value (mm), and its time (s).
     removed: tuple[float, float, float] | None = None
 
 
@@ -57,19 +55,16 @@ class MotionSummary(BaseModel):
     gaps: int  # number of time steps longer than three median steps
     longest_gap: tuple[int, float, float] | None  # row before the gap, begin, length in s
     spikes: tuple[str, ...]  # description of each jump of a tip
-    # Stretches that cannot be replayed, the longest first.
-    outside: tuple[tuple[float, float], ...]
+    outside: tuple[tuple[float, float], ...]  # stretches that cannot be replayed, the longest first
     outside_share: float  # share of the recording
     window_s: tuple[float, float]  # the replayed part
     campaign_s: float  # length of the motion
-    # Time in the campaign when the recording ended and the hands stopped or reversed, s; None: it
-    # did not end.
+    # Time in the campaign when the recording ended, so the hands stopped or reversed, s.
     end_s: float | None
     turns: int  # number of reversals of the replay direction after the recording's end
     pedal: str  # "recorded", or "down": constantly down
     pedal_down: float  # share of the campaign with the pedal down
-    # Teleoperation scale at which the tip moves as recorded.
-    scale: float
+    scale: float  # teleoperation scale at which the tip moves as recorded
     # Least and greatest teleoperation scale in a campaign that varies it.
     scales: tuple[float, float] | None = None
     arms: tuple[ArmSummary, ...]
@@ -98,8 +93,7 @@ class TipCourse(NamedTuple):
     recorded: np.ndarray  # [T, 3] positions of all samples of the file
     # [ticks] time in the recording that is replayed in each ms of the campaign.
     replayed_s: np.ndarray
-    # [ticks, 3] replayed positions; empty if nothing can be replayed.
-    replayed: np.ndarray
+    replayed: np.ndarray  # [ticks, 3] replayed positions; empty if nothing can be replayed
     outside: tuple[tuple[float, float], ...]  # stretches that the arm cannot reach
     gaps: tuple[tuple[float, float], ...]  # stretches without samples
     spikes: tuple[float, ...]

@@ -1,5 +1,4 @@
-"""Computes which row of a recording applies in each millisecond of a run, and when the pedal is
-down."""
+"""Computes which row of a recording applies in each tick of a run, and the pedal."""
 
 import math
 from pathlib import Path
@@ -24,10 +23,8 @@ REST_TICKS, RUN_UP_TICKS = round(MOTION_S / TICK_S), round(RUN_UP_S / TICK_S)
 class Timeline(NamedTuple):
     """The replayed row of the recording, and the state of the pedal, in each tick (1 ms)."""
 
-    # [ticks] fractional row of the recording, counted from the first replayed row.
-    row: np.ndarray
-    # [ticks] 1 down, 0 up; the pedal is up before the motion begins.
-    pedal: np.ndarray
+    row: np.ndarray  # [ticks] fractional row of the recording, counted from the first replayed row
+    pedal: np.ndarray  # [ticks] 1 down, 0 up; the pedal is up before the motion begins
     # Time at which the recording ended and the hands stopped or reversed, s; None: it did not end.
     end_s: float | None
     turns: int  # number of reversals of the replay direction

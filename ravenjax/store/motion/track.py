@@ -1,5 +1,4 @@
-"""Stores the content of a recording before any conversion, and checks that its units are
-plausible."""
+"""Stores the content of a recording before any conversion, and checks its units."""
 
 import dataclasses
 import math

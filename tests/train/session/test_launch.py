@@ -192,7 +192,7 @@ def test_sigterm_before_it_begins_ends_it_without_a_traceback(tmp_path):
         if "robot: ready" in line:
             ran.terminate()
     assert ran.wait(60) == 128 + signal.SIGTERM
-    assert "if a session had begun, its recording is kept" in said
+    assert "if a session began, its recording is kept" in said
     assert "Traceback" not in said
 
 

@@ -95,9 +95,8 @@ def step(
     setup: RavenSetup, params: RobotParams, state: RobotState, inputs: RobotInputs
 ) -> tuple[RobotState, RobotSignals]:
     """Compute one millisecond of PLC and mechanics."""
-    plc_inputs = plc.PlcSignal(
-        (inputs.output_pins,), inputs.estop_button != 0, inputs.start_button != 0
-    )
+    estop, start = inputs.estop_button != 0, inputs.start_button != 0
+    plc_inputs = plc.PlcSignal((inputs.output_pins,), estop, start)
     controller, relays = plc.step(setup, params.plc, state.plc, plc_inputs)
     plant_inputs = tuple(plant.PlantSignal(counts, relays.brakes) for counts in inputs.dac)
     stepped = plant.step_all(setup, params.arms, state.arms, plant_inputs)
@@ -197,9 +196,8 @@ class VirtualRobot:
         with run_eagerly():
             state, signals = begin_robot(self.setup, self.params, start, np.int32(level))
         self.reading = self._reading(signals)
-        self._inputs, self._out = (
-            aligned_buffer(1, kinds[name].layout.bytes) for name in ("inputs", "signals")
-        )
+        self._inputs = aligned_buffer(1, kinds["inputs"].layout.bytes)
+        self._out = aligned_buffer(1, kinds["signals"].layout.bytes)
         self._state = kinds["state"].row(state)
         memory = Memory(kinds["params"].row(self.params), self._state, self._inputs, self._out)
         self._step = self.code.machine.bind("robot", memory)
@@ -210,8 +208,7 @@ class VirtualRobot:
         """Run one millisecond.
 
         `dac`: whole counts [arms, 7], as `Output.dac`. `output_pins`: the byte that the control
-        software wrote. Raises UserError, which names the wrong argument; the state is then
-        unchanged.
+        software wrote. Raises UserError for a wrong argument; the state is then unchanged.
         """
         counts = checked.parse_counts("dac", dac, (len(self.setup.arms), 7))
         pins = checked.parse_whole_number("output_pins", output_pins, 0, 255)

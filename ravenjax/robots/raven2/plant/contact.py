@@ -17,8 +17,7 @@ is no friction (*assumed*: wet polished steel). quantities.toml has the sources 
 
 A force F(d, d') is linearised about the depth that the present speed would reach at the end of the
 step. The linear force is solved together with the other implicit forces of the step, which is the
-first Newton step of backward Euler. The method is stable for any stiffness, with an error of second
-order.
+first Newton step of backward Euler. It is stable for any stiffness, with an error of second order.
 """
 
 import functools
@@ -28,8 +27,8 @@ from typing import NamedTuple
 
 from ravenjax.numbers import Scalar, Vec, describe_fields, jnp, record, where
 from ravenjax.numbers.algebra import add, dot, matvec, mul, norm, transpose
-from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.geometry import instrument, scene
+from ravenjax.robots.raven2.setup import ArmName, PerArm
 
 CREEP_M_S = 1e-3
 """Sliding speed (m/s) at which friction is 0.71 of Coulomb's; below it is smaller; *assumed*."""
@@ -95,25 +94,20 @@ class TipContact(NamedTuple):
 
     def after(self, gained: Vec) -> Vec:
         """Return the force (N) in the step. gained: speed gains of the joints, rad/s and m/s."""
-        gained_velocity = self.tip.velocity(gained)
-        normal = jnp.maximum(
-            self.normal.force - self.normal.rate * dot(self.rise, gained_velocity), 0.0
-        )
-        return self.rise * normal - self._sliding(self.velocity + gained_velocity) * self.drag
+        change = self.tip.velocity(gained)
+        normal = jnp.maximum(self.normal.force - self.normal.rate * dot(self.rise, change), 0.0)
+        return self.rise * normal - self._sliding(self.velocity + change) * self.drag
 
     def stiffen(self, system: list[list[Scalar]]) -> None:
         """Add J^T A J to the lower triangle. A: loss of force per gain of tip speed, N s/m."""
         columns, along = self.tip.columns, self.tip.along(self.rise)
         normal_rate = self.normal.rate - self.drag * self.inverse
         for i, column in enumerate(columns):
-            normal_part, friction_part = (
-                mul(normal_rate, along[i]),
-                column.map(lambda x: mul(self.drag, x)),
-            )
+            normal_part = mul(normal_rate, along[i])
+            friction_part = column.map(lambda x: mul(self.drag, x))
             for j in range(i + 1):
-                system[i][j] = add(
-                    system[i][j], add(mul(normal_part, along[j]), dot(friction_part, columns[j]))
-                )
+                added = add(mul(normal_part, along[j]), dot(friction_part, columns[j]))
+                system[i][j] = add(system[i][j], added)
 
     def _sliding(self, velocity: Vec) -> Vec:
         return velocity - self.rise * (dot(self.rise, velocity) * self.inverse)
@@ -169,20 +163,14 @@ class Meeting(NamedTuple):
 
         gained: speed gains of each arm's joints under `normal.force`. yielding: gains per N.
         """
-        gained_speed = dot(self.ways[0], gained[0]) + dot(self.ways[1], gained[1])
+        gain = dot(self.ways[0], gained[0]) + dot(self.ways[1], gained[1])
         yield_speed = dot(self.ways[0], yielding[0]) + dot(self.ways[1], yielding[1])
         rate = self.normal.rate
-        return jnp.maximum(
-            self.normal.force - rate * gained_speed / (1.0 + rate * yield_speed), 0.0
-        )
+        return jnp.maximum(self.normal.force - rate * gain / (1.0 + rate * yield_speed), 0.0)
 
 
 def instruments_meeting(
-    arms: Sequence[ArmName],
-    params: ContactParams,
-    jpos: Sequence[Vec],
-    jvel: Sequence[Vec],
-    dt: float,
+    arms: Sequence[ArmName], params: ContactParams, jpos: PerArm[Vec], jvel: PerArm[Vec], dt: float
 ) -> Meeting:
     """Return the contact of two instruments in the coming `dt` (s). jpos, jvel: 7 per arm."""
     lines = tuple(map(instrument.instrument_line, arms, jpos))
@@ -195,9 +183,8 @@ def instruments_meeting(
         inverse_rotation = transpose(rotation)
         at = matvec(inverse_rotation, best.at[i] - origin)
         direction = matvec(inverse_rotation, apart * sign)
-        joint_speeds.append(
-            instrument.point_on(arms[i], lines[i], at, best.beyond[i]).along(direction)
-        )
+        point = instrument.point_on(arms[i], lines[i], at, best.beyond[i])
+        joint_speeds.append(point.along(direction))
         directions.append(direction)
     closing = -(dot(joint_speeds[0], jvel[0]) + dot(joint_speeds[1], jvel[1]))
     depth = jnp.maximum(best.depth + closing * dt, 0.0)

@@ -1,5 +1,4 @@
-"""Models an arm whose joints, drums and links differ from the drawings, so that its reported tip is
-wrong.
+"""Models an arm that differs from the drawings, so that its reported tip is wrong.
 
 - The **true** arm has links at angles that nobody measures, with the lengths and twists with which
   they were built.
@@ -119,16 +118,13 @@ _RANGES = (
     (0.32, 0.40),
     (-45 * _DEG, 45 * _DEG),
     (0.0, 40 * _DEG),
+    # The jaws keep one angle.
+    (45 * _DEG, 45 * _DEG),
+    (45 * _DEG, 45 * _DEG),
 )
-"""Ranges of shoulder to wrist, rad and m: the workspace of recording `camera_poses_left_arm`."""
+"""Ranges of joints, rad and m: the workspace of recording `camera_poses_left_arm`."""
 POSES = tuple(
-    Vec(
-        (
-            *(ends[i] for ends, i in zip(_RANGES, (a, b, c, a ^ b, b ^ c), strict=True)),
-            45 * _DEG,
-            45 * _DEG,
-        )
-    )
+    Vec(ends[i] for ends, i in zip(_RANGES, (a, b, c, a ^ b, b ^ c, 0, 0), strict=True))
     for a, b, c in itertools.product((0, 1), repeat=3)
 )
 """Eight of the 32 corners of the ranges. Any two joints have all four combinations of ends."""
@@ -151,24 +147,21 @@ def fit_registration(arm: str, true: list[Vec]) -> Registration:
         )
         correction = Vec(dot(Vec(row), residual) for row in solve)
         turn = mapping.matrix_from_quat(Vec((*(Vec(correction[:3]) * 0.5), 1.0)))
-        frame = Registration(
-            matmul(turn, frame.rotation), matvec(turn, frame.translation) + correction[3:]
-        )
+        translation = matvec(turn, frame.translation) + correction[3:]
+        frame = Registration(matmul(turn, frame.rotation), translation)
     return frame
 
 
 def _no_motion() -> Registration:
     zero, one = jnp.float32(0.0), jnp.float32(1.0)
-    return Registration(
-        matrix((one, zero, zero), (zero, one, zero), (zero, zero, one)), Vec((zero,) * 3)
-    )
+    rows = matrix((one, zero, zero), (zero, one, zero), (zero, zero, one))
+    return Registration(rows, Vec((zero,) * 3))
 
 
 @functools.cache
 def _solve_registration(arm: str) -> tuple[list[list[float]], list[list[float]]]:
     """Return the reported tips (m) at POSES, and the matrix [6, 3 * poses] that turns residuals of
-    tips into the rotation (rad) and translation (m) of the least-squares fit.
-    """
+    tips into the rotation (rad) and translation (m) of the least-squares fit."""
     with run_eagerly():  # a trace may call this function
         tips = np.array([kinematics.forward_pose(arm, pose).position for pose in POSES])
     design = np.zeros((len(tips), 3, 6))

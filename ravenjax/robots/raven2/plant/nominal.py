@@ -241,9 +241,8 @@ def step_target(
 
     jpos_d = where(engaged & reachable, allowed, where(engaged, state.jpos_d, jpos))
     target = TargetState(position_um, quat, grasp_mrad, jpos_d)
-    at_joints = replace(
-        init_target(arm, jpos_d), grasp_mrad=where(engaged, grasp_mrad, state.grasp_mrad)
-    )
+    opening = where(engaged, grasp_mrad, state.grasp_mrad)
+    at_joints = replace(init_target(arm, jpos_d), grasp_mrad=opening)
     return where(~engaged | (reachable & clamped), at_joints, target)
 
 

@@ -140,15 +140,12 @@ def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> Pl
         )
         for i in range(N)
     )
-    motors = tuple(
-        drives.at_angle(angle) for angle in _nominal_coupling(setup, arm).motors(jpos0) + stretch
-    )
+    angles = _nominal_coupling(setup, arm).motors(jpos0) + stretch
+    motors = tuple(map(drives.at_angle, angles))
     fractions = Vec(motor.fraction * transmission.ENCODER_RAD for motor in motors)
     zero = jnp.int32(0)
     return PlantState(
-        motors=tuple(
-            drives.Angle(count=zero, fraction=cast(motor.fraction, dtype)) for motor in motors
-        ),
+        motors=tuple(drives.Angle(zero, cast(motor.fraction, dtype)) for motor in motors),
         stretch=cast(stretch, dtype),
         mvel=zeros,
         jvel=zeros,
@@ -189,8 +186,7 @@ def step_all(
 ) -> PerArm[tuple[PlantState, PlantOutput]]:
     """Compute `step` for every arm, and the contact between the instruments of two arms.
 
-    The force between the instruments is solved with the equations of both arms, so it is equal on
-    both.
+    The force between the instruments is solved with the equations of both arms.
     """
     arms = setup.arms
     if touched is None or len(arms) < 2:
@@ -200,18 +196,13 @@ def step_all(
     for _ in range(setup.substeps):
         jpos, jvel = (left.jpos(), right.jpos()), (left.state.jvel, right.state.jvel)
         meeting = contact.instruments_meeting(arms, touched, jpos, jvel, left.dt)
-        equations = [
-            arm.equations(meeting.ways[i] * meeting.normal.force) for i, arm in enumerate(ticks)
-        ]
-        speed_per_force = [
-            arm.solve(equations[i][0], meeting.ways[i]) for i, arm in enumerate(ticks)
-        ]
-        speed_gains = [
-            arm.solve(*equations) for arm, equations in zip(ticks, equations, strict=True)
-        ]
+        ways, pushed = meeting.ways, meeting.normal.force
+        systems = [arm.equations(ways[i] * pushed) for i, arm in enumerate(ticks)]
+        speed_per_force = [arm.solve(systems[i][0], ways[i]) for i, arm in enumerate(ticks)]
+        speed_gains = [arm.solve(*system) for arm, system in zip(ticks, systems, strict=True)]
         force = meeting.solved(speed_gains, speed_per_force)
         for i, arm in enumerate(ticks):
-            speeds = speed_gains[i] + speed_per_force[i] * (force - meeting.normal.force)
+            speeds = speed_gains[i] + speed_per_force[i] * (force - pushed)
             arm.move(speeds, (meeting.apart[i], force))
     return left.end(), right.end()
 
@@ -374,14 +365,10 @@ class _ArmTick:
 
 
 def observe_robot(
-    setup: RavenSetup,
-    arm: ArmName,
-    params: PlantParams,
-    state: PlantState,
-    cable_scale: Vec = _ONES,
+    setup: RavenSetup, arm: ArmName, params: PlantParams, state: PlantState, scale: Vec = _ONES
 ) -> PlantOutput:
-    """Return the outputs of a state. cable_scale: see `PlantSignal`."""
-    scale = _cable_scale(state, cable_scale)
+    """Return the outputs of a state. scale: `PlantSignal.cable_scale`."""
+    scale = _cable_scale(state, scale)
     tension = Vec(
         drives.cable_tension(
             _stiffness(params, i, scale[i]),

@@ -116,7 +116,7 @@ def _merged(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
     out = dict(old)
     for key, value in new.items():
         mine = out.get(key)
-        out[key] = (
-            _merged(mine, value) if isinstance(mine, dict) and isinstance(value, Mapping) else value
-        )
+        if isinstance(mine, dict) and isinstance(value, Mapping):
+            value = _merged(mine, value)
+        out[key] = value
     return out

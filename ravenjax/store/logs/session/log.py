@@ -99,8 +99,7 @@ class SessionWriter:
     def close(self) -> None:
         """Write the index, which readers of other programs need, and close the file.
 
-        The description of the session is at both ends of the file, because rows cannot be read
-        without it.
+        The description of the session is at both ends of the file, because rows need it.
         """
         self._log.finish(self._metadata)
         self._file.close()
@@ -134,8 +133,7 @@ class SessionLog:
     rows: np.ndarray  # float32 [T, numbers that were read]
     events: list[dict[str, Any]]
     complete: bool  # True if the file was closed normally and is not truncated
-    # Number of damaged bytes, and of bytes in an incomplete chunk at the end.
-    lost_bytes: int
+    lost_bytes: int  # number of damaged bytes, and of bytes in an incomplete chunk at the end
 
 
 def read_session_log(path: Path, keeps: Callable[[str], bool] = lambda name: True) -> SessionLog:
@@ -170,14 +168,9 @@ def read_session_log(path: Path, keeps: Callable[[str], bool] = lambda name: Tru
         elif channel is not None and channel.topic == EVENTS:
             events.append(json.loads(topics.ros2_types().decode(message.data, topics.TEXT).data))
     blocks.append(kept(data))
+    row_numbers, rows = np.array(numbers, np.int64), np.concatenate(blocks)
     return SessionLog(
-        header,
-        names,
-        np.array(numbers, np.int64),
-        np.concatenate(blocks),
-        events,
-        content.complete,
-        content.lost_bytes,
+        header, names, row_numbers, rows, events, content.complete, content.lost_bytes
     )
 
 

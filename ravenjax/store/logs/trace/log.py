@@ -1,8 +1,8 @@
 """Writes the time series of one run as an MCAP file with the topics and message types of ROS 2.
 
 The file opens in Foxglove, Lichtblick, PlotJuggler, rerun and `ros2 bag`. Gold is arm1, green arm2,
-as in the CRTK interface of raven2. Poses are in frame 0 of their arm, `armN_frame0`. The topic /tf
-has the frames.
+as in the CRTK interface of raven2. Poses are in frame 0 of their arm, `armN_frame0`. /tf has the
+frames.
 
     world -> armN_frame0 -> armN_tip_measured, armN_tip_true, armN_tip_model
 
@@ -17,8 +17,8 @@ These are the topics of each arm. A topic is missing if its series is.
 A tip without a rotation among the series is a point, `/armN/model_tip`, instead of a pose. Events
 are on /ravenjax/events (std_msgs/String, one JSON object each), and as text on /ravenjax/log
 (rcl_interfaces/Log). Every series [T] or [T, k] without a topic becomes one or k named float64
-fields of the flat message on /ravenjax/signals. The true tip and the golden run's tip are fields of
-this message, too.
+fields of the flat message on /ravenjax/signals. The true tip and the golden run's tip are fields,
+too.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -50,8 +50,7 @@ def write_trace(
     events: Sequence[Mapping[str, Any]] = (),
     robot: Robot = robots.USUAL,
 ) -> None:
-    """Write the time series of one run, one message per topic and millisecond, with the first tick
-    at time 0.
+    """Write the time series of one run from time 0, one message per topic and millisecond.
 
     metadata: run id, fault and so on. bases: base of each arm; without a base, the frame 0 of an
     arm has no parent frame. events: dicts with "tick" (ms), "kind", "text" and "level", one of
@@ -59,7 +58,7 @@ def write_trace(
     """
     arrays = {name: np.asarray(values) for name, values in series.items()}
     ticks = time_series.check_series(arrays, str(path))
-    filled = [*topics.standard_topics(robot, arrays, bases or {}), *_signals(robot, arrays)]
+    pairs = [*topics.standard_topics(robot, arrays, bases or {}), *_signals(robot, arrays)]
     events_of: dict[int, list[Mapping[str, Any]]] = {}
     for event in events:
         events_of.setdefault(max(0, int(event["tick"])), []).append(event)
@@ -67,12 +66,10 @@ def write_trace(
     def fill(target: Path) -> None:
         # Writes all series in blocks of ticks, so that messages are almost in the order of time.
         with open(target, "wb") as file:
-            log = topics.LogWriter(
-                file, [topic for topic, _ in filled], metadata or {}, CHUNK_BYTES
-            )
+            log = topics.LogWriter(file, [topic for topic, _ in pairs], metadata or {}, CHUNK_BYTES)
             for first in range(0, ticks, BLOCK):
                 numbers = np.arange(first, min(first + BLOCK, ticks))
-                for topic, values in filled:
+                for topic, values in pairs:
                     log.add(topic, numbers * TICK_NS, numbers, values[numbers])
                 for tick in numbers.tolist():
                     for event in events_of.get(tick, ()):
