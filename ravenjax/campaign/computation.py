@@ -58,7 +58,8 @@ STANDS_STILL = 0.1
 _FROM_GOLDEN = re.compile(r"\b(unintended|loss|false_report|from_golden)\b")
 SORTED_ROWS, SORTED_TICKS = 2**14, 2**28
 """Number of rows in a window, and of ticks of these rows, with which enough rows have faults that
-begin at about the same time. Such rows can start from one checkpoint."""
+begin at about the same time. Such rows can start from one checkpoint.
+"""
 
 
 class Computation:

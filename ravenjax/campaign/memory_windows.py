@@ -10,7 +10,8 @@ import numpy as np
 
 SHARED = 32
 """Smallest mean number of lanes per golden run with which an engine stores a golden run's series
-once. With fewer lanes it stores a copy for each lane."""
+once. With fewer lanes it stores a copy for each lane.
+"""
 
 
 class Window(NamedTuple):

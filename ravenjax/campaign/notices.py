@@ -258,7 +258,8 @@ def _channels(plan: Plan) -> list[tuple[str, Channel]]:
 
 def _numbers(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the value of each fault, the ticks in which it may act, and the usual value of its
-    signal (NaN if unknown), [runs, slots]."""
+    signal (NaN if unknown), [runs, slots].
+    """
     usual = np.full(plan.faults["code"].shape, np.nan)
     for code, (site, channel) in enumerate(_channels(plan), start=1):
         number = np.nan if channel.usual is None else channel.usual

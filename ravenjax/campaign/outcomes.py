@@ -16,7 +16,8 @@ from ravenjax.vocabulary import checks, failures
 
 _FIRST_ALARM = re.compile(r"detector\d+_threshold0_(first_ms|alarms)|harm_\w+_first_ms")
 """Columns of alarms at the first threshold of a detector, at which it may stop the robot, and of
-harms that the campaign defines."""
+harms that the campaign defines.
+"""
 
 Columns = Mapping[str, np.ndarray]
 """Outcome -> array [rows], as an engine returns them. A DataFrame is accepted, too."""

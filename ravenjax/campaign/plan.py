@@ -152,7 +152,8 @@ def make_plan(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
 
 def known_parameters(params: Any, setup: Setup) -> list[str]:
     """Return every path that a campaign may vary: full paths, paths without the arm, and paths of
-    whole vectors."""
+    whole vectors.
+    """
     names: dict[str, None] = {}
     for full, _ in paths.path_leaves(params, setup):
         if full.startswith("start."):

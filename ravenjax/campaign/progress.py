@@ -76,7 +76,8 @@ class Progress:
         notes: tuple[str, ...] = (),
     ) -> None:
         """engine: engine and device, as text. total: number of runs of the campaign. rows: number
-        of runs that this start computes, each with `ticks` ticks."""
+        of runs that this start computes, each with `ticks` ticks.
+        """
         earlier = total - rows
         self.status = Status("compile", earlier, total, engine, earlier=earlier, notes=notes)
         self._on_progress = on_progress

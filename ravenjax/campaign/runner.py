@@ -29,7 +29,8 @@ from ravenjax.store.folder import ResultFolder, Results
 
 PART_TICKS, LEAST_ROWS = 2**27, 256
 """Number of ticks in a file of the result, which a core computes in ten seconds, and the smallest
-number of its rows. So runs of long operations are stored early."""
+number of its rows. So runs of long operations are stored early.
+"""
 
 
 def run_campaign(

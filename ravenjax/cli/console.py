@@ -114,7 +114,8 @@ def print_findings(
     **content: Any,
 ) -> None:
     """Print sentences, tables and the paths of written files, or sentences, files and `content` as
-    JSON. tables: title and rows, of which the first has the headings."""
+    JSON. tables: title and rows, of which the first has the headings.
+    """
     if as_json:
         return emit_json(content | {"sentences": sentences, "files": files})
     print_text("\n".join(sentences))
@@ -163,7 +164,8 @@ def print_note(text: str) -> None:
 
 def load_module(name: str) -> Any:
     """Import and return a module of the folder `analysis` of a checkout, such as
-    "studies.claims". Raise UserError if ravenjax runs from an installed package."""
+    "studies.claims". Raise UserError if ravenjax runs from an installed package.
+    """
     analysis = Path(__file__).resolve().parents[2] / "analysis"
     folder = analysis / name.partition(".")[0]
     if not (folder / "__init__.py").is_file():

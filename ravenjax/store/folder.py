@@ -128,7 +128,8 @@ class ResultFolder:
 
     def close(self, compile_s: float, run_s: float, rows: int, notes: Sequence[str] = ()) -> None:
         """Write the times of this start (s), the number of rows it computed, and its notes into
-        the manifest. If all rows are stored, also write the finish time."""
+        the manifest. If all rows are stored, also write the finish time.
+        """
         notices = tuple(dict.fromkeys((*self._manifest.notices, *notes)))
         update: dict[str, Any] = {"notices": notices}
         if rows:

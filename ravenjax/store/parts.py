@@ -35,7 +35,8 @@ Fewer rows take longer to write than to compute. More rows are stored too late.
 """
 ALONE, PARTS = 4, 32
 """ALONE: factor on the smallest number if one process computes all runs, because its threads wait
-for the writer. PARTS: number of parts per process, if this gives enough rows."""
+for the writer. PARTS: number of parts per process, if this gives enough rows.
+"""
 
 
 Row = Annotated[int, Field(ge=0, lt=10**9)]

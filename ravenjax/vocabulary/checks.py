@@ -87,7 +87,8 @@ def of_own(name: str, at: str, acts: Action) -> Check:
 
 BUILT_IN = "built_in_response"
 """Column of the response of the built-in checks alone, if the column `response` includes users'
-checks and detectors."""
+checks and detectors.
+"""
 
 
 def needs_own_columns(added: Iterable[Check], stops: bool) -> bool:

@@ -11,7 +11,8 @@ from typing import NamedTuple
 DIFFERS, LEAVES = "differs:", "leaves:"
 NEAR, GOLDEN_NEAR, NEAR_MS = "near:", "golden_near:", "near_ms:"
 """Beginnings of the columns of explained runs: ticks of a number, and margins of a check until
-harm."""
+harm.
+"""
 
 
 class SeamChannel(NamedTuple):

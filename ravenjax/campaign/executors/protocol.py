@@ -28,7 +28,8 @@ from ravenjax.engines.interface import Engine
 
 Pack = Callable[[Mapping[str, Any]], Any]
 """Function that converts the columns of a chunk to what is stored, such as the bytes of a file. It
-is called in the process that computes the chunk."""
+is called in the process that computes the chunk.
+"""
 
 WRITERS = 12
 """Largest number of chunks that executor `local` packs and delivers in parallel."""

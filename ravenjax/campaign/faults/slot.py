@@ -84,7 +84,8 @@ def _times(
     name: str, axis: Axis, places: np.ndarray, periodic: np.ndarray, step: int
 ) -> np.ndarray:
     """Return valid times: multiples of `step`, at least 0 or `step`. Only the word END in a file
-    means UNTIL_END."""
+    means UNTIL_END.
+    """
     drawn = axis.at(places, whole=step)
     times = np.maximum(drawn // step * step, step if name in ("period_ms", "duration_ms") else 0)
     if name == "period_ms":

@@ -21,7 +21,8 @@ ARRAYS = dict.fromkeys(_INTEGERS, np.int32) | {"value": np.float32, "key": np.ui
 
 SHARED = "shared_id"
 """Column of a fault table with crossed parameters: the id of the first run that differs only in
-these parameters."""
+these parameters.
+"""
 
 Target = tuple[str, str, str]
 """(site, arm, channel); arm is "" if the site has none."""

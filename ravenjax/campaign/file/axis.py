@@ -46,7 +46,8 @@ UNTIL_END = -1
 
 TAIL = 7.04
 """Largest distance from the mean, in standard deviations, that is drawn from a normal distribution.
-It is the quantile of 1e-12."""
+It is the quantile of 1e-12.
+"""
 
 
 class Moment(NamedTuple):

@@ -111,7 +111,8 @@ else:
 
 class Fault(Section):
     """[[group.fault]]: one fault of each run in the group. Each key except site may have a value,
-    a list or a distribution."""
+    a list or a distribution.
+    """
 
     site: str
     """fault site at which the fault acts, see `ravenjax faults`"""
@@ -171,7 +172,8 @@ class Fault(Section):
 
 class Run(Section):
     """[[group.run]]: one run of a group with design = "list". It has the keys that differ from
-    those of the group, with single values."""
+    those of the group, with single values.
+    """
 
     fault: tuple[
         dict[str, str | int | float | dict[Literal["phase", "share"], str | float]], ...

@@ -153,7 +153,8 @@ _UpTo8 = Annotated[int, Field(ge=1, le=8)]
 
 class Detector(Section):
     """[[detector]]: a detector, which observes the runs and may raise alarms. If `fusion` or
-    `consecutive` is a list, each combination of their values is one detector."""
+    `consecutive` is a list, each combination of their values is one detector.
+    """
 
     name: str = Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*$", max_length=60)
     """name of the detector in tables"""
@@ -268,7 +269,8 @@ class OwnCheck(Section):
 
 class OwnHarm(Section):
     """[[harm]]: a harm that you define. It begins in the first millisecond in which its expression
-    is true, even in a run without a fault."""
+    is true, even in a run without a fault.
+    """
 
     name: own_part.OwnName
     """name of the harm in tables; its columns are harm_NAME_.."""

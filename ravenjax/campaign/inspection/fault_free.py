@@ -32,7 +32,8 @@ DRAWN = 4
 """Runs of each motion if parameters of the robot are drawn from distributions."""
 ENOUGH, LITTLE = 10, 0.1
 """After ENOUGH motions with a smaller share of time in pedal-down than LITTLE,
-`extend_fault_free` raises UserError, because something stops the robot early in each motion."""
+`extend_fault_free` raises UserError, because something stops the robot early in each motion.
+"""
 MS_PER_HOUR = 3.6e6
 
 

@@ -38,7 +38,8 @@ def campaign_schema(robot: Robot) -> Schema:
 
 def of_model(robot: Robot, model: type[BaseModel]) -> Schema:
     """Return the JSON Schema of a file that `model` checks, with the robot's sites, arms, phases
-    and parameters as allowed words."""
+    and parameters as allowed words.
+    """
     whole = {"$schema": DIALECT, **model.model_json_schema()}
     tidy_schema(whole)
     definitions = whole.setdefault("$defs", {})
@@ -129,7 +130,8 @@ _OWN = r"((detectors|checks|control|operator)\.own|checks\.threshold)(\.[A-Za-z]
 
 def _node(tree: Schema, any_path: Schema) -> Schema:
     """Return the schema of a value in a table of parameters: a number if the path ends here, else
-    a table with the next words of the path."""
+    a table with the next words of the path.
+    """
     if "" in tree:
         return {"description": "; ".join(tree[""]), **_REST}
     return _table({word: _node(below, any_path) for word, below in tree.items()}, any_path)

@@ -142,7 +142,8 @@ def _own_checks(config: CampaignConfig, plan: Plan) -> Iterator[dict[str, Any]]:
 
 def _fault_rows(config: CampaignConfig, rows: pd.DataFrame) -> Iterator[dict[str, Any]]:
     """Yield the number of runs with each combination of fault site and effect, in the robot's order
-    of sites. A run with two faults of the same site and effect counts once."""
+    of sites. A run with two faults of the same site and effect counts once.
+    """
     slots = [
         rows[["index", f"fault{slot}_site", f"fault{slot}_effect"]].set_axis(
             ["index", "site", "effect"], axis=1

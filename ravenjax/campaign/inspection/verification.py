@@ -176,7 +176,8 @@ def _column(name: str, kept: pa.ChunkedArray, new: pa.ChunkedArray) -> ColumnAgr
 
 def _check_rerun(rerun: Rerun, plan: Plan) -> FolderCheck:
     """Return the errors found by a rerun. A difference in a run's inputs is always an error. A
-    difference in outcomes is an error only if engine, device, code and packages are the same."""
+    difference in outcomes is an error only if engine, device, code and packages are the same.
+    """
     n, inputs = len(rerun.rows), set(plan.rows)
     problems = [
         f"{column.name}: differs in {n - column.equal} of {n} rows"

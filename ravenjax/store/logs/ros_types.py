@@ -51,7 +51,8 @@ class MessageTypes:
 
     def message(self, kind: str, *values: Any) -> Any:
         """Return a message with these values of its fields, in order. A field that is a message
-        itself is a sequence of values."""
+        itself is a sequence of values.
+        """
         from rosbags.interfaces import Nodetype
 
         fields = []

@@ -40,7 +40,8 @@ TEXT, LOG_ENTRY = "std_msgs/msg/String", "rcl_interfaces/msg/Log"
 _SECOND_NS = 1_000_000_000
 _STAMP_MARK, _FIRST_MARK = 0x5A5A5A5A, 1e6
 """Placeholders in an encoded message: for seconds and nanoseconds of a time, and for the first
-number. The placeholder of each further number is larger by 1."""
+number. The placeholder of each further number is larger by 1.
+"""
 
 
 _TABLES = resources.read_tables(__file__, "topics.toml")
@@ -114,7 +115,8 @@ def joint_state(arm: str, name: str, joints: tuple[str, ...], *present: bool) ->
 @functools.cache
 def tip_topic(arm: str, name: str, schema: str = POSE) -> Topic:
     """Return a topic of an arm. Its numbers are, for PoseStamped, x, y, z in m and a quaternion
-    x, y, z, w; for WrenchStamped, three of force and three of torque; for PointStamped, x, y, z."""
+    x, y, z, w; for WrenchStamped, three of force and three of torque; for PointStamped, x, y, z.
+    """
     fields = {POSE: (_marks(3), _marks(4, 3)), WRENCH: (_marks(3), _marks(3, 3)), POINT: _marks(3)}
     return _topic(arm, name, schema, fields[schema])
 
@@ -122,7 +124,8 @@ def tip_topic(arm: str, name: str, schema: str = POSE) -> Topic:
 @functools.cache
 def frames_topic(pairs: tuple[tuple[str, str], ...]) -> Topic:
     """Return the topic of frames, a TFMessage. For each pair (parent, child), its numbers are x, y,
-    z in m and a quaternion x, y, z, w."""
+    z in m and a quaternion x, y, z, w.
+    """
     transforms = [
         (_header(parent), child, (_marks(3, 7 * i), _marks(4, 7 * i + 3)))
         for i, (parent, child) in enumerate(pairs)
@@ -199,7 +202,8 @@ class LogWriter:
         chunk_bytes: int = 1 << 20,
     ) -> None:
         """metadata: content of the record `METADATA`. chunk_bytes: size of a chunk. If the process
-        is killed, at most one chunk is lost."""
+        is killed, at most one chunk is lost.
+        """
         self._writer = Writer(file, chunk_size=chunk_bytes)
         self._writer.start(profile="ros2", library="ravenjax")
         self._writer.add_metadata(METADATA, dict(metadata))

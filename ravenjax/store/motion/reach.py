@@ -17,7 +17,8 @@ MARGIN_RAD, MARGIN_M = math.radians(1.0), 2e-3
 
 LARGEST_STEP = 0.1
 """Largest step of a joint per millisecond, rad or m. A larger step is no motion of the arm, but a
-change to another solution of the inverse kinematics."""
+change to another solution of the inverse kinematics.
+"""
 
 BLOCK_ROWS = 4096
 
@@ -26,7 +27,8 @@ _INSERTION = JOINTS.index("insertion")
 
 class Bounds(NamedTuple):
     """Soft limits of shoulder, elbow (rad), insertion (m), tool roll and wrist (rad), without
-    margin; and how the control software limits the opening of the jaws."""
+    margin; and how the control software limits the opening of the jaws.
+    """
 
     lower: tuple[float, ...]
     upper: tuple[float, ...]
@@ -113,7 +115,8 @@ def unreached_reason(poses: Poses, row: int, bounds: Bounds) -> str:
 
 def _candidates(poses: Poses, i: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the solutions of inverse kinematics for n <= BLOCK_ROWS rows of one arm: joint
-    positions [n, 8, 7], and whether each is valid [n, 8]."""
+    positions [n, 8, 7], and whether each is valid [n, 8].
+    """
     from ravenjax.numbers.lazy import jax
 
     # Always BLOCK_ROWS rows, the last repeated, so that JAX compiles the solver only once.

@@ -318,7 +318,8 @@ def _longest_first(
     recording: HandRecording, mask: np.ndarray, cuts: Sequence[int] = ()
 ) -> list[tuple[float, float]]:
     """Return (begin, end) in s of the stretches of at least two rows in which `mask` is true, the
-    longest first. A new stretch begins at each row in `cuts`, and after each gap."""
+    longest first. A new stretch begins at each row in `cuts`, and after each gap.
+    """
     spans = resampling.true_stretches(mask, sorted([*recording.cuts, *cuts]))
     spans = [span for span in spans if span[1] - span[0] > 1]
     return resampling.spans_in_seconds(sorted(spans, key=lambda span: span[0] - span[1]))
@@ -349,7 +350,8 @@ def _itp(
     arm: ArmName, position: np.ndarray, quat: np.ndarray, scale: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the console's positions [T, 3], um, and quaternions [T, 4] in the ITP frame, relative
-    to the first row. position, quat: tip poses in frame 0."""
+    to the first row. position, quat: tip poses in frame 0.
+    """
     from scipy.spatial.transform import Rotation
 
     from ravenjax.robots.raven2.geometry.mapping import ITP_AXES

@@ -26,7 +26,8 @@ RATES_AGREE = 0.05
 
 BURSTS, LEAST_ROWS = 4.0, 20
 """Rows come in bursts if the median time step is BURSTS times shorter than the mean step. The mean
-does not include the few longest steps. Fewer than LEAST_ROWS rows are not checked."""
+does not include the few longest steps. Fewer than LEAST_ROWS rows are not checked.
+"""
 
 
 def time_columns(names: Iterable[str], stems: tuple[str, ...] = NAMES) -> list[str]:

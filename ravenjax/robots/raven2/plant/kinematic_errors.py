@@ -161,7 +161,8 @@ def _no_motion() -> Registration:
 @functools.cache
 def _solve_registration(arm: str) -> tuple[list[list[float]], list[list[float]]]:
     """Return the reported tips (m) at POSES, and the matrix [6, 3 * poses] that turns residuals of
-    tips into the rotation (rad) and translation (m) of the least-squares fit."""
+    tips into the rotation (rad) and translation (m) of the least-squares fit.
+    """
     with run_eagerly():  # a trace may call this function
         tips = np.array([kinematics.forward_pose(arm, pose).position for pose in POSES])
     design = np.zeros((len(tips), 3, 6))
