@@ -18,8 +18,6 @@ after the DAC. Derivatives through its control software are 0, because encoder c
 commands are integers.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence

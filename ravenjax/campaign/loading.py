@@ -5,8 +5,6 @@ the simulation. One error reports all mistakes. For each mistake it names the fi
 key, the value and the expected values.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any

@@ -2,8 +2,6 @@
 faults harm together.
 """
 
-from __future__ import annotations
-
 import contextlib
 from pathlib import Path
 from typing import Annotated
@@ -11,20 +9,20 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from ravenjax.cli import console
-from ravenjax.cli.console import AsJson, Count, Listing, ResultFolder, Switch
+from ravenjax.cli.console import Count, Folder, Json, Listing, Switch
 
 HEADINGS = ("run", "site", "fault from, ms", "harm from, ms", "detected, ms", "detected")
 """Headings of the list of harmful runs."""
 
 
 def coverage(
-    folder: ResultFolder,
+    folder: Folder,
     *,
     of: Annotated[str | None, Parameter(name="--runs")] = None,
     pairs: Switch = False,
     most: Count = None,
     out: Path | None = None,
-    as_json: AsJson = False,
+    as_json: Json = False,
 ) -> None:
     """Measure which share of the harmful faults each check detects: its diagnostic coverage.
 

@@ -1,7 +1,5 @@
 """The command `ravenjax deadline`: the last time at which an action prevents harm."""
 
-from __future__ import annotations
-
 from ravenjax.cli import console
 from ravenjax.cli.console import Folder, Json, SameEngine
 

@@ -4,8 +4,6 @@
 calibration is still valid. `counterfactual` finds checks for faults that evade the robot's checks.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable, Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Commands on result folders: `ravenjax report`, `verify`, `compare`, `merge`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

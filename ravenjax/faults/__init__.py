@@ -20,8 +20,6 @@ Campaigns compute effects and windows with the same code. As in campaigns, integ
 are converted to float32 and back, except by bit flips.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any

@@ -1,7 +1,5 @@
 """Wraps a vector environment of Gymnasium, to inject faults into its actions and observations."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -5,8 +5,6 @@ are not: each different `Setup` is compiled separately. They are hashable. A rob
 a subclass.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import importlib
 from collections.abc import Callable

@@ -4,8 +4,6 @@ Each file is written under a temporary name and renamed. After an interruption t
 the finished operators and computes the others.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
