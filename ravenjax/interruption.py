@@ -48,7 +48,7 @@ def held_back() -> Iterator[None]:
         number: handler for number in SIGNALS if callable(handler := signal.getsignal(number))
     }
 
-    def hold(number: int, _: object) -> None:
+    def hold(number: int, _: object):
         _held.append(lambda: before[signal.Signals(number)](number, None))
 
     try:
@@ -82,7 +82,7 @@ def exit_on_signals(*numbers: signal.Signals) -> Iterator[None]:
     Ignored signals (as under nohup) stay ignored. Outside the main thread this does nothing.
     """
 
-    def leave(number: int, _: object) -> None:
+    def leave(number: int, _: object):
         raise SystemExit(128 + number)
 
     # Python allows signal handlers to be set only in the main thread.
@@ -102,9 +102,9 @@ def until_interrupted() -> Iterator[list[int]]:
     A loop can check the list between two ticks, and close its files. The third signal raises
     KeyboardInterrupt. Use this only in the main thread.
     """
-    signals: list[int] = []
+    signals = []
 
-    def note(number: int, _: object) -> None:
+    def note(number: int, _: object):
         signals.append(number)
         if len(signals) > 2:
             raise KeyboardInterrupt

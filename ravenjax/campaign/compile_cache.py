@@ -14,7 +14,6 @@ import platform
 import threading
 from collections.abc import Iterator, MutableMapping
 from pathlib import Path
-from typing import Any
 
 from ravenjax import consent
 from ravenjax.engines import selection
@@ -70,7 +69,7 @@ def enable_cache() -> None:
     """
     folder = cache_folder(f"xla-{_machine()}")
 
-    def use(jax: Any) -> None:
+    def use(jax):
         if folder is not None and not jax.config.jax_compilation_cache_dir:
             jax.config.update("jax_compilation_cache_dir", str(folder))
 
@@ -105,7 +104,7 @@ class Objects(MutableMapping[str, bytes]):
     If a file cannot be written, the entry is lost. A key is a hash of all that decides the content.
     """
 
-    def __init__(self, place: Path, most: int) -> None:
+    def __init__(self, place: Path, most: int):
         """most: largest size of all files in bytes. The least recently used files are deleted."""
         self._place, self._most = place, most
 

@@ -73,7 +73,7 @@ class Computation:
         runs: int | None = None,
         threads: int | None = None,
         whole: bool = False,
-    ) -> None:
+    ):
         """runs: number of rows that are computed together, for the size of blocks. threads: number
         of parallel blocks; None: the engine's default. whole: compute every run from its beginning.
         """

@@ -91,7 +91,7 @@ class FastForwardPlan:
     Arrays [golden runs] are indexed by the number of the golden run.
     """
 
-    def __init__(self, plan: Plan, lanes: int) -> None:
+    def __init__(self, plan: Plan, lanes: int):
         """lanes: number of lanes that start from a checkpoint together; 0: use no checkpoints."""
         self._plan, self._lanes = plan, lanes
         self._size = int(plan.golden.max(initial=-1)) + 1

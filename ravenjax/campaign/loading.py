@@ -124,7 +124,7 @@ def validate_tables(raw: Any, source: Path | None = None) -> CampaignConfig:
     return _with_meaning(_validated(config_class_of(robot_of(raw)), raw, where), where)
 
 
-def _validated(model: type[CampaignConfig], raw: Any, where: location.Where) -> CampaignConfig:
+def _validated(model: type[CampaignConfig], raw, where: location.Where) -> CampaignConfig:
     try:
         return model.model_validate(raw)
     except ValidationError as error:
@@ -148,7 +148,7 @@ def _with_meaning(config: CampaignConfig, where: location.Where) -> CampaignConf
     return config
 
 
-def _is_misspelt(missing: Any, errors: Sequence[Any]) -> bool:
+def _is_misspelt(missing, errors: Sequence[Any]) -> bool:
     """Return whether another error reports the missing key as a misspelt key."""
     *table, key = missing["loc"] or ("",)
     return missing["type"] == "missing" and any(
@@ -176,7 +176,7 @@ def check_parameters(config: CampaignConfig, known: Iterable[str] | None = None)
         raise location.Where(source, location.key_lines(text), []).error(errors)
 
 
-def _complaint(model: type[CampaignConfig], error: Any, raw: Any) -> location.Complaint:
+def _complaint(model: type[CampaignConfig], error, raw) -> location.Complaint:
     """Convert an error of pydantic to a key and a message.
 
     The message of an error about a whole table begins with the name of the wrong key.
@@ -193,7 +193,7 @@ def _complaint(model: type[CampaignConfig], error: Any, raw: Any) -> location.Co
     return key, message
 
 
-def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
+def _key(loc: tuple[str | int, ...], raw) -> location.Key:
     # Shortens pydantic's location of an error to keys that are in the file.
     key: location.Key = ()
     for part in loc:
@@ -207,7 +207,7 @@ def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
     return key
 
 
-def _message(model: type[CampaignConfig], error: Any) -> str:
+def _message(model: type[CampaignConfig], error) -> str:
     # Returns the message of an error. If a key is in the wrong table, it names the right table.
     if error["type"] == "tuple_type":
         path = tuple(part for part in error["loc"] if isinstance(part, str))

@@ -6,7 +6,6 @@ examines the parameters and faults of each run.
 """
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -270,7 +269,7 @@ def _numbers(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return plan.faults["value"].astype(np.float64), ticks, usual
 
 
-def _by_effect(plan: Plan, results: dict[str, np.ndarray], default: Any) -> np.ndarray:
+def _by_effect(plan: Plan, results: dict[str, np.ndarray], default) -> np.ndarray:
     """Return for each fault the entry of `results` for its effect, [runs, slots]."""
     effects = [plan.faults["effect"] == EFFECT_CODES[effect] for effect in results]
     return np.select(effects, list(results.values()), default)

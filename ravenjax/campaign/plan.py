@@ -154,7 +154,7 @@ def known_parameters(params: Any, setup: Setup) -> list[str]:
     """Return every path that a campaign may vary: full paths, paths without the arm, and paths of
     whole vectors.
     """
-    names: dict[str, None] = {}
+    names = {}
     for full, _ in paths.path_leaves(params, setup):
         if full.startswith("start."):
             # The motion determines the pose in which a run begins.
@@ -167,7 +167,7 @@ def known_parameters(params: Any, setup: Setup) -> list[str]:
     return list(names)
 
 
-def _filled(varied: dict[str, np.ndarray], params: Any, setup: Setup) -> dict[str, np.ndarray]:
+def _filled(varied: dict[str, np.ndarray], params, setup: Setup) -> dict[str, np.ndarray]:
     """Return varied values in the parameter's type. NaN is replaced by the robot's value.
 
     If a path names several numbers with different values, and a group does not set it, the path is

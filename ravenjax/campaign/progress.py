@@ -74,7 +74,7 @@ class Progress:
         ticks: int,
         on_progress: OnProgress | None = None,
         notes: tuple[str, ...] = (),
-    ) -> None:
+    ):
         """engine: engine and device, as text. total: number of runs of the campaign. rows: number
         of runs that this start computes, each with `ticks` ticks.
         """
@@ -133,7 +133,7 @@ class Progress:
 class ProgressFile:
     """Writes each `Status` to progress.json of a folder, and then calls `then` with it."""
 
-    def __init__(self, folder: Path, then: OnProgress | None = None) -> None:
+    def __init__(self, folder: Path, then: OnProgress | None = None):
         self._then = then
         self._path, self._started = folder / FILE, manifest.utc_now()
         self._phase, self._written = "", -EVERY_S

@@ -96,7 +96,7 @@ def run_campaign(
         )
         progress.count_failures(folder.manifest.failures)
 
-        def deliver(done: FinishedChunk) -> None:
+        def deliver(done: FinishedChunk):
             folder.put(done.packed)
             progress.count_part(len(done.rows), done.failures)
 

@@ -20,7 +20,7 @@ def format_toml(content: Mapping[str, Any]) -> str:
     return _filled(tomlkit.document(), content, headed=True).as_string()
 
 
-def _filled(table: Any, content: Mapping[str, Any], headed: bool = False) -> Any:
+def _filled(table, content: Mapping[str, Any], headed: bool = False) -> Any:
     """Fill a table with this content. headed: each inner table gets a header."""
     import tomlkit
 
@@ -30,7 +30,7 @@ def _filled(table: Any, content: Mapping[str, Any], headed: bool = False) -> Any
     return table
 
 
-def _item(key: str, value: Any, headed: bool = False) -> Any:
+def _item(key: str, value, headed: bool = False) -> Any:
     # Nested tables are written inline, except parameters, whose paths would be hard to read.
     import tomlkit
 

@@ -200,7 +200,7 @@ def _objects(listing: Listing) -> list[dict[str, str]]:
     return [dict(zip(keys, row, strict=True)) for row in listing.rows]
 
 
-def _plain(value: Any) -> Any:
+def _plain(value) -> Any:
     """Convert a value to types that JSON has. A named tuple becomes an object."""
     if hasattr(value, "_asdict"):
         value = value._asdict()

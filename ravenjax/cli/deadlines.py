@@ -26,7 +26,7 @@ def deadline(
     from ravenjax.store import files, manifest
     from ravenjax.store.access import explained
 
-    def print_progress(text: str) -> None:
+    def print_progress(text: str):
         if not as_json:
             console.print_text(text, console.err)
 

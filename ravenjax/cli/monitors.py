@@ -209,7 +209,7 @@ def counterfactual(
     question.require()
     files.require_writable(place)
 
-    def print_stage(text: str) -> None:
+    def print_stage(text: str):
         if not as_json:
             console.print_text(f"- {text}")
 

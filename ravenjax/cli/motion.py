@@ -117,7 +117,7 @@ def _table(summary: MotionSummary, to: Console) -> None:
     console.print_table("Recorded operator", ("property", "value"), table_rows(summary), to)
 
 
-def _draw(file: Path, out: Path, courses: Any, title: str) -> None:
+def _draw(file: Path, out: Path, courses, title: str) -> None:
     from ravenjax.report.run.motion_plot import motion_plot
 
     for path in motion_plot(courses, out, file.stem, f"{file.name}: {title}"):

@@ -177,7 +177,7 @@ def fault_free(
 
     motions_folder, screen = folder / FOLDER, console.err if as_json else console.out
 
-    def began(there: float, path: Path) -> None:
+    def began(there: float, path: Path):
         so_far = f"{wording.format_hours(there)} of {wording.format_hours(hours)} computed"
         console.print_text(f"{so_far}; next folder: {path}", screen)
 

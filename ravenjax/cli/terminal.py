@@ -28,7 +28,7 @@ class Watch:
     Use it as a context manager.
     """
 
-    def __init__(self, console: Console) -> None:
+    def __init__(self, console: Console):
         self._console = console
         self._bar = Progress(
             TextColumn("{task.description}"),

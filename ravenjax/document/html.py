@@ -100,7 +100,7 @@ def _with_headings(body: str) -> tuple[str, str, list[tuple[str, str]]]:
     heading = re.search(r"<h1>(.*?)</h1>\n?", body, re.DOTALL)
     title = heading[1] if heading else ""
     body = body[: heading.start()] + body[heading.end() :] if heading else body
-    sections: list[tuple[str, str]] = []
+    sections = []
     section = _plain(title)
     out = []
     for part in re.split(r"(<h2>.*?</h2>|<table>)", body, flags=re.DOTALL):

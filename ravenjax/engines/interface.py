@@ -162,7 +162,7 @@ class Block:
     def select_lanes(self, lanes: np.ndarray) -> Block:
         """Return a block of the lanes with these indices (int), which may repeat."""
 
-        def pick(column: Any) -> Any:
+        def pick(column):
             return None if column is None else np.asarray(column)[lanes]
 
         return dataclasses.replace(
@@ -174,7 +174,7 @@ class Block:
             ends=pick(self.ends),
         )
 
-    def _golden_of(self, lanes: Any) -> Any:
+    def _golden_of(self, lanes) -> Any:
         return lanes if self.golden is None else self.golden[lanes]
 
     def series(self, lanes: np.ndarray) -> np.ndarray:

@@ -38,7 +38,7 @@ Where = TypeVar("Where")
 class Printing(ABC, Generic[Where]):
     """Collects the lines of one function body."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.lines: list[str] = []
         self._count = 0
 
@@ -75,7 +75,7 @@ class Printing(ABC, Generic[Where]):
                     write(waiting.pop(i, []))
             return values[i]
 
-        def write(pending: Iterable[tuple[int, Where]]) -> None:
+        def write(pending: Iterable[tuple[int, Where]]):
             # A store waits until the old value at its place has been read.
             for i, place in pending:
                 before = old_number.get(place)
@@ -95,7 +95,7 @@ class Printing(ABC, Generic[Where]):
 
         outside = set(filter(is_given, targets))
 
-        def compute(i: int) -> None:
+        def compute(i: int):
             # Prints one operation, and stores its result if it is a result of the function.
             if is_given(i):
                 return
@@ -103,7 +103,7 @@ class Printing(ABC, Generic[Where]):
             values[i] = self._operation(program, i, [value(o) for o in operation.operands])
             write(targets.get(i, []))
 
-        def enter(region: Region) -> None:
+        def enter(region: Region):
             # Prints a region. Its values, except its results, do not exist after the block.
             for o in region.reads(program.operations):
                 value(o)
@@ -159,7 +159,7 @@ class LoopPrinting(Generic[Where]):
     `state` of the methods: index in the state -> place in memory.
     """
 
-    def __init__(self, split: Split) -> None:
+    def __init__(self, split: Split):
         self.split, loop = split, split.loop
         self.step, self.begin, self.finish = loop.step, loop.begin, loop.finish
         self.outputs = loop.step.outputs[loop.states :]

@@ -36,7 +36,7 @@ def hash_values(*values: Any) -> str:
     return digest.hexdigest()
 
 
-def _pieces(value: Any) -> Iterator[bytes]:
+def _pieces(value) -> Iterator[bytes]:
     # Yields bytes that are equal only for values of equal type and content.
     kind = f"{type(value).__module__}.{type(value).__qualname__}".encode()
     if isinstance(value, np.ndarray | np.generic):

@@ -55,7 +55,7 @@ class TracedTick:
 class Forms:
     """A traced program and all code generated from it, by engine, form and device. Thread-safe."""
 
-    def __init__(self, traced: TracedTick, key: str = "", objects: Objects | None = None) -> None:
+    def __init__(self, traced: TracedTick, key: str = "", objects: Objects | None = None):
         """key: hash of all inputs of the trace; "": nothing is cached on disk."""
         self.traced = traced
         self._key, self._objects = key, objects
@@ -80,7 +80,7 @@ def traced_forms(
 ) -> Forms:
     """Return `program`, traced for blocks and motions of these types. objects: cache on disk."""
 
-    def empty(column: Any) -> np.ndarray:
+    def empty(column) -> np.ndarray:
         return np.zeros(0, np.asarray(column).dtype)
 
     varied = {path: empty(block.varied[path]) for path in program.varied}
@@ -187,7 +187,7 @@ def printable_program(program: TickProgram) -> TickProgram:
 class PrintedKernel:
     """Base of the kernels of engines `simd` and `cuda`: a traced program and its compiled forms."""
 
-    def __init__(self, program: TickProgram, lanes: int, objects: Objects | None) -> None:
+    def __init__(self, program: TickProgram, lanes: int, objects: Objects | None):
         """objects: cache of compiled code between processes."""
         self.program, self.lanes, self.objects = printable_program(program), lanes, objects
         self._forms: Forms | None = None

@@ -167,7 +167,7 @@ def apply(
     with np.errstate(all="ignore"), run_eagerly(signal) as signal:
         shape, (kind, real) = signal.shape, _number_types(signal)
 
-        def argument(name: str, dtype: Any = jnp.int32) -> Any:
+        def argument(name: str, dtype=jnp.int32):
             # Returns an argument of the fault as an array of the signal's shape.
             given = getattr(fault, name)
             return _broadcast(name, _UNUSED_VALUES[name] if given is None else given, shape, dtype)
@@ -210,7 +210,7 @@ def apply(
         return faulty_signal, State(action.slot_after(activated), began, history), activated
 
 
-def _number_types(signal: Any) -> tuple[str, Any]:
+def _number_types(signal) -> tuple[str, Any]:
     """Return the number type of a fault channel for this signal, and the type of computations."""
     name = str(signal.dtype)
     if "float" in name:
@@ -220,9 +220,9 @@ def _number_types(signal: Any) -> tuple[str, Any]:
     return "int32" if "int" in name else "bool", jnp.float32
 
 
-def _initial_state(shape: tuple[int, ...], real: Any, history: tuple[Any, ...]) -> State:
+def _initial_state(shape: tuple[int, ...], real, history: tuple[Any, ...]) -> State:
     # Returns the state before the first tick: the fault does not act, and no signal is known.
-    def filled(x: float, dtype: Any = jnp.int32) -> Any:
+    def filled(x: float, dtype=jnp.int32):
         return _broadcast("", x, shape, dtype)
 
     active, zero, unseen = filled(0) > 0, filled(0.0, real), filled(math.nan, real)
@@ -230,14 +230,14 @@ def _initial_state(shape: tuple[int, ...], real: Any, history: tuple[Any, ...]) 
     return State(slot, filled(-1), history)
 
 
-def _broadcast_leading(name: str, x: Any, shape: tuple[int, ...]) -> Any:
+def _broadcast_leading(name: str, x, shape: tuple[int, ...]) -> Any:
     """Return int32 numbers for the leading axes of the signal as an array of its shape."""
     x = jnp.asarray(x, dtype=jnp.int32)
     ones = (1,) * (len(shape) - x.ndim)
     return _broadcast(name, jnp.reshape(x, (*x.shape, *ones)), shape, jnp.int32)
 
 
-def _broadcast(name: str, x: Any, shape: tuple[int, ...], dtype: Any) -> Any:
+def _broadcast(name: str, x, shape: tuple[int, ...], dtype) -> Any:
     # Returns the argument `name` as an array of the signal's shape.
     x = jnp.asarray(x, dtype=dtype)
     try:

@@ -53,7 +53,7 @@ def outcomes(state: FaultState) -> dict[str, Scalar]:
     """Return the outcome columns of faults: the first and the last tick in which each changed its
     channel (-1: never), the number of such ticks, and the first tick and the sum of all faults.
     """
-    columns: dict[str, Scalar] = {}
+    columns = {}
     first, total = jnp.int32(-1), jnp.int32(0)
     for k, slot in enumerate(state.slots):
         columns[f"applied{k}_first_ms"] = slot.first_tick

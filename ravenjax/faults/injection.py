@@ -84,7 +84,7 @@ class FaultAction:
         tick: Scalar,
         on_channel: Scalar,
         present: Scalar,
-    ) -> None:
+    ):
         """Compute the float that replaces `x`. effects: all effects that occur at the site.
 
         on_channel: bool, the fault's channel belongs to the site. present: bool, the signal exists.
@@ -238,7 +238,7 @@ class Injector:
         targets: list[tuple[int, Path, str]],
         fault: FaultSlot,
         slot: SlotState,
-        signal: Any,
+        signal,
         present: Scalar,
     ) -> tuple[SlotState, Any]:
         """Apply the fault of one slot at one site. Return the slot's state and the signal.

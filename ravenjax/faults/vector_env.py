@@ -25,7 +25,7 @@ class FaultyVectorEnv(VectorWrapper):
         env: VectorEnv,
         actions: Sequence[faults.Fault] = (),
         observations: Sequence[faults.Fault] = (),
-    ) -> None:
+    ):
         super().__init__(env)
         self._faults = {"actions": actions, "observations": observations}
         self._states: dict[tuple[str, int], faults.State] = {}
@@ -62,10 +62,10 @@ class FaultyVectorEnv(VectorWrapper):
         changed = {"actions": changed_actions, "observations": changed_observations}
         return observations, reward, terminated, truncated, {**info, "faults": changed}
 
-    def _reset_faults(self, done: Any) -> None:
+    def _reset_faults(self, done) -> None:
         self._states = {key: faults.reset(state, done) for key, state in self._states.items()}
 
-    def _inject(self, side: str, signal: Any) -> tuple[Any, list[Any]]:
+    def _inject(self, side: str, signal) -> tuple[Any, list[Any]]:
         # Applies the faults of a side, "actions" or "observations". Returns the signal, and for
         # each fault which elements it changed.
         changed_elements = []

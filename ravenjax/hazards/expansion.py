@@ -44,7 +44,7 @@ class WrongGroup(UserError):
     `key` is the wrong key of the group, or of the file if `expand_tables` raised the error.
     """
 
-    def __init__(self, key: str | tuple[str | int, ...], message: str) -> None:
+    def __init__(self, key: str | tuple[str | int, ...], message: str):
         self.key, self.message = (key,) if isinstance(key, str) else key, message
         super().__init__(f"{self.key[-1]}: {message}")
 
@@ -63,8 +63,8 @@ def expand_tables(raw: Mapping[str, Any], robot: Robot) -> tuple[dict[str, Any],
     # Invalid arms are refused by later checks.
     listed = arms if isinstance(arms, list | tuple) else ()
     valid = listed if all(arm in robot.arms for arm in listed) else ()
-    tables: list[dict[str, Any]] = []
-    written: list[int] = []
+    tables = []
+    written = []
     for number, group in enumerate(groups):
         try:
             expanded = expand_group(group, valid, robot)
@@ -155,9 +155,7 @@ def _expand_case(
         yield table | runs | {key: group[key] for key in PASSED_ON if key in group}
 
 
-def _arm_choices(
-    hazard: Hazard, arm: Any, arms: Sequence[str]
-) -> list[tuple[str, tuple[Any, ...]]]:
+def _arm_choices(hazard: Hazard, arm, arms: Sequence[str]) -> list[tuple[str, tuple[Any, ...]]]:
     """Return (suffix of the name, arms with faults in a run) for each group of a case."""
     if arm is not None:
         named = _as_list(arm) or [arm]
@@ -221,9 +219,9 @@ def _expand_fault(
             yield slot | {"channel": name, "value": values}
 
 
-def _is_number(value: Any) -> bool:
+def _is_number(value) -> bool:
     return type(value) in (int, float) and -LARGEST <= value <= LARGEST
 
 
-def _as_list(value: Any) -> list[Any]:
+def _as_list(value) -> list[Any]:
     return list(value) if isinstance(value, list | tuple) else [value]

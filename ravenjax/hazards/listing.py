@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from ravenjax import robots
 from ravenjax.bundled import resources
@@ -86,7 +85,7 @@ def _describe_fault(fault: LibraryFault) -> str:
     return f"{fault.effect}{value}{period} at {fault.site} {channels}, {window}"
 
 
-def _format_numbers(value: Any) -> str:
+def _format_numbers(value) -> str:
     # Formats a number, a list in braces, or a distribution by its name and numbers.
     if isinstance(value, dict):
         ((kind, numbers),) = value.items()

@@ -24,7 +24,7 @@ def hazards_of(group: str) -> tuple[str, ...]:
     match = _IDS.match(group)
     if match is None:
         return ()
-    ids: list[str] = []
+    ids = []
     for part in match[1].split(","):
         first, *rest = _ID.findall(part)
         last = rest[-1] if rest else first

@@ -21,7 +21,7 @@ COMMUTATIVE = frozenset(("add", "mul", "and", "or", "xor", "eq", "ne"))
 class Builder:
     """Writes a program, operation by operation."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.operations: list[Operation] = []
         self.constants: dict[int, Any] = {}  # operation -> NumPy number
         self.inputs: list[str] = []
@@ -234,7 +234,7 @@ def contract_to_fma(program: Program) -> Program:
     builder = Builder()
     builder.inputs, builder.tables = list(program.inputs), list(program.tables)
     # Number of an operation in `program` -> its number in the new program.
-    new: dict[int, int] = {}
+    new = {}
     for i in program.needed():
         name, dtype, old_operands, detail = program.operations[i]
         operands = tuple(new[o] for o in old_operands)

@@ -100,11 +100,11 @@ def _require_number(value: _Value) -> int:
 class _Lowering:
     # Translates the equations of a jaxpr to operations of `builder`.
 
-    def __init__(self, builder: Builder, functions: Functions) -> None:
+    def __init__(self, builder: Builder, functions: Functions):
         self.builder, self.functions = builder, functions
         self.types = (*TYPES, *WIDE_INTEGERS) if functions == "library" else TYPES
 
-    def _dtype(self, aval: Any) -> str:
+    def _dtype(self, aval) -> str:
         # Returns the name of a type. Raises UnknownPrimitive for an unsupported type.
         name = str(np.dtype(aval.dtype))
         if name not in self.types:
@@ -146,7 +146,7 @@ class _Lowering:
         values: dict[Any, _Value] = dict(zip(jaxpr.constvars, consts, strict=True))
         values.update(zip(jaxpr.invars, inputs, strict=True))
 
-        def read(atom: Any) -> _Value:
+        def read(atom) -> _Value:
             if not hasattr(atom, "val"):
                 return values[atom]
             # The atom is a constant in the equation.

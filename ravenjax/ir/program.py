@@ -63,7 +63,7 @@ class Program:
 
     def replay(self, apply: Callable[..., Any]) -> list[Any]:
         """Return the outputs. `apply(operation, *operands)` computes the result of an operation."""
-        values: dict[int, Any] = {}
+        values = {}
         for i in self.needed():
             operation = self.operations[i]
             values[i] = apply(operation, *(values[o] for o in operation.operands))

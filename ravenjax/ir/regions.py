@@ -83,7 +83,7 @@ def _region_conditions(
     in_order = set(order)
     # operation -> conditions under which its readers need it; None: they always need it
     wanted: dict[int, set[int | None]] = {i: {None} for i in results}
-    region_condition: dict[int, int] = {}
+    region_condition = {}
     for i in reversed(order):
         conditions = wanted.get(i, {None})
         (only,) = conditions if len(conditions) == 1 else (None,)

@@ -45,7 +45,7 @@ def _result(name: str, dtype: str, *operands: Array) -> Array:
 def run_program(program: Program, inputs: Sequence[Any], tables: Sequence[Array] = ()) -> list[Any]:
     """Return the results of `program`. inputs: NumPy numbers, or arrays of one shape."""
 
-    def apply(operation: Operation, *operands: Any) -> Any:
+    def apply(operation: Operation, *operands):
         # Computes one operation of the program.
         name, dtype, _, detail = operation
         if name == "input":

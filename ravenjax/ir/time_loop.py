@@ -128,7 +128,7 @@ def _dependencies(program: Program, of_input: dict[int, int]) -> list[int]:
 
     of_input: index of an input -> its bits; inputs that are missing have 0.
     """
-    depends: list[int] = []
+    depends = []
     for operation in program.operations:
         bits = of_input.get(operation.detail, 0) if operation.name == "input" else 0
         for operand in operation.operands:

@@ -205,7 +205,7 @@ def _negate(inner: Formula) -> Formula:
     return Formula(inner.future_ms, lambda moment, delay: -inner.value(moment, delay))
 
 
-def _combine(extreme: Any, parts: Sequence[Formula]) -> Formula:
+def _combine(extreme, parts: Sequence[Formula]) -> Formula:
     # Compiles the maximum or minimum (`extreme`) of several robustnesses.
     def value(moment: Moment, delay: int) -> Scalar:
         return functools.reduce(extreme, [part.value(moment, delay) for part in parts])
@@ -298,7 +298,7 @@ def outcomes(setup: Setup, state: tuple[HarmState, ...]) -> dict[str, Scalar]:
     """Return the outcome columns of each harm: its first tick (ms; -1: none), and its margin, the
     smallest distance from the harm, negative if it occurred.
     """
-    columns: dict[str, Scalar] = {}
+    columns = {}
     for use, harm in zip(setup.harms, state, strict=True):
         columns[f"harm_{use.name}_first_ms"] = harm.first
         columns[f"harm_{use.name}_margin"] = -harm.peak

@@ -77,7 +77,7 @@ def _modulo(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
 class Uint32:
     """Whole numbers modulo 2^32, stored as int64, because torch cannot compute with uint32."""
 
-    def __init__(self, number: Any) -> None:
+    def __init__(self, number: Any):
         self.number = number & 0xFFFFFFFF
 
     __add__ = _modulo(operator.add)
@@ -94,7 +94,7 @@ class Arrays:
 
     uint32 = Uint32
 
-    def __init__(self, library: Any, array: Any) -> None:
+    def __init__(self, library: Any, array: Any):
         self._library, self._array = library, array
 
     def __getattr__(self, name: str) -> Any:
@@ -122,7 +122,7 @@ class Arrays:
         return x.view(dtype)
 
 
-def _apply_in_float64(function: Callable[[Any], Any], x: Any) -> Any:
+def _apply_in_float64(function: Callable[[Any], Any], x) -> Any:
     # Returns function(x), computed in float64 and rounded to the type of x, a number or an array.
     if np.ndim(x):
         return function(x.astype(np.float64)).astype(x.dtype)
@@ -198,7 +198,7 @@ def run_eagerly(array: Any = None) -> Iterator[Any]:
 class _LazyModule:
     """A JAX module that is imported at the first use of one of its names, or its replacement."""
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str):
         self._name = name
 
     def __getattr__(self, name: str) -> Any:

@@ -26,7 +26,7 @@ class _Step(NamedTuple):
     siblings: frozenset[str]  # names of all entries at this level, including this step
 
 
-def _entries(node: Any, setup: Setup) -> tuple[dict[str, Any], bool] | None:
+def _entries(node, setup: Setup) -> tuple[dict[str, Any], bool] | None:
     """Return the entries of a record or tuple by name, and whether a path may leave out the name.
     Return None for a number.
     """
@@ -58,7 +58,7 @@ def _entry_names(node: tuple[Any, ...], setup: Setup) -> tuple[str, ...]:
 
 
 def _walk(
-    node: Any, setup: Setup, above: tuple[_Step, ...] = ()
+    node, setup: Setup, above: tuple[_Step, ...] = ()
 ) -> Iterator[tuple[tuple[_Step, ...], Scalar]]:
     """Yield (steps, number) for each number of a record, in the order of `tree.tree_leaves`. Steps
     form the full path to the number. above: the steps to `node` itself.

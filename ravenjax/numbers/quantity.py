@@ -115,11 +115,11 @@ def _fields(params: type, above: str = "") -> Iterator[tuple[str, list[Any]]]:
             yield from _fields(inner, f"{path}.")
 
 
-def _unwrap_type(hint: Any) -> tuple[Any, list[Any]]:
+def _unwrap_type(hint) -> tuple[Any, list[Any]]:
     """Remove Annotated, tuple and Optional from a type, and return the inner type and the
     annotations. For example, `Annotated[tuple[Vec, ...], note]` gives `Vec` and `[note]`.
     """
-    notes: list[Any] = []
+    notes = []
     while True:
         kind, parts = typing.get_origin(hint), typing.get_args(hint)
         if kind is typing.Annotated:

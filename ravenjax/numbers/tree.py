@@ -67,7 +67,7 @@ def tree_filler(tree: Any) -> Callable[[Sequence[Any]], Any]:
     """
     leaf_indices = itertools.count()
 
-    def make_filler(node: Any) -> Callable[[Sequence[Any]], Any]:
+    def make_filler(node) -> Callable[[Sequence[Any]], Any]:
         # Returns a function that builds `node` again from the sequence of all leaves of the tree.
         branches = _branches(node)
         if branches is None:
@@ -78,7 +78,7 @@ def tree_filler(tree: Any) -> Callable[[Sequence[Any]], Any]:
     return make_filler(tree)
 
 
-def _branches(tree: Any) -> dict[Any, Any] | None:
+def _branches(tree) -> dict[Any, Any] | None:
     # Returns the children of a node by name, in JAX's order of pytrees; None for a leaf.
     if tree is None:
         return {}
@@ -91,7 +91,7 @@ def _branches(tree: Any) -> dict[Any, Any] | None:
     return None
 
 
-def _rebuild_node(node: Any, children: list[Any]) -> Any:
+def _rebuild_node(node, children: list[Any]) -> Any:
     # Returns a node of the same type and names as `node`, with other children.
     if node is None:
         return None

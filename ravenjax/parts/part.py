@@ -48,7 +48,7 @@ _BRANCHES.add("ConcretizationTypeError")
 class View:
     """The signals that a user's file can read at one point of the tick."""
 
-    def __init__(self, at: str, numbers: Mapping[str, Any]) -> None:
+    def __init__(self, at: str, numbers: Mapping[str, Any]):
         self.__dict__.update(numbers)
         self._at = at
 
@@ -172,7 +172,7 @@ def load_part(source: OwnSource) -> Part:
 class Part:
     """The functions of a user's file. All methods raise UserError."""
 
-    def __init__(self, source: OwnSource, module: types.ModuleType) -> None:
+    def __init__(self, source: OwnSource, module: types.ModuleType):
         self.source = source
         self._functions = {name: getattr(module, name, None) for name in ("params", "init", "step")}
         if not callable(self._functions["step"]):
@@ -221,13 +221,13 @@ class Part:
                     out.append(self._check_structure(name, like, value, width))
             return tuple(out)
 
-    def _call(self, name: str, *arguments: Any) -> Any:
+    def _call(self, name: str, *arguments) -> Any:
         # Calls a function of the file; None if the file does not define it.
         function = self._functions[name]
         return None if function is None else function(*arguments)
 
     def _check_keys(
-        self, name: str, like: Mapping[str, InPlace], values: Any, width: str
+        self, name: str, like: Mapping[str, InPlace], values, width: str
     ) -> dict[str, Any]:
         # Checks a dict of new numbers that the user's `step` returns for signals of `view`.
         keys = ", ".join(like)
@@ -247,9 +247,7 @@ class Part:
                 numbers[key] = new
         return numbers
 
-    def _check_structure(
-        self, name: str, like: Any, values: Any, width: str, words: str = ""
-    ) -> Any:
+    def _check_structure(self, name: str, like, values, width: str, words: str = "") -> Any:
         # Checks that values have the structure and types of `like`. Returns them in that structure.
         expected, given = list(tree.named_leaves(like)), list(tree.named_leaves(values))
         if [path for path, _ in expected] != [path for path, _ in given]:
@@ -266,7 +264,7 @@ class Part:
             numbers.append(number)
         return tree.fill_tree(like, numbers)
 
-    def _convert_number(self, where: str, what: str, value: Any, width: str) -> Scalar:
+    def _convert_number(self, where: str, what: str, value, width: str) -> Scalar:
         # Checks a number that a user's file returned, and converts it to the setup's number type.
         if shape := getattr(value, "shape", ()):
             expected = "expected a single number: write a Vec for several numbers"
@@ -308,7 +306,7 @@ class Part:
         return UserError(f"{self.source.path}{line_suffix}: {where} {said}")
 
 
-def _kind(value: Any) -> str | None:
+def _kind(value) -> str | None:
     # Returns "float", "int" or "bool" for a number of Python, NumPy or JAX, else None.
     if isinstance(value, bool | int | float):
         return type(value).__name__

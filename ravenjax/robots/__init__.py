@@ -107,7 +107,7 @@ def _agree(top: ModuleSpec, file: Path) -> None:
         names = {top.name} if folders else {path.stem for path in files}
         place = str((Path(folders[0]) if folders else file).parent)
 
-        def find_spec(name: str, path: Any = None, _: object = None) -> ModuleSpec | None:
+        def find_spec(name: str, path=None, _: object = None) -> ModuleSpec | None:
             own = name.partition(".")[0] in names
             spec = PathFinder.find_spec(name, path or [place]) if own else None
             if spec is not None and spec.origin is not None:

@@ -39,7 +39,7 @@ def update_check(
 
 def outcomes(checks: Mapping[str, CheckHistory]) -> dict[str, Scalar]:
     """Return the outcome columns of all checks: first trip (ms), number of trips, and margin."""
-    columns: dict[str, Scalar] = {}
+    columns = {}
     for name, check in checks.items():
         columns[f"check_{name}_first_ms"] = check.first_tick
         columns[f"check_{name}_count"] = check.count

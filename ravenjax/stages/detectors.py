@@ -241,7 +241,7 @@ def outcomes(setup: Setup, state: DetectorsState) -> dict[str, Scalar]:
     """Return the outcome columns of all detectors of a run: the score of the run, and for each
     threshold the time of the first alarm (ms; -1: none) and the number of alarms.
     """
-    columns: dict[str, Scalar] = {}
+    columns = {}
     for d, detector in enumerate(state.detectors):
         columns[f"detector{d}_score"] = detector.peak
         for k, threshold in enumerate(detector.thresholds):
@@ -258,7 +258,7 @@ def _largest(setup: Setup, scores: Sequence[Scalar]) -> Scalar:
 
 
 def _score_arm(
-    setup: Setup, params: Any, before: DetectorArmState, signal: DetectorSignal, arm: int
+    setup: Setup, params, before: DetectorArmState, signal: DetectorSignal, arm: int
 ) -> tuple[DetectorArmState, dict[str, Scalar]]:
     """Return the state of one arm after this tick, and its scores: of each kind of built-in
     detector, and of each of the three steps of detector `steps`.

@@ -168,7 +168,7 @@ def advance(
 
 
 def _compare_number(
-    history: NumberHistory, span: Any, number: Any, exists: Any, golden_number: Any, now: Any
+    history: NumberHistory, span, number, exists, golden_number, now
 ) -> tuple[NumberHistory, Scalar]:
     # Returns the history of a number after this tick, and the bits of the number as int32. exists:
     # bool, in this tick. golden_number: float32 with the bits of the golden run's number.

@@ -141,7 +141,7 @@ def outcomes(setup: Setup, arms: tuple[HapticState, ...]) -> dict[str, Scalar]:
     """Return the outcome columns of each cue: of all arms, the earliest start (ms), the largest
     force (device units), the longest time of force (ms) and the largest number of separate cues.
     """
-    columns: dict[str, Scalar] = {}
+    columns = {}
     for k in range(setup.cues):
         cues = [arm.cues[k] for arm in arms]
         columns[f"cue{k}_first_ms"] = earliest_tick([cue.first_tick for cue in cues])

@@ -38,7 +38,7 @@ READERS = max(4, min(16, len(os.sched_getaffinity(0))))
 class ResultFolder:
     """An open result folder, from `open`. Several threads may add parts (Parquet files)."""
 
-    def __init__(self, path: Path, manifest: Manifest, notes: tuple[str, ...] = ()) -> None:
+    def __init__(self, path: Path, manifest: Manifest, notes: tuple[str, ...] = ()):
         self.path, self.notes = path, notes
         self._manifest, self._parts = manifest, list(manifest.parts)
         self._lock = threading.Lock()

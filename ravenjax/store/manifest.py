@@ -390,7 +390,7 @@ def code_hash(robot: Robot = robots.USUAL) -> str:
     return digest.hexdigest()
 
 
-def _flat(tree: Any, prefix: str = "") -> dict[str, str]:
+def _flat(tree, prefix: str = "") -> dict[str, str]:
     """Return the values of nested tables by dotted path. A list of values is one value."""
     if isinstance(tree, dict):
         branches = {f"{prefix}.{key}" if prefix else str(key): tree[key] for key in tree}

@@ -26,7 +26,7 @@ COMMAND_BYTES = 4096  # The largest size of a command as JSON, bytes
 class Ring:
     """The last `capacity` rows of bytes that a process has written."""
 
-    def __init__(self, memory: shared_memory.SharedMemory, owner: bool) -> None:
+    def __init__(self, memory: shared_memory.SharedMemory, owner: bool):
         self._memory, self._owner = memory, owner
         self._header = np.ndarray((3,), np.int64, memory.buf)
         self.capacity, self.row_bytes = int(self._header[1]), int(self._header[2])

@@ -139,7 +139,7 @@ def conform_table(columns: Columns, shape: Shape) -> pa.Table:
     return pa.Table.from_arrays(arrays, schema=schema)
 
 
-def _array(values: Any, field: pa.Field) -> pa.Array:
+def _array(values, field: pa.Field) -> pa.Array:
     # Converts values to the column's type, and refuses values that would change.
     try:
         if pa.types.is_dictionary(field.type):

@@ -61,7 +61,7 @@ _MOTION, _DEPTH = 0, 1
 """Index of unintended motion and of depth in lists of the two effects that can be harm."""
 
 
-def _number_or_none(value: Any) -> float | None:
+def _number_or_none(value) -> float | None:
     """Return a value of hazards.csv as a number; None if it is empty, infinite or NaN."""
     try:
         number = math.nan if value in (None, "") else float(value)
@@ -168,7 +168,7 @@ class Episode:
 
     def __init__(
         self, hazard: Armable, harm: Harm, tick: int, cue_on: bool, record: Callable[..., None]
-    ) -> None:
+    ):
         """tick: when the hazard is armed. cue_on: whether the operator feels the cue.
         record: as in `Judge`; its events get the number of this hazard.
         """
@@ -447,7 +447,7 @@ class Trip(NamedTuple):
 class Trips:
     """Counts the trips of each check. Call `new_trips` every few milliseconds."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self._counts: Counter[str] = Counter()  # trips since the robot's last restart
         self._earlier_counts: Counter[str] = Counter()  # trips before this restart
         self._last_tick: dict[str, int] = {}  # tick of each check's last trip
@@ -566,7 +566,7 @@ class Judge:
         hazards: Sequence[Armable],
         cue_on: bool,
         record: Callable[..., None],
-    ) -> None:
+    ):
         """record: called with the tick, the kind and the content of each event."""
         self.scenario, self.hazards = scenario, tuple(hazards)
         self.cue_on = cue_on
@@ -803,7 +803,7 @@ class Judge:
 class _Arm:
     """State of one arm, and the indices or slices of its channels in a frame's row."""
 
-    def __init__(self, frame: Frame, name: str) -> None:
+    def __init__(self, frame: Frame, name: str):
         places = frame.layout.places
         self.name = name
 

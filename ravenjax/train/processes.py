@@ -20,9 +20,7 @@ STARTING_S = 60.0  # The longest time that the page or the recorder may take to 
 class Helper:
     """A process that imports its modules before its options are known."""
 
-    def __init__(
-        self, stack: contextlib.ExitStack, target: Callable[..., None], *given: Any
-    ) -> None:
+    def __init__(self, stack: contextlib.ExitStack, target: Callable[..., None], *given: Any):
         """target: called in the process with a connection and `given`. The connection delivers the
         options and takes the answer. stack: ends the process.
         """
@@ -61,7 +59,7 @@ class Helper:
 class SessionHelpers:
     """The page and the recorder. They start before the session imports its modules."""
 
-    def __init__(self, stack: contextlib.ExitStack, listening: socket.socket | None) -> None:
+    def __init__(self, stack: contextlib.ExitStack, listening: socket.socket | None):
         """stack: ends the processes. listening: socket of `page.open_port`; None: no page."""
         self.page, self.port = None, 0
         if listening is not None:
@@ -113,7 +111,7 @@ def spawn_process(
         if file:
             command["__file__"] = file
 
-    def end() -> None:
+    def end():
         process.terminate()
         process.join(5.0)
         if process.is_alive():

@@ -64,7 +64,7 @@ _DRAWN = _SHARED["drawn"]
 class FrameLayout:
     """The position of each channel in a row of a frame."""
 
-    def __init__(self, arms: Arms, sizes: dict[str, int]) -> None:
+    def __init__(self, arms: Arms, sizes: dict[str, int]):
         """sizes: the number of values of each channel, in their order."""
         self.arms, self.sizes = arms, sizes
         # Each channel ends where the next begins.
@@ -75,7 +75,7 @@ class FrameLayout:
     @staticmethod
     def of(arms: Arms) -> FrameLayout:
         """Return the layout for these arms: the tick's channels first, the session's after them."""
-        sizes: dict[str, int] = {}
+        sizes = {}
         for source in ("simulated", "session"):
             sizes |= CHANNELS[source]
             for arm in arms:
@@ -111,7 +111,7 @@ class Frame:
 
     __slots__ = ("layout", "numbers", "row")
 
-    def __init__(self, layout: FrameLayout, row: np.ndarray | None = None) -> None:
+    def __init__(self, layout: FrameLayout, row: np.ndarray | None = None):
         """row: float32 [layout.size]; zeros if left out."""
         self.layout = layout
         self.row = np.zeros(layout.size, np.float32) if row is None else row
@@ -213,7 +213,7 @@ def turn_vector(rows: Rows, v: Point) -> Point:
     return first, second, third
 
 
-def _rows(matrix: Any) -> Any:
+def _rows(matrix) -> Any:
     return tuple(tuple(float(number) for number in row) for row in matrix)
 
 

@@ -59,7 +59,7 @@ class Task:
     progress = 0.0  # 0 to 1
     _published_target = -1  # in the last event
 
-    def __init__(self, settings: Any, workspace: Workspace) -> None:
+    def __init__(self, settings: Any, workspace: Workspace):
         """settings: the scenario's [task]."""
         self.settings, self._workspace, self._arms = settings, workspace, workspace.arms
         self._events: list[Event] = []
@@ -128,7 +128,7 @@ class Task:
             self.done, self.target = True, -1
             self._record(tick, "task_done")
 
-    def _record(self, tick: int, kind: str, **content: Any) -> None:
+    def _record(self, tick: int, kind: str, **content) -> None:
         self._events.append({"tick": tick, "kind": kind, **content})
 
 
@@ -150,7 +150,7 @@ class PathTask(Task):
     _is_on_line = False  # whether the tip has reached the line
     _ticks, _ticks_within = 0, 0  # Since then: ticks, and ticks within the tolerance
 
-    def __init__(self, settings: Path, workspace: Workspace) -> None:
+    def __init__(self, settings: Path, workspace: Workspace):
         super().__init__(settings, workspace)
         self.points = [_point(settings, workspace.middle, k / POINTS) for k in range(POINTS)]
         self._tolerance_m = settings.tolerance_mm / 1e3
@@ -224,7 +224,7 @@ class PegTask(Task):
     held: ArmName | None = None  # The arm that holds the object
     placed, dropped = 0, 0
 
-    def __init__(self, settings: PegTransfer, workspace: Workspace) -> None:
+    def __init__(self, settings: PegTransfer, workspace: Workspace):
         super().__init__(settings, workspace)
         spacing, per_row = settings.spacing_mm / 1e3, settings.pegs // 2
         self.pegs: list[Point] = []
@@ -323,7 +323,7 @@ class ReachTask(Task):
     target = 0
     _inside_ms = 0
 
-    def __init__(self, settings: Reach, workspace: Workspace) -> None:
+    def __init__(self, settings: Reach, workspace: Workspace):
         super().__init__(settings, workspace)
         rng = np.random.default_rng([workspace.seed, settings.seed, 1])
         self.targets: list[tuple[ArmName, Point]] = []
@@ -395,7 +395,7 @@ class LevelsTask(Task):
     _round_start: int | None = None
     target = 0
 
-    def __init__(self, settings: Levels, workspace: Workspace) -> None:
+    def __init__(self, settings: Levels, workspace: Workspace):
         super().__init__(settings, workspace)
         counts = [level.targets for level in settings.level[:-1]]
         self._first_targets = [0, *itertools.accumulate(counts)]

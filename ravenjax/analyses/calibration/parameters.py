@@ -119,13 +119,13 @@ def moved_by(value, one: Unknown, steps):
     return value * exp(one.spread * steps) if one.ratio else value + one.spread * steps
 
 
-def _number(params: Any, field: str, joint: int | None) -> Any:
+def _number(params, field: str, joint: int | None) -> Any:
     for name in field.split("."):
         params = getattr(params, name)
     return params if joint is None else params[joint]
 
 
-def _with(params: Any, names: list[str], joint: int | None, value):
+def _with(params, names: list[str], joint: int | None, value):
     # Returns a copy of the nested record `params` in which the field at the path `names` has a new
     # value, or one joint's entry of that field.
     name, *rest = names

@@ -156,7 +156,7 @@ class _Replays:
 
     def __init__(
         self, setup: ReplaySetup, base: LoopParams, varied: tuple[str, ...], log: JointLog
-    ) -> None:
+    ):
         first = np.where(np.isnan(log.start), log.desired[0], log.start)
         # The parameters of a program must be plain numbers.
         plain = jax.tree.map(lambda x: float(x) if isinstance(x, jax.Array) else x, base)

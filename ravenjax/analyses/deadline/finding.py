@@ -56,7 +56,7 @@ class FaultActions(NamedTuple):
 class Actor(PlannedCampaign):
     """Runs faults of a campaign again, each with an action."""
 
-    def __init__(self, config: CampaignConfig, engine: str = "auto") -> None:
+    def __init__(self, config: CampaignConfig, engine: str = "auto"):
         """Raise UserError if the campaign, its robot or the engine does not support actions."""
         part = config.robot.part("campaign")
         if not hasattr(part, "acted"):
@@ -155,7 +155,7 @@ class Actor(PlannedCampaign):
         number, first = np.arange(count), np.where(last == GRID, GRID + 1, last)
         low, high = edges[number, first], edges[number, first + 1]
 
-        def bisect(horizon: int | None) -> None:
+        def bisect(horizon: int | None):
             # Halves each interval until the last tick that prevents the harm is known. The action
             # prevents the harm at tick `low` and not at tick `high`.
             while (active := high - low > 1).any():

@@ -79,7 +79,7 @@ def question_plan(config: CampaignConfig) -> Plan:
     # All runs get the random key 0: a page draws the lengths of packets once, not for each run.
     varied = ready.varied | {key: 0 * ready.varied[key] for key in ready.keys}
     # Full paths of the numbers that are inputs already.
-    covered: set[str] = set()
+    covered = set()
     for path in varied:
         covered.update(paths.named_numbers(program.params, program.setup, path))
     for full_path, value in paths.path_leaves(program.params, program.setup):

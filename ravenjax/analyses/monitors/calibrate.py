@@ -130,7 +130,7 @@ def choose_candidates(robot: Robot, patterns: Sequence[str]) -> list[Score]:
     """
     candidates = list_candidates(robot)
     names = [score.name for score in candidates]
-    chosen_names: set[str] = set()
+    chosen_names = set()
     for pattern in patterns:
         matches = fnmatch.filter(names, pattern)
         if not matches:

@@ -120,9 +120,7 @@ def require_runnable(config: CampaignConfig, design: OperationDesign) -> None:
 class OperationRunner:
     """Computes operations of a campaign. The code is compiled once."""
 
-    def __init__(
-        self, config: CampaignConfig, design: OperationDesign, engine: str = "auto"
-    ) -> None:
+    def __init__(self, config: CampaignConfig, design: OperationDesign, engine: str = "auto"):
         """Choose an engine. Raise UserError for a campaign that cannot run without faults."""
         require_runnable(config, design)
         compile_cache.enable_cache()

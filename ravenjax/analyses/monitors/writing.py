@@ -151,7 +151,7 @@ def _nine_digits(value: float) -> float:
     return float(f"{value:.9g}")
 
 
-def _float32(value: Any) -> float:
+def _float32(value) -> float:
     return float(np.float32(value))
 
 

@@ -44,7 +44,7 @@ class Evaluator:
         wanted: Sequence[Outcome],
         engine: str = "auto",
         margins: bool = False,
-    ) -> None:
+    ):
         """Prepare runs of a template, of which the outcomes `wanted` are computed.
 
         `margins`: True computes the distance of a number from its limit instead of 0 or 1. Raise

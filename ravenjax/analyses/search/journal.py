@@ -21,7 +21,7 @@ ROWS = "rows.parquet"
 class Journal:
     """The finished runs in the folder of a search. No other process may write into the folder."""
 
-    def __init__(self, out: Path, identity: str, rows_sha256: str | None = None) -> None:
+    def __init__(self, out: Path, identity: str, rows_sha256: str | None = None):
         """Read the finished runs of the folder. Damaged files are renamed and reported.
 
         `identity`: hash of everything on which outcomes depend. `rows_sha256`: hash of

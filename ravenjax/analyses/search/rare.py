@@ -39,7 +39,7 @@ def find(template: Template, search: Rare, evaluator: Evaluator, _: Path) -> dic
     seed, inputs = template.config.campaign.seed, len(template.inputs)
     records = []
     for case in range(template.cases):
-        margins: list[np.ndarray] = []
+        margins = []
         # g appends the margins of its runs to the list.
         g = _limit_state(template, evaluator, case, margins)
         plain = monte_carlo(g, inputs, search.check, seed=seed) if search.check else None

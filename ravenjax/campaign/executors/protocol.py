@@ -89,7 +89,7 @@ class BackgroundQueue:
     At the end of its `with` block it waits for running calls.
     """
 
-    def __init__(self, threads: int) -> None:
+    def __init__(self, threads: int):
         self._pool = ThreadPoolExecutor(threads)
         self._most = threads + WAITING_CALLS
         self._under_way: deque[Future[Any]] = deque()

@@ -87,7 +87,7 @@ def _computed_by(plan: Plan, device: str) -> dict[str, str]:
 class Worker:
     """Computes chunks of a campaign in a Ray worker process. The first chunk compiles the code."""
 
-    def __init__(self, head: Head) -> None:
+    def __init__(self, head: Head):
         """Raise UserError if this process has other code, device or versions than the user's."""
         precision = head.plan.program.setup.precision
         self._head, self.progress = head, Progress("", 0, 0, 1)
@@ -136,7 +136,7 @@ def _compute(key: str, head: Head, rows: Mapping[str, Any]) -> tuple[float, Fini
 class Ray:
     """Computes chunks on a Ray cluster; see `protocol.Executor`."""
 
-    def __init__(self, workers: int | None = None, address: str | None = None) -> None:
+    def __init__(self, workers: int | None = None, address: str | None = None):
         """address: address of a running cluster; None: start one on this machine.
 
         Raises UserError if Ray is not installed.
@@ -156,7 +156,7 @@ class Ray:
             if joins:
                 ray.shutdown()
 
-    def _run(self, ray: Any, work: Work, chunks: Sequence[range]) -> None:
+    def _run(self, ray, work: Work, chunks: Sequence[range]) -> None:
         gpu, progress = work.engine.name == "cuda", work.progress
         cores, tasks = _cores_and_tasks(ray.cluster_resources(), ray.nodes(), self.workers, gpu)
         progress.status.workers = tasks
@@ -174,7 +174,7 @@ class Ray:
         lost: dict[range, str] = {}
         delivered, patience, longest_s, asked_at = 0, 1, 0.0, time.monotonic()
 
-        def deliver(finished: FinishedChunk) -> None:
+        def deliver(finished: FinishedChunk):
             work.deliver(finished)
             progress.ticks(len(finished.rows) * work.plan.program.ticks)
 
@@ -256,7 +256,7 @@ def _refusal(lost: Mapping[range, str], delivered: int) -> UserError:
     )
 
 
-def _join(ray: Any, address: str | None) -> None:
+def _join(ray, address: str | None) -> None:
     """Join the cluster at that address, or start one on this machine.
 
     Raises UserError if the address does not answer.

@@ -62,7 +62,7 @@ def table_columns(config: CampaignConfig) -> pd.DataFrame:
     pieces = [piece for group in config.group for piece in _pieces(config, group, moments)]
     runs = sum(piece.runs for piece in pieces)
 
-    def joined(columns: Iterable[Any], dtype: Any) -> np.ndarray:
+    def joined(columns: Iterable[Any], dtype) -> np.ndarray:
         # Concatenates one value or one array for each piece of the table to a column [runs].
         parts = [np.asarray(values, dtype) for values in columns]
         lengths = [piece.runs for piece in pieces]
@@ -73,7 +73,7 @@ def table_columns(config: CampaignConfig) -> pd.DataFrame:
 
     seed = joined((piece.seed for piece in pieces), np.int64)
     words: dict[str, pd.Categorical] = {}
-    numbers: dict[str, np.ndarray] = {}
+    numbers = {}
     for s in range(config.slots):
         faults = [piece.faults[s] if s < len(piece.faults) else {} for piece in pieces]
         for name, vocabulary in words_of(config.robot).items():

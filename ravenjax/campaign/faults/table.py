@@ -39,7 +39,7 @@ def table_injection(table: pd.DataFrame, robot: Robot) -> Injection:
     They select the code that injects faults. Sites have the order of the robot.
     """
     effects: dict[Target, set[str]] = {}
-    triggers: set[str] = set()
+    triggers = set()
     for slot in range(count_slots(table)):
         for site, arm, channel, effect, trigger in _word_groups(table, slot)[1]:
             if site:

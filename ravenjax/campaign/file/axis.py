@@ -193,7 +193,7 @@ class OneValue(NamedTuple):
             )
         return Axis(kind, tuple(map(self.value, values)), kind == LIST and values is not raw)
 
-    def _distribution(self, kind: Any, raw: Any) -> Axis:
+    def _distribution(self, kind, raw) -> Axis:
         # Parses a distribution, such as {uniform = [low, high]}, and checks its ends.
         if not isinstance(raw, list | tuple) or len(raw) != 2:
             raise ValueError(f"{kind} needs {DISTRIBUTIONS[kind]}, got {raw!r}")
@@ -240,11 +240,11 @@ class OneValue(NamedTuple):
         ]
 
 
-def _is_number(raw: Any) -> TypeGuard[int | float]:
+def _is_number(raw) -> TypeGuard[int | float]:
     return isinstance(raw, int | float) and not isinstance(raw, bool)
 
 
-def _number(raw: Any) -> int | float:
+def _number(raw) -> int | float:
     # Checks that a value from a file is a finite number.
     if not _is_number(raw) or not abs(raw) <= sys.float_info.max:
         raise ValueError(f"got {format_value(raw)}, expected a number that is finite")
@@ -258,7 +258,7 @@ def time_axis(least: int, endless: bool = False) -> OneValue:
     if endless:
         expected, schema = f'{expected}, or "{END}"', {"anyOf": [schema, {"const": END}]}
 
-    def parsed(raw: Any) -> int | str:
+    def parsed(raw) -> int | str:
         # Reads one value of an axis of whole numbers, or the word for the end of the run.
         if endless and raw in (END, UNTIL_END):
             return END
@@ -276,7 +276,7 @@ def word_axis(what: str, known: Iterable[str] | None = None) -> OneValue:
 
     expected = f"the name of {'an' if what[0] in 'aeiou' else 'a'} {what}"
 
-    def parsed(raw: Any) -> str:
+    def parsed(raw) -> str:
         # Reads one value of an axis of words.
         if not isinstance(raw, str):
             raise ValueError(f"got {format_value(raw)}, expected {expected}, a list or a choice")
@@ -296,7 +296,7 @@ _MOMENTS = _ONSET._replace(
 )
 
 
-def _onset(raw: Any) -> Axis:
+def _onset(raw) -> Axis:
     """Parse the start of a fault: a time, or a position in a phase of the operation.
 
     `ravenjax.campaign.faults.moments` later converts phases to milliseconds, which depend on the
@@ -312,7 +312,7 @@ def _onset(raw: Any) -> Axis:
     return fixed_axis(_moment(raw))
 
 
-def _is_place(raw: Any) -> bool:
+def _is_place(raw) -> bool:
     return isinstance(raw, Mapping) and bool(raw.keys() & {PHASE, SHARE})
 
 

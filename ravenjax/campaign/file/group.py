@@ -48,7 +48,7 @@ def flatten_table(table: Any, above: str = "") -> Any:
     """
     if not isinstance(table, Mapping):
         return table
-    out: dict[str, Any] = {}
+    out = {}
     for key, value in table.items():
         if isinstance(value, dict) and not _is_distribution(value):
             out |= flatten_table(value, f"{above}{key}.")
@@ -89,7 +89,7 @@ def _is_distribution(table: dict[str, Any]) -> bool:
     )
 
 
-def _effects(raw: Any, info: ValidationInfo) -> Axis:
+def _effects(raw, info: ValidationInfo) -> Axis:
     # Reads the axis of effects of a fault.
     try:
         return word_axis("effect", EFFECTS).axis(raw)

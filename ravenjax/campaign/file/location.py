@@ -103,7 +103,7 @@ def key_lines(text: str) -> dict[str, int]:
     Keys have the form of `format_key`. Keys inside inline tables and multi-line strings have no
     line; use `nearest_line` for these.
     """
-    numbers: dict[str, int] = {}
+    numbers = {}
     counts: dict[Key, int] = {}
     table: Key = ()
     for number, line in enumerate(text.splitlines(), start=1):

@@ -46,7 +46,7 @@ def all_applied(raw: dict[str, Any], overrides: Sequence[str]) -> tuple[dict[str
     return raw, keys
 
 
-def _entered(table: Any, parts: list[str], value: Any, override: str) -> tuple[Any, Key]:
+def _entered(table, parts: list[str], value, override: str) -> tuple[Any, Key]:
     # Returns the table with the value at the path, and the path with list indices as numbers.
     if not parts:
         return value, ()

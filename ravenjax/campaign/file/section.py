@@ -28,7 +28,7 @@ class _SectionClass(type(BaseModel)):
                 raise location.Where(None, {}, []).error(complaints) from None
 
 
-def _typed(schema: Any) -> Any:
+def _typed(schema) -> Any:
     """Return a pydantic schema that does not convert types, as JSON Schema.
 
     Pydantic would accept "3" and true as numbers, and "yes" as true.
@@ -45,7 +45,7 @@ def _typed(schema: Any) -> Any:
     return core_schema.no_info_before_validator_function(_number, typed)
 
 
-def _number(raw: Any) -> Any:
+def _number(raw) -> Any:
     if isinstance(raw, bool | str):
         raise ValueError(f"got {format_value(raw)}, expected a number")
     return raw

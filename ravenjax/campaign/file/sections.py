@@ -90,7 +90,7 @@ OneOrMore = _Item | Annotated[list[_Item], Field(min_length=1)]
 """Annotation for the JSON Schema of a list. A single value is accepted in place of a list."""
 
 
-def _listed(raw: Any) -> Any:
+def _listed(raw) -> Any:
     return raw if isinstance(raw, list | tuple) else (raw,)
 
 

@@ -44,7 +44,7 @@ class Explained(NamedTuple):
 class Explainer(PlannedCampaign):
     """Explains runs of one campaign."""
 
-    def __init__(self, config: CampaignConfig, engine: str = "auto") -> None:
+    def __init__(self, config: CampaignConfig, engine: str = "auto"):
         """Raises UserError if the campaign, its robot or the engine does not support this."""
         if not config.robot.seams:
             raise UserError(

@@ -75,14 +75,14 @@ def tidy_schema(node: Any) -> None:
             table["description"] = " ".join(text.split())
 
 
-def _restrict_words(node: Any, words: Any) -> None:
+def _restrict_words(node, words) -> None:
     # Restricts every text value in a schema to these words, in place.
     for table in _tables(node):
         if table.get("type") == "string":
             table["enum"] = list(words)
 
 
-def _tables(node: Any) -> Iterator[Schema]:
+def _tables(node) -> Iterator[Schema]:
     """Yield each table in a schema, before the tables in it. The caller may change it."""
     if isinstance(node, dict):
         yield node

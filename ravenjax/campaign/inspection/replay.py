@@ -41,7 +41,7 @@ class Replay(NamedTuple):
 class PlannedCampaign:
     """A planned campaign, and the engine that computes some of its runs again."""
 
-    def __init__(self, config: CampaignConfig, engine: str = "auto") -> None:
+    def __init__(self, config: CampaignConfig, engine: str = "auto"):
         """Raise UserError if the campaign or the engine cannot be run."""
         self.config, self.plan = config, make_plan(config)
         precision = self.plan.program.setup.precision
@@ -75,7 +75,7 @@ def original_engine(record: manifest.Manifest, engine: str) -> str:
 class Replayer(PlannedCampaign):
     """Computes single runs of a campaign again, with their time series."""
 
-    def __init__(self, config: CampaignConfig, engine: str = "auto") -> None:
+    def __init__(self, config: CampaignConfig, engine: str = "auto"):
         """Raise UserError if the campaign or the engine cannot be run."""
         super().__init__(config, engine)
         program = self.plan.program

@@ -56,9 +56,7 @@ class LaneGroup:
     Ticks count from the beginning of a run. Methods collect calls, which `run_calls` makes.
     """
 
-    def __init__(
-        self, code: VectorCode, lanes: Lanes, vectors: int, rows: int, results: int
-    ) -> None:
+    def __init__(self, code: VectorCode, lanes: Lanes, vectors: int, rows: int, results: int):
         """rows, results: number of rows of ticks, and of rows of results, to allocate."""
         self.lanes, self._make_calls = lanes, code.make_calls
         kernel = self.kernel = code.kernel
@@ -154,7 +152,7 @@ def row_address(rows: np.ndarray, row: int = 0) -> int:
 class VectorCode:
     """A compiled kernel."""
 
-    def __init__(self, kernel: VectorKernel, objects: jit.Objects | None = None) -> None:
+    def __init__(self, kernel: VectorKernel, objects: jit.Objects | None = None):
         self.kernel, self.width = kernel, kernel.inputs.width
         self._module = jit.compile_functions(kernel.text, FUNCTIONS, objects)
         self.make_calls = self._module.function("make_calls", [ctypes.c_void_p, ctypes.c_int64])

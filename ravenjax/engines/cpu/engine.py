@@ -44,7 +44,7 @@ class SimdKernel(traced.PrintedKernel):
         objects: jit.Objects | None = None,
         signals: bool = False,
         host: jit.Host | None = None,
-    ) -> None:
+    ):
         """signals: every tick returns every signal, and lanes run one by one. host: CPU whose
         vectors the code is for, which must run here; None: this machine's CPU."""
         super().__init__(program, lanes, objects)
@@ -97,7 +97,7 @@ class SimdKernel(traced.PrintedKernel):
         lanes, keep = len(group), self.signals or block.reference is None
         dtype = np.dtype(np.uint64) if self.signals else self._dtype
         out = np.zeros((ticks if keep else 0, code.kernel.outputs, lanes), dtype)
-        outcomes: list[np.ndarray] = []
+        outcomes = []
         for number in range(group.max() + 1):
             members = np.flatnonzero(group == number)
             # The last vector is filled by repeating the last lane.

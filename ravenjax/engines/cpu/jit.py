@@ -71,7 +71,7 @@ def portable_target() -> Host:
 class HostModule:
     """Compiled functions. They can be called as long as this object lives."""
 
-    def __init__(self, code: bytes, names: Sequence[str]) -> None:
+    def __init__(self, code: bytes, names: Sequence[str]):
         # JITLink puts code and constants next to each other. The older loader may not, and aborts.
         self._jit = llvm.create_lljit_compiler(_machine(host_target()), use_jit_link=True)
         builder = llvm.JITLibraryBuilder().add_object_img(code).add_current_process()

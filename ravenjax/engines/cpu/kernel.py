@@ -45,7 +45,7 @@ def schedule_operations(
     """
     scheduled: list[int | Region] = []
     # Operations since the last region.
-    between: list[int] = []
+    between = []
     for item in arranged:
         if isinstance(item, Region):
             scheduled += _schedule(operations, between)
@@ -75,8 +75,8 @@ def _schedule(operations: Sequence[Operation], order: Sequence[int]) -> tuple[in
                 missing[k] += 1
                 readers[source].append(k)
     # Operations in the window with no operand missing, in order.
-    candidates: list[int] = []
-    result: list[int] = []
+    candidates = []
+    result = []
     now = window_end = 0
     while len(result) < len(order):
         while window_end < min(len(result) + WINDOW, len(order)):
@@ -132,7 +132,7 @@ def print_kernel(split: Split, width: int, features: frozenset[str]) -> VectorKe
 
 
 class _LlvmModule(LoopPrinting[Place]):
-    def __init__(self, split: Split, width: int, features: frozenset[str]) -> None:
+    def __init__(self, split: Split, width: int, features: frozenset[str]):
         super().__init__(split)
         self.width, self.features = width, features
         first = split.loop.lane_inputs

@@ -10,7 +10,6 @@ called for one lane at a time, and Python's `math` calls the same functions.
 
 import struct
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -29,7 +28,7 @@ _TYPES: dict[str, str] = {**_STORED, "bool": "i1"}
 class LlvmPrinter(Printing[Place]):
     """Prints the body of one function for `width` lanes on a CPU with these features."""
 
-    def __init__(self, width: int, features: frozenset[str], block: str = "entry") -> None:
+    def __init__(self, width: int, features: frozenset[str], block: str = "entry"):
         """block: label of the basic block in which the lines begin."""
         super().__init__()
         self.width, self.features, self.block = width, features, block
@@ -107,7 +106,7 @@ class LlvmPrinter(Printing[Place]):
         wide, suffix = self.type(dtype), self._type_suffix(dtype)
         return self.call(wide, f"llvm.{name}.{suffix}", *((wide, x) for x in inputs))
 
-    def _constant(self, dtype: str, value: Any) -> str:
+    def _constant(self, dtype: str, value) -> str:
         # Returns a constant as text, with the same value in each lane.
         if dtype == "bool":
             text = "true" if value else "false"

@@ -32,7 +32,7 @@ class StepCode:
         tables: Sequence[int],
         objects: jit.Objects | None = None,
         key: str = "",
-    ) -> None:
+    ):
         """Trace and compile three functions.
 
         begin(inputs) -> state; step(inputs, state, tick, step_inputs, tables) -> (state, float32
@@ -83,7 +83,7 @@ class Stepper:
     several steppers may share.
     """
 
-    def __init__(self, code: StepCode, inputs: Any, tables: np.ndarray | None = None) -> None:
+    def __init__(self, code: StepCode, inputs: Any, tables: np.ndarray | None = None):
         """inputs: see `StepCode`. tables: float32, all columns concatenated; zeros if omitted."""
         self.code = code
         fixed = code.inputs.row(inputs)

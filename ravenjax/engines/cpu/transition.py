@@ -134,14 +134,14 @@ class Memory(NamedTuple):
 class Interpreted:
     """Runs transitions one operation at a time in Python."""
 
-    def __init__(self, transitions: Mapping[str, StateTransition]) -> None:
+    def __init__(self, transitions: Mapping[str, StateTransition]):
         self._transitions = transitions
 
     def bind(self, name: str, memory: Memory) -> Callable[[], None]:
         """Return a function that makes a transition, as `Compiled.bind` does; without tables."""
         transition = self._transitions[name]
 
-        def make_transition() -> None:
+        def make_transition():
             # Makes one transition for each row of inputs.
             fixed = read_row(transition.fixed, memory.fixed)
             for inputs, outputs in zip(memory.step_inputs, memory.step_outputs, strict=True):
@@ -157,7 +157,7 @@ class Interpreted:
 class Compiled:
     """Runs transitions as machine code, all in one module."""
 
-    def __init__(self, text: str, names: Iterable[str], objects: jit.Objects | None = None) -> None:
+    def __init__(self, text: str, names: Iterable[str], objects: jit.Objects | None = None):
         """text: from `print_module`. objects: cache of compiled code."""
         names = list(names)
         self._module = jit.compile_functions(text, names, objects)
@@ -175,7 +175,7 @@ class Compiled:
 class BoundTransition:
     """A transition with its memory. A call makes the transition once for each row."""
 
-    def __init__(self, function: Any, memory: Memory, machine: Compiled) -> None:
+    def __init__(self, function: Any, memory: Memory, machine: Compiled):
         fixed, state, step_inputs, step_outputs, tables = memory
         # ctypes keeps addresses only, not the arrays and the code behind them.
         self._alive = memory, machine

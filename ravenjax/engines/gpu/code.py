@@ -5,7 +5,6 @@ once for the group. While lanes run through a chunk, the GPU computes the next c
 """
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 
@@ -57,7 +56,7 @@ class CudaCode:
         device: Device,
         form: Form,
         objects: Objects | None = None,
-    ) -> None:
+    ):
         """grouped, form: see `print_loop`."""
         self.source, self.grouped, self.device, self.form = source, grouped, device, form
         cubin = cuda_device.compile_cubin(source.text, device.architecture, OPTIONS, objects)
@@ -95,7 +94,7 @@ class _Run:
         places: Places,
         course: BlockCourse,
         chunk: int,
-    ) -> None:
+    ):
         """chunk: largest number of ticks of a launch."""
         self.code, self.session, self.lanes = code, session, lanes
         self.places, self.course = places, course
@@ -191,7 +190,7 @@ class _Run:
             starts = session.upload(course.snapshot.view(np.uint32))
             session.launch(code.functions["lane_branch"], *where, snapshots, starts, self.state)
 
-    def _store_snapshot(self, what: str, words: int, stream: Any, state: Any, row: int) -> None:
+    def _store_snapshot(self, what: str, words: int, stream, state, row: int) -> None:
         """Copy the state of the "group" or the "lane" to its snapshots, if snapshots are made."""
         if self.snapshots and words:
             self.session.launch(

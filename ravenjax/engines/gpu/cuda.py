@@ -7,7 +7,6 @@ Numbers have 32 bits.
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -25,7 +24,7 @@ _TYPES = _TEXTS["types"]
 class CudaPrinter(Printing[str]):
     """Prints the body of one function. A place is the C text of a 32-bit word in memory."""
 
-    def __init__(self, indent: str = "  ") -> None:
+    def __init__(self, indent: str = "  "):
         super().__init__()
         self._indent = indent
 
@@ -37,7 +36,7 @@ class CudaPrinter(Printing[str]):
         """Return all statements, each with its line end."""
         return "".join(f"{line}\n" for line in self.lines)
 
-    def _constant(self, dtype: str, value: Any) -> str:
+    def _constant(self, dtype: str, value) -> str:
         # Returns a constant as C text, exact to the bit.
         if dtype == "bool":
             return "true" if value else "false"
@@ -92,9 +91,7 @@ class CudaPrinter(Printing[str]):
         return name
 
 
-def _operation_text(
-    name: str, dtype: str, sources: Sequence[str], x: Sequence[str], known: Any
-) -> str:
+def _operation_text(name: str, dtype: str, sources: Sequence[str], x: Sequence[str], known) -> str:
     """Return the C text of an operation.
 
     x: texts of the operands. sources: their types. known: the first operand's constant, else None.

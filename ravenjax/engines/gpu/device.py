@@ -31,7 +31,7 @@ def _bindings() -> tuple[Any, Any]:
     return driver, nvrtc
 
 
-def _call(name: str, *arguments: Any) -> Any:
+def _call(name: str, *arguments) -> Any:
     """Return the result of a driver function. Raises RuntimeError with the driver's message."""
     driver, _ = _bindings()
     code, *results = getattr(driver, name)(*arguments)
@@ -137,7 +137,7 @@ def _compiler_for(architecture: str) -> tuple[Any, tuple[int, int]]:
     return nvrtc, (major, minor)
 
 
-def _compiled(nvrtc: Any, text: str, flags: list[str]) -> bytes:
+def _compiled(nvrtc, text: str, flags: list[str]) -> bytes:
     # Compiles CUDA C to machine code of one GPU architecture.
     _, program = nvrtc.nvrtcCreateProgram(text.encode(), b"tick.cu", 0, [], [])
     try:
@@ -156,7 +156,7 @@ def _compiled(nvrtc: Any, text: str, flags: list[str]) -> bytes:
 class DeviceModule:
     """Machine code loaded on a device."""
 
-    def __init__(self, device: Device, cubin: bytes) -> None:
+    def __init__(self, device: Device, cubin: bytes):
         self.device = device
         _call("cuCtxSetCurrent", device.context)
         self._module = _call("cuModuleLoadData", cubin)
@@ -182,7 +182,7 @@ class Function:
 class DeviceSession:
     """The streams and the memory of one thread on one device, which are freed at the end."""
 
-    def __init__(self, device: Device) -> None:
+    def __init__(self, device: Device):
         self.device = device
         self._allocated: list[Any] = []
         self._events: list[Any] = []

@@ -45,7 +45,7 @@ class CudaKernel(traced.PrintedKernel):
         lanes: int,
         devices: tuple[Device, ...],
         objects: Objects | None = None,
-    ) -> None:
+    ):
         super().__init__(program, lanes, {} if objects is None else objects)
         self.devices = devices
         self._seats: queue.Queue[Device] = queue.Queue()

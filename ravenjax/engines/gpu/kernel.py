@@ -81,7 +81,7 @@ def print_loop(split: Split, form: Form, given_by_group: bool) -> KernelSource:
 
 
 class _CudaModule(LoopPrinting[str]):
-    def __init__(self, split: Split, form: Form, given_by_group: bool) -> None:
+    def __init__(self, split: Split, form: Form, given_by_group: bool):
         super().__init__(split)
         self.form, self.given_by_group = form, given_by_group
         self.inputs, self.tick_inputs = split.loop.lane_inputs, len(split.loop.tick_inputs) - 1

@@ -70,7 +70,7 @@ def _choose_lanes(runs: int, cores: int) -> int:
     return min(limit, -(-share // multiple) * multiple)
 
 
-def _place(array: Any, axis: int = 0) -> Any:
+def _place(array, axis: int = 0) -> Any:
     """Put an array on the accelerators, divided along its axis of lanes if that is possible."""
     devices = _accelerators()
     # Lanes that cannot be divided evenly, such as the one of a trace, stay on the first device.
@@ -119,7 +119,7 @@ class ScanKernel:
 
     branches = 0
 
-    def __init__(self, program: TickProgram, lanes: int, keep_signals: bool = False) -> None:
+    def __init__(self, program: TickProgram, lanes: int, keep_signals: bool = False):
         self.program, self.lanes = program, lanes
         self.series = program.loop.series_length(program.setup)
         self.dtype = np.dtype(program.setup.precision.real)
@@ -147,7 +147,7 @@ class ScanKernel:
     def prepare(self, block: Block, motion: Motion) -> None:
         """Compile for blocks and motions of these types, for both sizes in parallel."""
 
-        def compile_for(block: Block) -> None:
+        def compile_for(block: Block):
             with traced.x64_context(self.program.setup):
                 self._compile(*self._arguments(block, motion))
 
@@ -197,7 +197,7 @@ class ScanKernel:
             # The state's memory is donated to the compiled function.
             del arguments
             outcomes: Any = {}
-            chunks: list[Any] = []
+            chunks = []
             for first in range(0, ticks, self.length):
                 if block.compared and first:
                     reference = self._reference(block, first, lanes)

@@ -34,12 +34,12 @@ def _has_drawn_fault(group: Mapping[str, Any]) -> bool:
     return any(_is_drawn(value, samples_lists) for fault in faults for value in fault.values())
 
 
-def _is_random(effect: Any) -> bool:
+def _is_random(effect) -> bool:
     """Return whether an effect, or every effect of a list, draws random numbers in each run."""
     return all(word in RANDOM for word in ([effect] if isinstance(effect, str) else effect))
 
 
-def _is_drawn(value: Any, samples_lists: bool) -> bool:
+def _is_drawn(value, samples_lists: bool) -> bool:
     # samples_lists: the design draws from lists of values, instead of using each value.
     if isinstance(value, Mapping):
         # A list is the only form of a value table that enumerates.

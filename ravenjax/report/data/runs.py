@@ -37,9 +37,7 @@ _Answer = TypeVar("_Answer")
 class Runs:
     """The runs of one campaign: the tables `results` and `facts`, which share the column `row`."""
 
-    def __init__(
-        self, table: ResultTable, manifest: Manifest, beside: Companions = NO_COMPANIONS
-    ) -> None:
+    def __init__(self, table: ResultTable, manifest: Manifest, beside: Companions = NO_COMPANIONS):
         """Create the facts of a `table` that contains `results` with a column `row`.
 
         beside: additional fault-free motion in the result folder.

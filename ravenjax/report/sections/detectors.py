@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ravenjax.document import palette
-from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots, Mark
+from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots
 from ravenjax.report import wording
 from ravenjax.report.data import facts as run_facts
 from ravenjax.report.data.runs import Runs, after_onset
@@ -201,7 +201,7 @@ def _chart(
     if not areas:
         return None
     largest = sorted(areas, key=lambda number: -areas[number])[:DRAWN]
-    marks: list[Mark] = []
+    marks = []
     if kind == "roc":
         ends = np.array([0.0, 1.0])
         marks.append(Curve("chance", palette.SAME, ends, ends, dashed=True, in_legend=False))

@@ -167,7 +167,7 @@ RAMP_S = 0.5
 """Time in which the motion starts."""
 
 
-def _sines(operator: Operator, robot: Any, ticks: int) -> tuple[np.ndarray, ...]:
+def _sines(operator: Operator, robot, ticks: int) -> tuple[np.ndarray, ...]:
     """Return the set points of each joint, float32 [ticks]."""
     arm = robot.arm
     rng = np.random.default_rng(operator.seed)

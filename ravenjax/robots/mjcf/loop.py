@@ -239,7 +239,7 @@ def _drive(inject: Injector, arm: Arm, torque: Vec) -> tuple[Vec, Vec]:
 
 
 def _move(
-    step: Any, arm: Arm, params: Params, before: tuple[Vec, Vec], force: Vec, left: Vec | float
+    step, arm: Arm, params: Params, before: tuple[Vec, Vec], force: Vec, left: Vec | float
 ) -> tuple[Vec, Vec]:
     """Return positions and velocities after a tick.
 

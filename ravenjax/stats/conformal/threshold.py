@@ -140,7 +140,7 @@ class Threshold(NamedTuple):
 class TooFewUnits(ValueError):
     """Raised if the units are too few for any threshold. It states how many would be enough."""
 
-    def __init__(self, units: int, min_units: int) -> None:
+    def __init__(self, units: int, min_units: int):
         super().__init__(f"got {units} units, expected at least {min_units}")
         self.units, self.min_units = units, min_units
 

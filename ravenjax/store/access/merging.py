@@ -160,7 +160,7 @@ def _link_or_copy(source: PartSource, out: Path, config_hash: str) -> str:
     if merged.exists() and (merged.samefile(source.file) or hash_file(merged) == part.sha256):
         return "kept"
 
-    def fill(aside: Path) -> None:
+    def fill(aside: Path):
         # Creates a part in the output folder as a link if possible, otherwise as a copy.
         try:
             os.link(source.file.resolve(), aside)

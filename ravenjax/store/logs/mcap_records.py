@@ -210,9 +210,9 @@ def recover_records(path: Path, out: Path | None = None) -> Recovered:
             f"{path}: the list of channels is damaged, at the beginning of the file and in its"
             " index; nothing can be recovered"
         )
-    times: list[int] = []
+    times = []
 
-    def fill(target: Path) -> None:
+    def fill(target: Path):
         # Writes all readable messages to a new file with the same topics.
         with open(target, "wb") as file:
             writer = Writer(file)

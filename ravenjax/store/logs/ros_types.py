@@ -18,7 +18,7 @@ WRENCH = "geometry_msgs/msg/WrenchStamped"
 class MessageTypes:
     """The message types of one ROS version."""
 
-    def __init__(self, ros: Ros, definitions: Mapping[str, str] | None = None) -> None:
+    def __init__(self, ros: Ros, definitions: Mapping[str, str] | None = None):
         """definitions: texts that define further types, by name of the type."""
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 

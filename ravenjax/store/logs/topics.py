@@ -141,8 +141,8 @@ def standard_topics(
     series: arrays [T, ...] by arm and name, such as gold/jpos. bases: the base of each arm. Without
     a base, the frame 0 of an arm has no parent frame.
     """
-    frame_pairs: list[tuple[str, str]] = []
-    transforms: list[np.ndarray] = []
+    frame_pairs = []
+    transforms = []
     for arm in robot.arms:
         of_arm = {
             name.removeprefix(f"{arm}/"): values
@@ -200,7 +200,7 @@ class LogWriter:
         topics: Iterable[Topic],
         metadata: Mapping[str, str],
         chunk_bytes: int = 1 << 20,
-    ) -> None:
+    ):
         """metadata: content of the record `METADATA`. chunk_bytes: size of a chunk. If the process
         is killed, at most one chunk is lost.
         """
@@ -304,12 +304,12 @@ def _marks(count: int, first: int = 0) -> np.ndarray:
     return _FIRST_MARK + first + np.arange(count)
 
 
-def _topic(arm: str, name: str, schema: str, *fields: Any) -> Topic:
+def _topic(arm: str, name: str, schema: str, *fields) -> Topic:
     message = ros2_types().message(schema, _header(frame0_name(arm)), *fields)
     return _template(f"/{arm_name(arm)}/{name}", message)
 
 
-def _template(name: str, message: Any) -> Topic:
+def _template(name: str, message) -> Topic:
     # Encodes a message with placeholders, to find the bytes of each number.
     template, spans = ros2_types().encode(message), []
     count = 0

@@ -159,7 +159,7 @@ def _datagrams(path: Path) -> Iterator[Datagram]:
     import dpkt
     from dpkt import ip, ip6, loopback, pcap, sll, sll2
 
-    def plain(content: bytes) -> Any:
+    def plain(content: bytes):
         return ip6.IP6(content) if content[:1] and content[0] >> 4 == 6 else ip.IP(content)
 
     links: dict[int, Any] = {

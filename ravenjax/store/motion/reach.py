@@ -137,7 +137,7 @@ def _solver(arm: ArmName) -> Callable[..., Any]:
     from ravenjax.robots.raven2.geometry.joints import joint_from_theta
     from ravenjax.robots.raven2.geometry.mapping import matrix_from_quat
 
-    def solve(position: Any, quat: Any, opening: Any) -> tuple[Any, Any]:
+    def solve(position, quat, opening) -> tuple[Any, Any]:
         # Returns all joint positions [8, 7] that reach one pose, and whether each is valid.
         pose = kinematics.Pose(Vec(position), matrix_from_quat(Vec(quat)))
         candidates = kinematics.inverse_candidates(arm, pose)

@@ -74,7 +74,7 @@ def arms_in(path: Path) -> tuple[ArmName, ...]:
             poses = "".join(topic for topic in bag.kinds if topic.endswith("_cp"))
             found = tuple(arm for arm in ARMS if f"{ARM_TOPICS[arm]}/" in poses)
     elif kind == TABLE:
-        names: list[str] = []
+        names = []
         # A table without a header line is an error here, but options may name its columns later.
         with contextlib.suppress(UserError):
             names = [*map(str, files.read_table(path))]
@@ -179,7 +179,7 @@ def require_readable(path: Path) -> None:
 
 def _times(track: Track, options: ReplayOptions) -> dict[str, np.ndarray]:
     """Return seconds of each arm's samples since the first moment at which all arms have one."""
-    times: dict[str, np.ndarray] = {}
+    times = {}
     for arm, samples in track.arms.items():
         if samples.time_s is None:
             times[arm] = np.arange(len(samples)) / (options.rate_hz or math.nan)

@@ -281,7 +281,7 @@ def _unit_quaternions(
 class Bag:
     """An open bag; it finds the topics of each Raven-II arm."""
 
-    def __init__(self, path: Path, reader: AnyReader, options: ReplayOptions) -> None:
+    def __init__(self, path: Path, reader: AnyReader, options: ReplayOptions):
         self.path, self._reader, self._options = path, reader, options
         # Type of each topic that has messages.
         self.kinds = {one.topic: one.msgtype for one in reader.connections if one.msgcount}

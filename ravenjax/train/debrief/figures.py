@@ -6,7 +6,6 @@ A person's learning curves show measures of several sessions.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -158,13 +157,7 @@ def _charts(
 
 
 def _curve(
-    name: str,
-    colour: str,
-    time: np.ndarray,
-    values: np.ndarray,
-    *,
-    step: bool = False,
-    **style: Any,
+    name: str, colour: str, time: np.ndarray, values: np.ndarray, *, step: bool = False, **style
 ) -> Curve:
     # Returns a curve with few points. Of a step curve it keeps the corners.
     if not step:

@@ -242,7 +242,7 @@ class Hub:
         commands: Ring,
         on_page: Callable[[Client, Command], None],
         on_input: Callable[[], None],
-    ) -> None:
+    ):
         """place: of `describe_field`. on_page: called with each message of type "page". on_input:
         called when the operator's input changes.
         """

@@ -144,7 +144,7 @@ class PageServer:
     request. A refused request gets 403, a request for another file 404.
     """
 
-    def __init__(self, options: PageOptions, listening: socket.socket, session: Handler) -> None:
+    def __init__(self, options: PageOptions, listening: socket.socket, session: Handler):
         """listening: socket of the server. session: handles each websocket of /session."""
         port = listening.getsockname()[1]
         self._auth = Auth(options.host, options.token, port)
@@ -186,7 +186,7 @@ class PageServer:
     def _serving(self, original: Callable[..., Any]) -> Callable[..., Any]:
         """Return `websockets.serve` with `Auth` and the websocket of /session added."""
 
-        def serve(handler: Handler, *_: Any, **settings: Any) -> Any:
+        def serve(handler: Handler, *_, **settings):
             # Serves the scene with viser's handler, and the session's messages, at one port.
             async def handle(connection: ServerConnection) -> None:
                 path = urlsplit(connection.request.path if connection.request else "").path
@@ -333,7 +333,7 @@ class Page:
     _next_event = _next_frame = 0
     _fast_until = 0.0
 
-    def __init__(self, options: PageOptions, listening: socket.socket) -> None:
+    def __init__(self, options: PageOptions, listening: socket.socket):
         self._layout = FrameLayout.of(options.arms)
         self._frames, self._events, commands = self._rings = [
             Ring.attach(name) for name in (options.frames, options.events, options.commands)

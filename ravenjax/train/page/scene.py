@@ -63,7 +63,7 @@ class DepthLine:
     dotted line leads down to the tissue, and a spot marks its end.
     """
 
-    def __init__(self, server: viser.ViserServer, arm: ArmName) -> None:
+    def __init__(self, server: viser.ViserServer, arm: ArmName):
         root = f"/plumb/{arm}"
         nodes = server.scene
         self._line = nodes.add_line_segments(f"{root}/line", _NO_SEGMENT, **STYLES["plumb"])
@@ -93,7 +93,7 @@ class TaskShapes:
     _holder = ""
     _on_path: Any = None
 
-    def __init__(self, server: viser.ViserServer, geometry: Json) -> None:
+    def __init__(self, server: viser.ViserServer, geometry: Json):
         self._server = server
         self._spots: dict[int, tuple[Any, Rgb]] = {}
         self._places: dict[int, np.ndarray] = {}
@@ -169,7 +169,7 @@ class TaskShapes:
             self._ring.scale = float(np.clip(distance, *RING_M))
 
     def _add_ball(
-        self, name: str, radius: float, colour: Rgb, opacity: float | None, **settings: Any
+        self, name: str, radius: float, colour: Rgb, opacity: float | None, **settings
     ) -> Any:
         return self._server.scene.add_icosphere(
             f"/task/{name}", radius, color=colour, opacity=opacity, **_FLAT, **settings
@@ -227,7 +227,7 @@ class RobotFigure:
         model: mujoco.MjModel,
         arms: Arms,
         shapes: Shapes,
-    ) -> None:
+    ):
         self._model, self._data = model, mujoco.MjData(model)
         self._data.qpos[:] = model.key("home").qpos
         self._qpos = {
@@ -265,9 +265,7 @@ class RobotFigure:
 class Scene:
     """The scene that every window shows."""
 
-    def __init__(
-        self, server: viser.ViserServer, arms: Arms, task: Json | None, blinded: bool
-    ) -> None:
+    def __init__(self, server: viser.ViserServer, arms: Arms, task: Json | None, blinded: bool):
         """blinded: whether ghost and force are left out, which would show cue and hazard."""
         model = arm_model.operating_scene()
         self._server, self._arms = server, arms
@@ -306,7 +304,7 @@ class Scene:
 
     def update(self, frame: Frame) -> None:
         # Draws the robot, the virtual robot, ghosts, forces and the task as in this frame.
-        tips: dict[str, np.ndarray] = {}
+        tips = {}
         with self._server.atomic():
             self._robot.show(frame, "link_jpos")
             is_virtual = frame.number("view") == protocol.VIRTUAL
@@ -359,7 +357,7 @@ def describe_field(arms: Arms) -> Json:
     }
 
 
-def _point(arrow: Any, tip: np.ndarray, along: np.ndarray) -> None:
+def _point(arrow, tip: np.ndarray, along: np.ndarray) -> None:
     arrow.visible = bool(np.abs(along).max() > 1e-6)
     if arrow.visible:
         arrow.points = np.array([[tip, tip + along]], np.float32)
@@ -368,7 +366,7 @@ def _point(arrow: Any, tip: np.ndarray, along: np.ndarray) -> None:
 class Windows:
     """Registers the viser clients by the names of their browser windows."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self._clients: dict[str, viser.ClientHandle] = {}
 
     def watch(self, server: viser.ViserServer) -> None:

@@ -36,7 +36,7 @@ class LoopTiming:
     late = 0  # ticks that began a period late
     skipped = 0  # ms by which the schedule moved on
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.compute, self.whole, self.lateness = np.zeros((3, BINS), np.int64)
 
     @property
@@ -67,7 +67,7 @@ class Clock:
 
     compute_us = lateness_us = 0.0
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.timing = LoopTiming()
         self._began = time.monotonic_ns()
         self._due = self._began // PERIOD_NS * PERIOD_NS + PHASE_NS

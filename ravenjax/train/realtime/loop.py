@@ -134,7 +134,7 @@ class _CacheWarmer:
     The second session gets the latest commands of the first. Nothing reads its results.
     """
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: Session):
         self._real_session = session
         self._second_session = Session(session.scenario, session.seed, ready=session.blueprint)
         self._commands: list[Command] = []

@@ -14,7 +14,6 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
@@ -222,7 +221,7 @@ def summarize_hazards(rows: Sequence[HazardRow]) -> Json:
         # How often each word occurs in this column. Empty fields are not counted.
         return dict(Counter(word for row in rows if (word := getattr(row, name))))
 
-    def reduce(function: Any, name: str, selected: Sequence[HazardRow]) -> Any:
+    def reduce(function, name: str, selected: Sequence[HazardRow]):
         known = [value for row in selected if (value := getattr(row, name)) is not None]
         return round(function(known), 1) if known else None
 

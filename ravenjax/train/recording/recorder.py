@@ -33,7 +33,7 @@ class RowWriter:
     second, so that a waiting session needs little disk space.
     """
 
-    def __init__(self, folder: Path, names: Sequence[str], header: Json) -> None:
+    def __init__(self, folder: Path, names: Sequence[str], header: Json):
         """Raises StoreError if the file cannot be created."""
         self.summary: Json = {}  # added to session.json at the end
         self.log = session_log.SessionWriter(folder / session_log.FILE, names, header)

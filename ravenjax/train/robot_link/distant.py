@@ -49,7 +49,7 @@ class DistantRobot:
     next_tick = 0
     _sequence = 0
 
-    def __init__(self, blueprint: Blueprint, remote: RobotLink) -> None:
+    def __init__(self, blueprint: Blueprint, remote: RobotLink):
         self.blueprint, self.remote = blueprint, remote
         self.arms = blueprint.setup.arms
         self._stepper = Stepper(_console_code(blueprint), ())
@@ -155,7 +155,7 @@ class DistantRobot:
         report.fill(self._frame)
         frame, arms = self._frame, self.arms
         stopped = bool(frame.number("soft_estopped"))
-        numbers: list[float] = []
+        numbers = []
         for name in ("jpos", "mvel"):
             for arm in arms:
                 numbers += frame[f"{arm}/{name}"].tolist()
@@ -209,13 +209,13 @@ def _console_code(blueprint: Blueprint) -> StepCode:
     params = blueprint.plan.program.params_of(blueprint.inputs[0])
     unwritten = per_arm(setup, lambda i, arm: Vec.full(7, np.int32(0)))
 
-    def begin(inputs: Any) -> observers.ObserverState:
+    def begin(inputs) -> observers.ObserverState:
         start = cast_to_real(setup, params.start)
         tips = per_arm(setup, lambda i, arm: kinematics.forward_pose(arm, start[i]).position)
         return observers.init(setup, params, start, tips)
 
     def step(
-        inputs: Any, state: observers.ObserverState, now: Scalar, entering: _Reported, motion: Any
+        inputs, state: observers.ObserverState, now: Scalar, entering: _Reported, motion
     ) -> tuple[observers.ObserverState, list[Scalar]]:
         # Computes the packet, the nominal model, the cue and the monitor.
         timing = operator.row_by_row(now)
@@ -227,7 +227,7 @@ def _console_code(blueprint: Blueprint) -> StepCode:
             setup, params, state.monitor, packet, fresh, robot, view, None, now
         )
         after = replace(after, monitor=updated)
-        out: list[Scalar] = []
+        out = []
         for i, (model, cue) in enumerate(zip(view.models, view.cues, strict=True)):
             distance = cue.distance * 1e3
             out += [*model.jpos, *view.tips[i], *model.tip_position, distance]
@@ -244,7 +244,7 @@ def _console_code(blueprint: Blueprint) -> StepCode:
             out += [*packet.delta[i], *packet.quat[i], packet.grasp[i]]
         return after, [jnp.float32(x) for x in out]
 
-    def finish(inputs: Any, state: observers.ObserverState) -> dict[str, Scalar]:
+    def finish(inputs, state: observers.ObserverState) -> dict[str, Scalar]:
         return {"cue0_first_ms": state.haptics[0].cues[0].first_tick}
 
     tables = blueprint.code.tables[:1] * len(blueprint.plan.columns)

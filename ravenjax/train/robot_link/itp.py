@@ -71,7 +71,7 @@ class Gate:
         profiles: Sequence[ConsoleProfile] = (),
         only_host: str | None = None,
         say: Say = lambda _: None,
-    ) -> None:
+    ):
         """arms: the arms whose fields are read; fields of other arms may have any value. profiles:
         of the console, or several of which one fits; empty: raven2's own. only_host: the only
         address that may send; None: any. say: prints which profile was found or would fit.
@@ -264,7 +264,7 @@ class ItpServer:
         host: str = LOOPBACK,
         port: int = robot.UDP_PORT,
         clock: Callable[[], int] = time.monotonic_ns,
-    ) -> None:
+    ):
         """gate: checks the datagrams. Raises UserError if the port is taken."""
         self.gate, self._clock = gate, clock
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -289,7 +289,7 @@ class ItpServer:
         now_ms = self._clock() * 1e-6
         profile = self.gate.profile
         limit = DEFAULT_PACKETS_PER_TICK if profile is None else profile.stream.per_tick
-        accepted: list[Command] = []
+        accepted = []
         for _ in range(max(MIN_DATAGRAMS_PER_TICK, limit)):
             try:
                 datagram, source = self._socket.recvfrom(SIZE)
@@ -369,7 +369,7 @@ class ItpConsole:
 
     _polls, _refusal = 0, ""
 
-    def __init__(self, server: ItpServer, session: TickedSession) -> None:
+    def __init__(self, server: ItpServer, session: TickedSession):
         self._server, self._session = server, session
         self._counts = Counter(server.gate.counts)
 

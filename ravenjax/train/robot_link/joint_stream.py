@@ -94,7 +94,7 @@ def encode_line(content: Json) -> bytes:
 class LineConnection:
     """Sends and receives lines over a TCP connection. Its methods never wait."""
 
-    def __init__(self, connection: socket.socket, local: bool = True) -> None:
+    def __init__(self, connection: socket.socket, local: bool = True):
         """local: whether the other end is on this machine."""
         connection.setblocking(False)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -151,7 +151,7 @@ ListenerOrder = tuple[LineConnection, Json]
 class JointServer:
     """A TCP port for listeners. Call `poll` and `publish` once a tick; they never wait."""
 
-    def __init__(self, greeting: Json, host: str, port: int, token: str | None = None) -> None:
+    def __init__(self, greeting: Json, host: str, port: int, token: str | None = None):
         """greeting: first line to each listener. Raises UserError if the port cannot be opened."""
         self._greeting, self._token = encode_line(greeting), token
         with refuse_errors(
@@ -227,7 +227,7 @@ class RobotLink:
     lost = False  # whether the connection to the robot has ended
     _arrived_ms = float("-inf")
 
-    def __init__(self, host: str, itp_port: int) -> None:
+    def __init__(self, host: str, itp_port: int):
         """Raises UserError if the host has no address."""
         self._console = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         with refuse_errors(
@@ -277,7 +277,7 @@ class RemoteRobot(RobotLink):
         joint_port: int = JOINT_PORT,
         arms: Arms = (),
         token: str | None = None,
-    ) -> None:
+    ):
         """arms: the arms that the session needs. token: for orders to a robot on another machine.
         Raises UserError if no robot answers, or if the robot lacks an arm.
         """

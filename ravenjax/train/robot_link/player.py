@@ -133,7 +133,7 @@ def _await_force(port: socket.socket, packet: bytes, stop: Sequence) -> None:
 
 def _receive_flags(port: socket.socket) -> list[int]:
     """Return the joint flags of the force packets that have arrived."""
-    flags: list[int] = []
+    flags = []
     while True:
         try:
             packet = port.recv(2048)

@@ -44,9 +44,7 @@ class PacketSession:
     _number = 0  # number of the robot's newest packet
     _trips_read, _reading_tick = 0.0, 0  # The checks' trips at the last reading, and its tick
 
-    def __init__(
-        self, chosen: scenario.Scenario, robot: PacketRobot, say: Say = lambda _: None
-    ) -> None:
+    def __init__(self, chosen: scenario.Scenario, robot: PacketRobot, say: Say = lambda _: None):
         """say: prints for the user why a pedal does not count."""
         self.scenario, self.robot, self.frame, self.arms = chosen, robot, robot.frame, robot.arms
         self.arbiter, self.pedals = (
@@ -57,7 +55,7 @@ class PacketSession:
 
     def move(self, commands: list[Command]) -> None:
         """Compute the first half of the tick: orders, consoles and the robot. Fill `frame`."""
-        hands: list[Command] = []
+        hands = []
         owner = self.arbiter.owner
         if self.arbiter.step(self.ticks) and owner == "crtk":
             # The CRTK process has ended, so its pedal counts as up.

@@ -91,7 +91,7 @@ def right_responses(entry: Entry, hazard: library.Hazard | None) -> tuple[str, .
         # The first expected outcome that applies counts.
         names = hazard.scenarios or applying[:1]
     # A dict keeps each response once, in order.
-    responses: dict[str, None] = {}
+    responses = {}
     for name in names:
         responses |= dict.fromkeys(_RESPONSES["hazards"][name])
     return tuple(responses) or ("continue",)
@@ -204,7 +204,7 @@ def _scenario_key(scenario: Scenario, key: Key, entry_numbers: list[int]) -> Key
 def _groups(scenario: Scenario, seed: int) -> tuple[list[Tables], list[int]]:
     """Return a campaign's group for each case of each hazard, and the number of its entry."""
     groups: list[Tables] = []
-    numbers: list[int] = []
+    numbers = []
     for h, entry in enumerate(scenario.hazard):
         name = scenario.entry_name(h)
         value = {} if entry.value is None else {"value": entry.value.written()}

@@ -190,7 +190,7 @@ Task = Annotated[Reach | PegTransfer | Path | Levels | Free, Field(discriminator
 TASKS = {"reach": Reach, "peg_transfer": PegTransfer, "path": Path, "levels": Levels, "free": Free}
 
 
-def _parse_when(raw: Any) -> Any:
+def _parse_when(raw) -> Any:
     # Returns "instructor", or the earliest and latest time, s. One number stands for both.
     if raw == INSTRUCTOR:
         return raw
@@ -204,7 +204,7 @@ def _parse_when(raw: Any) -> Any:
     return float(numbers[0]), float(numbers[1])
 
 
-def _as_tuple(raw: Any) -> Any:
+def _as_tuple(raw) -> Any:
     return (raw,) if isinstance(raw, str) else raw
 
 

@@ -5,7 +5,6 @@ All errors are reported at once, each with file, line, key, the value found and 
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
@@ -65,7 +64,7 @@ def json_schema() -> Tables:
     return schema
 
 
-def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
+def _key(loc: tuple[str | int, ...], raw) -> location.Key:
     """Return the key in the file for pydantic's `loc`, which also names members of unions."""
     key: location.Key = ()
     for i, part in enumerate(loc):
@@ -78,7 +77,7 @@ def _key(loc: tuple[str | int, ...], raw: Any) -> location.Key:
     return key
 
 
-def _message(error: Any) -> str:
+def _message(error) -> str:
     # Returns the message of one of pydantic's errors, with the nearest valid name, if there is one.
     got, suggestion = error["input"], ""
     match error["type"]:

@@ -42,7 +42,7 @@ class Director:
     _ready_ms = 0  # time so far in which a hazard could start
     _pedal_up_ms = 0
 
-    def __init__(self, hazards: Sequence[scenario.Armable], seed: int) -> None:
+    def __init__(self, hazards: Sequence[scenario.Armable], seed: int):
         self.hazards = tuple(hazards)
         # The 3 separates these draws from other draws with the same seed.
         rng = np.random.default_rng([seed, 3])
@@ -151,7 +151,7 @@ class Session:
         cue: bool | None = None,
         ready: Blueprint | None = None,
         robot: Callable[[Blueprint], Any] = SimulatedRobot,
-    ) -> None:
+    ):
         """cue: whether the operator feels the force; None: as the scenario sets it. ready: a
         blueprint that was compiled for the same scenario and seed. robot: returns the driven robot,
         which has the methods of `SimulatedRobot`.
@@ -538,10 +538,10 @@ class Session:
             self.phase, self.ended = protocol.OVER, reason
             self._add_event("end", reason=reason)
 
-    def _add_event(self, kind: str, **content: Any) -> None:
+    def _add_event(self, kind: str, **content) -> None:
         self._record(self.ticks, kind, **content)
 
-    def _record(self, tick: int, kind: str, **content: Any) -> None:
+    def _record(self, tick: int, kind: str, **content) -> None:
         self._events.append({"tick": tick, "kind": kind, **content})
 
     def _new_hands(self) -> hands.Hands:

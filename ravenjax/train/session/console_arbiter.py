@@ -41,7 +41,7 @@ def packets_message(cause: str) -> str:
 class PedalReasons:
     """Reports why the pedal of each network console does not count, once for each change."""
 
-    def __init__(self, say: Say = lambda _: None) -> None:
+    def __init__(self, say: Say = lambda _: None):
         """say: prints a reason for the user."""
         self.say = say
         self._published: dict[str, str] = dict.fromkeys(NETWORK, "")
@@ -78,7 +78,7 @@ class DoublePress:
 
     _was_down = False
 
-    def __init__(self) -> None:
+    def __init__(self):
         # Ticks at which the pedal last went down, up, down and up.
         self._change_ticks: deque[int] = deque(maxlen=4)
 
@@ -105,7 +105,7 @@ class ConsoleArbiter:
 
     def __init__(
         self, record: Callable[..., None] = lambda *_, **__: None, by_pedals: bool = False
-    ) -> None:
+    ):
         """record: called with the tick, the kind and the content of each event. by_pedals: whether
         pedals alone decide who drives.
         """

@@ -40,7 +40,7 @@ class Hands:
     _last_input_tick = -1  # Tick of the last accepted message; -1: none yet
     alive = False  # whether the last input is not stale
 
-    def __init__(self, arms: Arms, scale: float, speeds: Speeds) -> None:
+    def __init__(self, arms: Arms, scale: float, speeds: Speeds):
         """scale: tip motion per hand motion. speeds: of the tips at full deflection."""
         self.arms = arms
         self._scale = float(np.float32(scale))
@@ -72,7 +72,7 @@ class Hands:
         input, the hands stop at once and the pedal is up.
         """
         alive = self.alive = self._last_input_tick >= 0 and tick - self._last_input_tick <= STALE_MS
-        values: list[float] = []
+        values = []
         for hand in self._hands.values():
             if alive:
                 hand.step()
@@ -101,7 +101,7 @@ class _Hand:
     _wanted_speeds: tuple[float, ...] = STILL
     _moving = False
 
-    def __init__(self, arm: ArmName, speeds: Speeds) -> None:
+    def __init__(self, arm: ArmName, speeds: Speeds):
         self._axes = itp_from_view(arm)
         self._move_step = speeds.move_mm_s  # um of the tip per ms
         self._turn_step = speeds.turn_rad_s * 1e-3
@@ -191,7 +191,7 @@ def _limit_speeds(given: Json) -> tuple[float, ...]:
     """Return an arm's speeds of a message "input", ordered as STILL. The vectors "move" and "turn"
     are shortened to length 1, and "grasp" is limited to -1 to 1.
     """
-    speeds: list[float] = []
+    speeds = []
     for name in ("move", "turn"):
         vector = given.get(name, STILL[:3])
         length = max(1.0, math.hypot(*vector))

@@ -48,7 +48,7 @@ class Follower:
     _felt_force = False  # in the previous tick
     _unmoved_ms = 0  # time for which the robot has not moved with the pedal down
 
-    def __init__(self, task: Task, arms: Arms, speeds: Speeds, reaction: str = "release") -> None:
+    def __init__(self, task: Task, arms: Arms, speeds: Speeds, reaction: str = "release"):
         """reaction: one of `REACTIONS`."""
         self._task, self._arms, self._reaction = task, arms, reaction
         self._gain = GAIN_PER_S * 1e3 / speeds.move_mm_s
@@ -114,7 +114,7 @@ class Follower:
         if self._restart_tick < 0:
             self._restart_tick = tick + REST_MS
         has_noticed = tick - (self._restart_tick - REST_MS) >= SIGHT_DELAY_MS
-        commands: list[Command] = []
+        commands = []
         if tick % INPUT_EVERY_MS == 0:
             commands.append(
                 {"type": "input", "source": "script", "pedal": not has_noticed, "arms": {}}
@@ -128,7 +128,7 @@ class Follower:
 class Scripted:
     """A console of the realtime loop whose commands come from a simulated operator."""
 
-    def __init__(self, script: str, session: Session) -> None:
+    def __init__(self, script: str, session: Session):
         """script: one of `REACTIONS`, or a file of commands, which are repeated at their ticks."""
         self._session = session
         self._messages: Callable[[int, Frame], list[Command]] = lambda *_: []

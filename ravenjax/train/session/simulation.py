@@ -102,11 +102,11 @@ def make_blueprint(
     columns = len(session_plan.columns)
     length = 1 if packets else config.campaign.ticks + SPARE_MS
 
-    def begin(inputs: Any) -> tick.TickState:
+    def begin(inputs) -> tick.TickState:
         return run.init(setup, program.params_of(inputs[0]))
 
     def step(
-        inputs: Any, state: tick.TickState, now: Scalar, entering: Any, motion: Any
+        inputs, state: tick.TickState, now: Scalar, entering, motion
     ) -> tuple[tick.TickState, list[Scalar]]:
         # Written by `SimulatedRobot`: the golden run's signals, whether it differs, and a packet.
         series, golden_differs, packet = entering
@@ -116,7 +116,7 @@ def make_blueprint(
         frame = _frame(setup, params, now, after, signals, signal)
         return after, [jnp.float32(x) for x in (*frame, *run.reference_series(setup, signals))]
 
-    def finish(inputs: Any, state: tick.TickState) -> dict[str, Scalar]:
+    def finish(inputs, state: tick.TickState) -> dict[str, Scalar]:
         return run.outcomes(setup, program.params_of(inputs[0]), state)
 
     compile_cache.enable_cache()
@@ -193,7 +193,7 @@ class SimulatedRobot:
     While no fault is armed, robot and golden run are identical, and only the robot is computed.
     """
 
-    def __init__(self, blueprint: Blueprint) -> None:
+    def __init__(self, blueprint: Blueprint):
         self.blueprint = blueprint
         code = blueprint.code
         self._robot = Stepper(code, blueprint.inputs)
@@ -339,7 +339,7 @@ class EstopHold:
     recording get these rows. The tick itself is the same as in campaigns.
     """
 
-    def __init__(self, layout: FrameLayout) -> None:
+    def __init__(self, layout: FrameLayout):
         places = layout.places
         self._runlevel, self._software = places["runlevel"].start, places["soft_estopped"].start
         # Positions in the row of each arm's channels, in the order in which `apply` uses them.
@@ -368,7 +368,7 @@ class EstopHold:
 class PacketRobot(SimulatedRobot):
     """A simulated robot that gets packets over a network: call `tick` once a millisecond."""
 
-    def __init__(self, config: CampaignConfig) -> None:
+    def __init__(self, config: CampaignConfig):
         """Raises UserError if a hazard of `config` acts on the console's side of the network."""
         super().__init__(make_blueprint(config, packets=True))
         self.arms = self.blueprint.setup.arms

@@ -6,9 +6,9 @@ motion, and the time from each of its alarms to the harm.
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -32,6 +32,7 @@ from ravenjax.report.sections import robots as drawn_robots
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.intervals import Rate, wilson_interval
 from ravenjax.store import schema
+from ravenjax.store.manifest import Nested
 from ravenjax.vocabulary.reactions import ACTIONS
 
 SHORTEST_S, LONGEST_S = 5, 60
@@ -63,7 +64,7 @@ class MotionSchedule(NamedTuple):
     motions: int
 
 
-def plan_motions(raw: Mapping[str, Any], hours: float) -> MotionSchedule:
+def plan_motions(raw: Nested, hours: float) -> MotionSchedule:
     """Return the number of fault-free motions, and their length, that give the requested hours.
 
     Raise UserError if the campaign's motion does not depend on a seed.
@@ -99,7 +100,7 @@ def motions_by_use(use: str, motions: int) -> list[int]:
 
 
 def run_motions(
-    raw: Mapping[str, Any],
+    raw: Nested,
     schedule: MotionSchedule,
     numbers: Sequence[int],
     candidates: Sequence[Candidate],
@@ -192,7 +193,7 @@ NEVER = -(2**30)
 
 
 def run_evading_faults(
-    raw: Mapping[str, Any],
+    raw: Nested,
     candidates: Sequence[Candidate],
     margins: Sequence[float],
     folder: Path,

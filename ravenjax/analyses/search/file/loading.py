@@ -36,8 +36,8 @@ def from_dict(
 
     `source`, `text`: the file and its text, for error messages. Raise UserError for mistakes.
     """
-    search_overrides: list[str] = []
-    campaign_overrides: list[str] = []
+    search_overrides = []
+    campaign_overrides = []
     for override in overriding.check_overrides(overrides):
         section = override.partition("=")[0].partition(".")[0].strip()
         if section == SECTION:
@@ -46,7 +46,7 @@ def from_dict(
             campaign_overrides.append(override)
     raw, replaced = overriding.all_applied(raw, search_overrides)
     where = location.Where(source, location.key_lines(text), replaced)
-    messages: list[str] = []
+    messages = []
     campaign = None
     try:
         campaign_tables = {name: table for name, table in raw.items() if name != SECTION}

@@ -74,7 +74,7 @@ def find_search_errors(config: CampaignConfig, search: Search | None) -> list[Co
 class Template:
     """Converts points of a search to runs."""
 
-    def __init__(self, config: CampaignConfig) -> None:
+    def __init__(self, config: CampaignConfig):
         """Prepare the cases and inputs of a `config` without `find_search_errors`."""
         self.config = config
         self._axes = Moments(config).placed(template_axes(config), config.group[0].name)

@@ -9,7 +9,7 @@ The structs have the memory layout that the compiled code expects.
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -126,7 +126,7 @@ def members_of(
     Vec become an array, and so do adjacent numbers of several arms. units: by path without arms.
     """
 
-    def members(place: Any, path: tuple[str, ...]) -> Iterator[Member]:
+    def members(place, path: tuple[str, ...]) -> Iterator[Member]:
         # Yields the fields of a C struct: an array where all numbers have one type, else its parts.
         types, shape = {kind.layout.types[k] for k in tree.tree_leaves(place)}, _shape(place)
         if shape is not None and len(types) == 1:
@@ -144,7 +144,7 @@ def members_of(
     return list(members(tree.fill_tree(kind.record, list(range(len(kind.layout.types)))), ()))
 
 
-def _shape(place: Any) -> tuple[int, ...] | None:
+def _shape(place) -> tuple[int, ...] | None:
     """Return the dimensions of nested tuples of numbers; () for a number, None if not an array."""
     try:
         return np.array(place, dtype=int).shape

@@ -249,7 +249,7 @@ class RavenConfig(CampaignConfig):
             yield from self._reaction_notices(plan, paths, in_no_run)
 
     def _reaction_notices(
-        self, plan: Any, paths: set[str], in_no_run: Callable[[np.ndarray], np.ndarray]
+        self, plan, paths: set[str], in_no_run: Callable[[np.ndarray], np.ndarray]
     ) -> Iterator[tuple[str, np.ndarray, str]]:
         # Yields (key, runs, message) for values of [reaction] without effect.
         written = {

@@ -37,7 +37,7 @@ from ravenjax.vocabulary import packets
 from ravenjax.vocabulary.parts import OwnSource
 
 
-def _packets(raw: Any) -> Any:
+def _packets(raw) -> Any:
     """Return a distribution of packets: its name, or its shares. Raises ValueError."""
     names = ", ".join(map(repr, packets.CHOICES))
     if isinstance(raw, str) and raw not in packets.CHOICES:

@@ -26,7 +26,7 @@ UNDECIDED = "undecided"
 class ProfileChoice:
     """Reads packets as `PacketReader` does, with the profile whose rules the packets follow."""
 
-    def __init__(self, profiles: Sequence[ConsoleProfile], arms: Sequence[ArmName]) -> None:
+    def __init__(self, profiles: Sequence[ConsoleProfile], arms: Sequence[ArmName]):
         """Prepare the choice among `profiles`.
 
         A single profile is chosen at once. Messages name the first of several profiles.

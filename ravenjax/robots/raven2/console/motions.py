@@ -61,7 +61,7 @@ def minimum_jerk(fraction: np.ndarray) -> np.ndarray:
 class _Path:
     """The pose at the end of the segments so far. Methods return the next segments."""
 
-    def __init__(self, rng: np.random.Generator) -> None:
+    def __init__(self, rng: np.random.Generator):
         self.pose, self.rng = _REST.copy(), rng
 
     def _ticks(self, distance: float, turn: float, pace: float) -> int:

@@ -61,7 +61,7 @@ _FIRST = _Hand(None, None, (0.0, 0.0, 0.0, 0.0))
 class PacketReader:
     """Reads a stream of packets with the rules of one profile."""
 
-    def __init__(self, profile: ConsoleProfile, arms: Sequence[ArmName]) -> None:
+    def __init__(self, profile: ConsoleProfile, arms: Sequence[ArmName]):
         """Prepare to read the fields of these arms; other arms may have any values."""
         self.profile = profile
         self._slots = tuple(ARMS.index(arm) for arm in arms)

@@ -142,7 +142,7 @@ def robot_code(setup: RavenSetup) -> TransitionCode:
 def plain_numbers(record: Any) -> Any:
     """Return a record of NumPy numbers: float32 for floats, int32 for integers."""
 
-    def of_type(x: Any) -> Any:
+    def of_type(x):
         number = np.asarray(x)
         types = {"f": np.float32, "i": np.int32}
         return number.astype(types.get(number.dtype.kind, number.dtype))[()]
@@ -176,7 +176,7 @@ class VirtualRobot:
         parameter_set: str = parameter_sets.DEFAULT,
         jpos: Any = None,
         runlevel: int = run_levels.E_STOP,
-    ) -> None:
+    ):
         """Prepare the robot in its start state.
 
         `tools`: one per arm, by default those of raven2. `parameter_set`: mechanical parameters.

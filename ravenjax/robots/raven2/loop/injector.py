@@ -25,7 +25,7 @@ class RavenInjector(injection.Injector):
         faults: fault.Faults,
         state: fault.FaultState,
         clock: fault.TriggerClocks,
-    ) -> None:
+    ):
         super().__init__(setup, _paths(setup), faults, state, clock)
 
     def __call__(self, site: str, signal: Any, present: Scalar = True) -> Any:

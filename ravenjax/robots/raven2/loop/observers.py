@@ -77,7 +77,7 @@ def update_model_and_cue(
     """
 
     def sense(
-        setup: RavenSetup, arm: ArmName, tool: str, model: Any, device: Any, jpos: Vec, mvel: Vec
+        setup: RavenSetup, arm: ArmName, tool: str, model, device, jpos: Vec, mvel: Vec
     ) -> tuple[Any, ...]:
         """Return the reported tip, the state of the haptic device, and the cue."""
         jvel = transmission.joint_from_motor(
@@ -90,7 +90,7 @@ def update_model_and_cue(
         )
         return tip, *haptics.step(setup, params.haptics, device, signal)
 
-    def clean_command(*command: Any) -> nominal.Clean:
+    def clean_command(*command) -> nominal.Clean:
         # Returns the operator's command to one arm, without motion if the packet is old.
         if setup.console == "increments":
             # A packet may last several cycles, and its increments count only in the first.

@@ -22,7 +22,7 @@ from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import channel, detectors, hand, overload, packet_clock, packet_history, touch
 
 
-def _keep_state(state: Any, seen: Any) -> Any:
+def _keep_state(state, seen) -> Any:
     return state
 
 
@@ -108,7 +108,7 @@ def _lose_bursts(
 # --- when the robot has moved ---
 
 
-def _feel_cue(state: Any, sight: Sight) -> Any:
+def _feel_cue(state, sight: Sight) -> Any:
     # Computes what the operator feels, and the motion of the hands that corrects the tip.
     setup, params, signals = sight.setup, sight.params, sight.signals
     assert params.reaction is not None
@@ -125,7 +125,7 @@ def _feel_cue(state: Any, sight: Sight) -> Any:
     return state
 
 
-def _move_hand(state: Any, sight: Sight) -> Any:
+def _move_hand(state, sight: Sight) -> Any:
     # The cue displaces the hands, and the displacement is part of the next packet.
     setup, hand_params, cues = sight.setup, sight.params.hand, sight.signals.haptics
     assert hand_params is not None
@@ -157,7 +157,7 @@ def _watch_restart(state: RestartState, sight: Sight) -> RestartState:
     return RestartState(waits & ~sight.live, first)
 
 
-def _detect(state: Any, sight: Sight) -> Any:
+def _detect(state, sight: Sight) -> Any:
     # Detectors read signals that a real robot has, and not the true tip.
     setup, params = sight.setup, sight.params
     assert params.detectors is not None
@@ -186,7 +186,7 @@ def _detect(state: Any, sight: Sight) -> Any:
     return detectors.step(setup, params.detectors, state, signal)
 
 
-def _add_loads(state: Any, sight: Sight) -> Any:
+def _add_loads(state, sight: Sight) -> Any:
     # Adds the cable tensions of this tick, divided by each cable's strength.
     loads = tuple(
         out.carried * arm.cable_strength.map(lambda strength: 1.0 / strength)
@@ -195,7 +195,7 @@ def _add_loads(state: Any, sight: Sight) -> Any:
     return overload.step(state, loads, sight.tick)
 
 
-def _add_touches(state: Any, sight: Sight) -> Any:
+def _add_touches(state, sight: Sight) -> Any:
     touches = (out.touch for out in sight.signals.plant)
     return touch.step(state, tuple(contact for contact in touches if contact is not None))
 

@@ -110,7 +110,7 @@ def act_as_file(state: OwnOperatorState, console: Console) -> OwnOperatorState:
         )
     )
 
-    def planned(offset: Vec, *values: Any) -> tuple[Vec, Scalar, Vec]:
+    def planned(offset: Vec, *values) -> tuple[Vec, Scalar, Vec]:
         position, old_position, grasp, old_grasp = cast_to_real(setup, values)
         moves = position - old_position, grasp - old_grasp
         still = cast_to_real(setup, (Vec.full(3, 0.0), 0.0))

@@ -102,7 +102,7 @@ def advance_tick(
     foot = clean.surgeon_mode != 0
     sight = Sight(setup, params, now, down, observed.live, foot, signals, files, hands)
 
-    def watch(early: bool) -> None:
+    def watch(early: bool):
         for name, stage in present.items():
             if stage.early == early:
                 stages[name] = stage.watch(stages[name], sight)

@@ -127,13 +127,13 @@ class UserFiles:
         stages: Any = None,
         state: UserFilesState | None = None,
         tick: Scalar = 0,
-    ) -> None:
+    ):
         self._setup, self._checks, self._stages = setup, checks, stages
         self._tick, self.state = tick, state or UserFilesState((), (), (), ())
         self._crossed: dict[str, Any] = {"tick": tick}
         self._stops: list[Scalar] = []
 
-    def _store(self, field: str, place: int, item: Any) -> None:
+    def _store(self, field: str, place: int, item) -> None:
         items = list(getattr(self.state, field))
         items[place] = item
         self.state = replace(self.state, **{field: tuple(items)})
@@ -145,7 +145,7 @@ class UserFiles:
     def views(self, at: str, width: str) -> PerArm[part.View]:
         """Return the view of each arm. at: name of the seam. width: type of floats."""
 
-        def view(i: int, _: Any) -> part.View:
+        def view(i: int, _) -> part.View:
             # Selects one arm's entry of each signal that has one per arm.
             numbers = {}
             for name, value in self._crossed.items():

@@ -44,7 +44,7 @@ class Coupling:
 
     def joints(self, motors: Vec) -> Vec:
         """Return T^-1 x: joint angles (or speeds) from motor angles (or speeds)."""
-        angles: list[Scalar] = []
+        angles = []
         for i in range(N):
             rest = sub(motors[i], mul(self.ratio[i], motors[Z]))
             for j in range(i):

@@ -281,7 +281,7 @@ class _ArmTick:
                 loads = loads + contact_point.tip.along(contact_point.force())
         if pushed is not None:
             loads = loads + pushed
-        right: list[Scalar] = []
+        right = []
         for i in range(N):
             for j in range(i + 1):
                 system[i][j] = add(system[i][j], mul(1.0 / dt, mass[i][j]))

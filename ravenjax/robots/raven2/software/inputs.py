@@ -100,9 +100,7 @@ def per_board(what: str, given: Any, highest: int, *shapes: Shape) -> np.ndarray
     return array[:, np.newaxis] if len(shapes) > 1 and array.ndim == 1 else array
 
 
-def _integers(
-    what: str, given: Any, shapes: Sequence[Shape], limits: tuple[int, int]
-) -> np.ndarray:
+def _integers(what: str, given, shapes: Sequence[Shape], limits: tuple[int, int]) -> np.ndarray:
     # Returns an array of integers within limits. Raises UserError for the first other number.
     array = _array(what, given, shapes, "iub" if limits == (0, 1) else "iu", "integers")
     low, high = limits
@@ -119,7 +117,7 @@ def _index(place: Sequence[int]) -> str:
     return "".join(f"[{k}]" for k in place) + joint
 
 
-def _array(what: str, given: Any, shapes: Sequence[Shape], kinds: str, numbers: str) -> np.ndarray:
+def _array(what: str, given, shapes: Sequence[Shape], kinds: str, numbers: str) -> np.ndarray:
     """Return an array with one of the shapes, and with a type of these `kinds` (dtype.kind)."""
     try:
         array = np.asarray(given)

@@ -76,7 +76,7 @@ def _places(dtype: np.dtype, start: int = 0) -> Any:
 class InputRows:
     """Input rows of several cycles, which the caller fills before a cycle runs."""
 
-    def __init__(self, setup: RavenSetup, cycles: int = 1) -> None:
+    def __init__(self, setup: RavenSetup, cycles: int = 1):
         self.setup, dtype = setup, row_type(setup)
         rows = np.zeros(cycles, dtype)
         self.bytes = rows.view(np.uint8).reshape(cycles, dtype.itemsize)

@@ -52,7 +52,7 @@ _CHANNELS = resources.read_tables(__file__, "log.toml")
 class SessionWriter:
     """Writes the recording of a session while the session runs."""
 
-    def __init__(self, path: Path, names: Sequence[str], header: Mapping[str, Any]) -> None:
+    def __init__(self, path: Path, names: Sequence[str], header: Mapping[str, Any]):
         """names: names of a row's numbers, such as `gold/jpos/0`; header: content of session.json.
 
         Raise StoreError if the file cannot be created.
@@ -150,13 +150,13 @@ def read_session_log(path: Path, keeps: Callable[[str], bool] = lambda name: Tru
         )
     names, header = json.loads(metadata["channels"]), json.loads(metadata["header"])
     columns, width = [column for column, name in enumerate(names) if keeps(name)], 4 * len(names)
-    numbers: list[int] = []
+    numbers = []
 
     def kept(block: bytearray) -> np.ndarray:
         return np.frombuffer(block, "<f4").reshape(-1, len(names))[:, columns]
 
     data, blocks = bytearray(), [np.zeros((0, len(columns)), np.float32)]
-    events: list[dict[str, Any]] = []
+    events = []
     for message in content.messages((SIGNALS, EVENTS)):
         channel = content.channels.get(message.channel_id)
         if channel is not None and channel.topic == SIGNALS:

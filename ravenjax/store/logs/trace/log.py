@@ -63,7 +63,7 @@ def write_trace(
     for event in events:
         events_of.setdefault(max(0, int(event["tick"])), []).append(event)
 
-    def fill(target: Path) -> None:
+    def fill(target: Path):
         # Writes all series in blocks of ticks, so that messages are almost in the order of time.
         with open(target, "wb") as file:
             log = topics.LogWriter(file, [topic for topic, _ in pairs], metadata or {}, CHUNK_BYTES)
@@ -81,8 +81,8 @@ def write_trace(
 
 def _signals(robot: Robot, arrays: Series) -> Iterator[tuple[Topic, np.ndarray]]:
     # Yields one topic with all series without a standard topic. It has a field for each number.
-    names: list[str] = []
-    columns: list[np.ndarray] = []
+    names = []
+    columns = []
     for name, values in arrays.items():
         arm, _, own = name.rpartition("/")
         if arm in robot.arms and own in topics.SERIES - _ALSO_SIGNALS:

@@ -59,7 +59,7 @@ class CrtkConsole:
     taken = 0  # number of the last command returned
     process_connection: Connection | None = None  # delivers the reason when the process ends
 
-    def __init__(self, layout: FrameLayout, ros: messages.Ros, say: Say = print) -> None:
+    def __init__(self, layout: FrameLayout, ros: messages.Ros, say: Say = print):
         """say: prints why the process has ended."""
         self._row = np.zeros(1, _row_type(layout))
         self.rows = Ring.create(_KEPT_ROWS, self._row.nbytes)
@@ -127,7 +127,7 @@ def spawn_bridge(
 class RobotRings:
     """Reads and writes the rings in the CRTK process."""
 
-    def __init__(self, rows: str, commands: str, layout: FrameLayout) -> None:
+    def __init__(self, rows: str, commands: str, layout: FrameLayout):
         self._rows, self._commands = Ring.attach(rows), Ring.attach(commands)
         self._frame = Frame(layout)
 
@@ -170,7 +170,7 @@ def run_bridge(robot: Connection) -> None:
         return
     rings = RobotRings(rows, commands, FrameLayout.of(arms))
 
-    def report_refusal(reason: str) -> None:
+    def report_refusal(reason: str):
         rings.send({"type": "unheard", "console": "crtk", "once": True, "why": reason})
 
     interpreter = Interpreter(arms, tools, transport.types, grasp_gain, contact, report_refusal)

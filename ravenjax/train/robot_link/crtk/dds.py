@@ -34,7 +34,7 @@ MAX_TAKEN = 64  # The largest number of messages taken from a topic at once
 class DdsTransport:
     """Topics over DDS. `publish` and `poll` never wait longer than a millisecond."""
 
-    def __init__(self, published: Sequence[str], subscribed: Sequence[str]) -> None:
+    def __init__(self, published: Sequence[str], subscribed: Sequence[str]):
         """Raises UserError if the domain is invalid."""
         self.types = messages.message_types("ros2")
         domain = os.environ.get(DOMAIN) or "0"
@@ -105,7 +105,7 @@ def _data_type(kind: str) -> Any:
     definitions = messages.message_types("ros2").store.fielddefs[kind][1]
     fields = {name: _idl(node) for name, node in definitions}
 
-    def of(cls: Any, content: bytes, *_: Any, **__: Any) -> Any:
+    def of(cls, content: bytes, *_, **__):
         sample = cls.__new__(cls)
         sample.content = bytes(content)
         return sample
@@ -116,7 +116,7 @@ def _data_type(kind: str) -> Any:
     return data
 
 
-def _idl(node: Any) -> Any:
+def _idl(node) -> Any:
     # Returns the DDS type of a field. node: kind and content, as rosbags describes the field.
     kind, content = node
     if kind == Nodetype.NAME:

@@ -78,7 +78,7 @@ class SetpointFollower:
     commanded: Setpoint | None = None
     target: Setpoint | None = None
 
-    def __init__(self, arm: ArmName, tool: str, grasp_gain: int = 1) -> None:
+    def __init__(self, arm: ArmName, tool: str, grasp_gain: int = 1):
         """grasp_gain: mrad that the jaws close per mrad of an increment in the control software."""
         self.name: ArmName = arm
         self._gain = grasp_gain
@@ -151,7 +151,7 @@ class SetpointFollower:
 class Trajectory:
     """A motion of CRTK's `move_jp`: minimum jerk, within each joint's speed and acceleration."""
 
-    def __init__(self, start: np.ndarray, goal: np.ndarray, begins_ms: float) -> None:
+    def __init__(self, start: np.ndarray, goal: np.ndarray, begins_ms: float):
         """start, goal: [7], rad, insertion m."""
         self._start, self._way, self._begins_ms = start, goal - start, begins_ms
         # The shortest duration of each joint for its largest speed and acceleration, s.
@@ -360,7 +360,7 @@ class Interpreter:
         grasp_gain: int = 1,
         contact: bool = False,
         report_refusal: Say = lambda _: None,
-    ) -> None:
+    ):
         """tools: one for each arm. report_refusal: called with why a message is ignored."""
         self.state = OperatingState()
         self.reasons: set[str] = set()
@@ -399,7 +399,7 @@ class Interpreter:
         if wants_pedal and not self.state.pedal and self.state.other_drives:
             self._report_refusal(REASONS["rival"])
 
-    def _follow_command(self, arm: SetpointFollower, word: str, message: Any, now_ms: float) -> str:
+    def _follow_command(self, arm: SetpointFollower, word: str, message, now_ms: float) -> str:
         """Follow a command of motion and return "", or return why it is not followed."""
         if not self.state.drives or arm.commanded is None:
             return "the robot is not enabled"

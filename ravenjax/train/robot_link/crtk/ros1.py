@@ -30,7 +30,7 @@ _HELP = (
 class Ros1Transport:
     """Topics over ROS 1."""
 
-    def __init__(self, published: Sequence[str], subscribed: Sequence[str]) -> None:
+    def __init__(self, published: Sequence[str], subscribed: Sequence[str]):
         """Raises UserError if rospy or its master is missing."""
         self.types = messages.message_types("ros1")
         self._published, self._subscribed = list(published), list(subscribed)

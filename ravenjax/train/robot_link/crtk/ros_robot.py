@@ -43,7 +43,7 @@ class RosRobot(RobotLink):
         tools: tuple[str, ...],
         transport: Any,
         say: Say = print,
-    ) -> None:
+    ):
         """tools: one for each arm. transport: for the topics of `topics`. say: prints a message if
         ROS fails. Raises UserError if the host has no address.
         """
@@ -87,7 +87,7 @@ class RosRobot(RobotLink):
             else:
                 self._store_message(name, message)
 
-    def _store_raven_state(self, message: Any) -> None:
+    def _store_raven_state(self, message) -> None:
         # Stores the state of all arms, then the report. Angles arrive in degrees.
         # Versions of the message name the DAC counts differently, or lack them.
         counts = getattr(message, "dac_val", getattr(message, "current_cmd", np.zeros(16)))
@@ -104,7 +104,7 @@ class RosRobot(RobotLink):
             self._channels[f"{arm}/position"] = (1e-6 * position_um).tolist()
         self._finish_report(message.hdr, int(message.runlevel), int(message.last_seq))
 
-    def _store_message(self, name: str, message: Any) -> None:
+    def _store_message(self, name: str, message) -> None:
         # Stores one message. Motor positions are computed, because CRTK does not send them.
         alias, _, word = name.partition("/")
         arm = self._arms[alias]
@@ -130,7 +130,7 @@ class RosRobot(RobotLink):
         if not self._missing and (was_missing or is_last):
             self._finish_report(message.header, min(self._levels.values()), 0)
 
-    def _finish_report(self, header: Any, runlevel: int, last_seq: int) -> None:
+    def _finish_report(self, header, runlevel: int, last_seq: int) -> None:
         # Stores the channels as the report of one tick. Ticks count from the first report.
         stamp_ns = messages.stamp_ns(header)
         self._first_stamp_ns = self._first_stamp_ns or stamp_ns
@@ -143,7 +143,7 @@ class RosRobot(RobotLink):
         self._store_report(report)
 
 
-def _runlevel(message: Any) -> int:
+def _runlevel(message) -> int:
     # Returns raven2's run level that fits CRTK's operating state best.
     if message.state == "ENABLED":
         return INIT if message.is_busy and not message.is_homed else PEDAL_DOWN
