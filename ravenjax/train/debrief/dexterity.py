@@ -1,8 +1,8 @@
 """Measures an operator's motion: path, economy, smoothness, idle time, use of both hands.
 
-The measures use the true tips while the pedal is down and the session runs, as
-`motion.resample_path` returns them. A *stretch* is a period of this time without a gap. A
-*movement* is the part of a stretch between two targets, or the whole stretch without targets.
+The measures use the true tips while the pedal is down, the session runs, and the operator drives
+the real robot, as `motion.resample_path` returns them. A *stretch* is a period of this time without
+a gap. A *movement* is the part of a stretch between two targets, or the whole stretch without them.
 docs/how-to/training-session-tools.md names the sources.
 """
 
@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from ravenjax.stats import motion
-from ravenjax.train.protocol import RUNNING, Json
+from ravenjax.train.protocol import REAL, RUNNING, Json
 from ravenjax.train.recording.reader import Recording, find_sessions
 
 KEY = "dexterity"  # Key of the measures in the summary of session.json
@@ -28,10 +28,10 @@ def measure_dexterity(course: Recording) -> Json:
     the driven time in which no tip moves, or both tips. A value is None if there was nothing to
     measure: "both" and "correlation" (of the tips' speeds) with one arm, "economy" without targets.
     """
-    driven = (course["pedal"] > 0) & (course["phase"] == RUNNING)
+    driven = (course["pedal"] > 0) & (course["phase"] == RUNNING) & (course["view"] == REAL)
     # A stretch begins and ends where `driven` changes, and where rows of a recording are missing.
     has_gap = np.diff(course.ms) > 1.5
-    cuts = np.flatnonzero((np.diff(driven.astype(int)) != 0) | has_gap) + 1
+    cuts = np.flatnonzero(np.diff(driven) | has_gap) + 1
     edges = [0, *cuts.tolist(), len(driven)]
     stretches = [(a, b) for a, b in itertools.pairwise(edges) if b - a > 1 and driven[a]]
     measures: Json = {
@@ -42,20 +42,20 @@ def measure_dexterity(course: Recording) -> Json:
     speeds = []
     for arm in course.layout.arms:
         tip = course[f"{arm}/tip"]
-        paths = []
-        for first, last in stretches:
-            paths.append(motion.resample_path(course.ms[first:last], tip[first:last]))
+        paths = [motion.resample_path(course.ms[a:b], tip[a:b]) for a, b in stretches]
         # The empty array is for a session without a stretch, as nothing cannot be concatenated.
         speeds.append(np.concatenate([*map(motion.tip_speed, paths), np.zeros(0)]))
-        path_mm = 1e3 * sum(map(motion.path_length, paths))
-        measures["arms"][arm] = {"path_mm": path_mm} | _movements(course, tip, stretches)
+        measures["arms"][arm] = {
+            "path_mm": 1e3 * sum(map(motion.path_length, paths)),
+            **_movements(course, tip, stretches),
+        }
     if len(speeds[0]):
         moving = np.array(speeds) > IDLE_MM_S * 1e-3
         measures["idle"] = float(np.mean(~moving.any(axis=0)))
         if len(speeds) == 2:
             measures["both"] = float(np.mean(moving.all(axis=0)))
-            varies = min(speed.std() for speed in speeds) > 0
-            measures["correlation"] = float(np.corrcoef(*speeds)[0, 1]) if varies else None
+            if min(speed.std() for speed in speeds) > 0:
+                measures["correlation"] = float(np.corrcoef(*speeds)[0, 1])
     return measures
 
 
@@ -87,12 +87,13 @@ def read_attempts(folder: Path) -> list[Json]:
         return []
     attempts = []
     for session in sessions.values():
-        is_same_person = session.participant == present.participant
-        is_later = session.order > present.order
-        if not is_same_person or session.scenario != present.scenario or is_later:
-            continue
         # A session that was cut short has no measures.
-        if KEY not in session.summary:
+        if (
+            session.participant != present.participant
+            or session.scenario != present.scenario
+            or session.order > present.order
+            or KEY not in session.summary
+        ):
             continue
         hazards = session.summary.get("hazards") or {}
         arms = session.summary[KEY].get("arms", {}).values()

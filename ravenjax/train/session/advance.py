@@ -136,8 +136,6 @@ class Session:
     _resume_to = protocol.READY
     # Motion of the resting robot while the operator drives the virtual robot.
     _resting_row: np.ndarray | None = None
-    # First tick, and end, of the trial's motion that the driven robot has not repeated yet.
-    _trial_start = _trial_end = 0
     _pedal, _alive = 0.0, False
     # The count of trips at the last reading of the robot's checks, and the tick of this reading.
     _trips_read, _reading_tick = 0.0, -OUTCOMES_EVERY
@@ -340,9 +338,10 @@ class Session:
             case "rehearse" if self.view == protocol.REAL and self.phase == protocol.RUNNING:
                 self._rehearse()
             case "reengage" if self.view == protocol.VIRTUAL:
-                self._trial_end = self.virtual.next_tick
-                has_motion = self._trial_end > self._trial_start
-                self.view = protocol.REPLAY if has_motion else protocol.REAL
+                # The robot repeats the ticks with the pedal down, without the idle time.
+                trial = np.r_[self._trial_start : self.virtual.next_tick]
+                self._to_repeat = list(trial[self.virtual.motion[-1, trial] > 0])
+                self.view = protocol.REPLAY if self._to_repeat else protocol.REAL
             case "discard" if self.view != protocol.REAL:
                 # The hand continues at the pose of the driven robot, which has not moved.
                 self._hands.move_to(self.robot.motion[:, self.robot.next_tick - 1])
@@ -401,9 +400,8 @@ class Session:
             row[:] = self._resting_row
         elif self.view == protocol.REPLAY and hand.columns[-1]:
             # The driven robot repeats one row of the trial in each tick with the pedal down.
-            row[:] = self.virtual.motion[:, self._trial_start]
-            self._trial_start += 1
-            if self._trial_start >= self._trial_end:
+            row[:] = self.virtual.motion[:, self._to_repeat.pop(0)]
+            if not self._to_repeat:
                 self._hands.move_to(row)
                 self.view = protocol.REAL
         elif self.view == protocol.REPLAY:
@@ -424,7 +422,7 @@ class Session:
         self._resting_row = self.robot.motion[:, tick - 1].copy()
         # The last column is the pedal, which is up.
         self._resting_row[-1] = 0
-        self._trial_start = self._trial_end = tick
+        self._trial_start = tick
         self._trial_checks = Trips()
         # Do not report trips before the trial.
         self._trial_checks.new_trips(self.ticks, tick, self.virtual.outcomes())

@@ -264,3 +264,5 @@ def test_the_debrief_appears_after_the_end(browser, session):
         for page in (operator, instructor):
             until(page, "!document.getElementById('debrief').hidden")
             page.frame_locator("#debrief iframe").locator("h1").wait_for()
+            click(page, "#debrief-close")
+            until(page, "document.getElementById('banner').innerText.includes('Open the debrief')")

@@ -265,7 +265,8 @@ def test_who_leaves_or_lets_the_robot_rest_has_lifted_the_pedal_and_voids_nothin
 def test_what_is_tried_on_the_virtual_robot_the_robot_then_does(session):
     started(session)
     say = lambda do: {"type": "operator", "do": do}  # noqa: E731
-    tried, _ = drive(session, 700, move=(0.6, 0.2, 0.0), also=[say("rehearse")])
+    drive(session, 800, pedal=False, also=[say("rehearse")])
+    tried, _ = drive(session, 700, move=(0.6, 0.2, 0.0))
     assert session.frame.number("view") == 1
     rest, virtual = channel(session, tried, "gold/tip"), channel(session, tried, "gold/virtual_tip")
     assert np.ptp(rest, axis=0).max() < 1e-3 and np.linalg.norm(virtual[-1] - virtual[0]) > 5e-3
@@ -276,7 +277,7 @@ def test_what_is_tried_on_the_virtual_robot_the_robot_then_does(session):
     assert session.frame.number("view") == 2
     np.testing.assert_allclose(held, rest[-1], atol=1e-3)  # a lifted pedal holds the replay back
 
-    followed, _ = drive(session, 2000)
+    followed, _ = drive(session, 1100)  # without the idle time of the trial
     assert session.frame.number("view") == 0
     end = channel(session, followed, "gold/tip")[-1]
     np.testing.assert_allclose(end, virtual[-1], atol=1.5e-3)

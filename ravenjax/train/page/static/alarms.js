@@ -37,6 +37,10 @@ export class Alarms {
     this.until = now + KEPT_MS;
     if (check === this.check && !this.place.hidden) return;
     this.check = check;
+    if (check === "estop" && !virtual) {
+      this.place.hidden = true; // the banner and the line about the pedal say what a pressed E-stop does
+      return;
+    }
     const words = ALARMS[check] ?? other(check);
     const [matter, did, act] = virtual ? [words[0], words[1] === STOPPED ? "The virtual robot has stopped." : "This happened to the virtual robot.", TRIAL] : words;
     this.place.querySelector("b").textContent = matter;

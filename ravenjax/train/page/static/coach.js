@@ -100,7 +100,7 @@ export class Coach {
     } else if (said !== this.said)
       this.text.textContent =
         {
-          hold: "Hold the tip in the ring.",
+          hold: "Hold the tip in the pink circle.",
           reached: "Goal reached. When the instrument moves on its own, lift the pedal.",
         }[said] ?? "";
     this.said = said;

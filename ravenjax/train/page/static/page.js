@@ -82,6 +82,7 @@ function welcome(welcomed) {
     force: new Plot($("force"), lines, { floor: CAP, limit: null, unit: "", digits: 3 }),
   };
   scope = new Scope($("scope"), welcomed.arms, welcomed.bases, welcomed.tissue, welcomed.header.task);
+  for (const one of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("#help [data-arm]"))) one.hidden = !welcomed.arms.includes(one.dataset.arm);
   coach.welcome(welcomed.arms, Boolean(welcomed.header.task?.object) || (welcomed.header.contact_units_per_n ?? null) !== null);
   next.welcome(welcomed.header);
   hazards.welcome(welcomed.header.hazards ?? []);
@@ -220,7 +221,10 @@ function counted() {
 
 for (const button of /** @type {NodeListOf<HTMLButtonElement>} */ (document.querySelectorAll("[data-operator]")))
   button.addEventListener("click", () => send({ type: "operator", do: button.dataset.operator }));
-$("convert").addEventListener("click", () => send({ type: "operator", do: "note", text: "convert" }));
+$("convert").addEventListener("click", () => {
+  send({ type: "operator", do: "note", text: "convert" });
+  if (root.dataset.link === "up") panels.converted();
+});
 $("note").addEventListener("change", () => {
   if ($("note").value.trim()) send({ type: "operator", do: "note", text: $("note").value.trim() });
   $("note").value = "";
@@ -262,7 +266,10 @@ own.keys.addEventListener("keydown", ({ detail }) => {
   if (/^Digit[1-7]$/.test(detail.code)) views.press(Number(detail.code.at(-1)));
   if (detail.code === "Enter" && detail.target.matches?.("input[type=checkbox]")) detail.target.click(); // space is the pedal
 });
-$("debrief-close").addEventListener("click", () => ($("debrief").hidden = true));
+$("debrief-close").addEventListener("click", () => {
+  $("debrief").hidden = true;
+  panels.banner(); // no more frames arrive
+});
 pads.build(input);
 if (new URLSearchParams(location.search).get("quality") === "low") $("shadows").checked = false;
 
@@ -288,7 +295,10 @@ async function debrief() {
     panels.writing(`${step}: ${Math.round((performance.now() - began) / 1000)} s so far.`);
     if (answer?.ready) {
       $("debrief").querySelector("iframe").src = "/debrief.html";
-      panels.debrief = () => ($("debrief").hidden = false);
+      panels.debrief = () => {
+        $("debrief").hidden = false;
+        panels.banner();
+      };
       panels.debrief();
       return;
     }

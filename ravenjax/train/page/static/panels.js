@@ -38,6 +38,7 @@ export const WORDS = {
   end: (e) => `ended: ${e.reason}`,
 };
 const DRIVERS = { nobody: "nobody", page: "the page", itp: "the ITP console", script: "a script", crtk: "a console over ROS" };
+const MOST_GOALS = 20; // a larger number of goals is an unlimited supply, so it is not shown
 const BANNERS = {
   down: ["bad", "No connection", "The session does not answer. The pedal counts as up, so the robot holds still."],
   stopped: ["bad", "Robot stopped", "The brakes hold it. Find the cause, then restart.", "Restart"],
@@ -51,12 +52,27 @@ const BANNERS = {
   ros: ["wait", "A console over ROS drives", "This page watches. The E-STOP works here too.", "Take over"],
   free: ["wait", "The console is free", "Nobody drives.", "Take it"],
   writing: ["wait", "Session over, writing the debrief", ""],
-  over: ["wait", "Session over", "The debrief shows what happened and what you did.", "Debrief"],
-  virtual: ["virtual", "Virtual robot", "The robot rests; the virtual one follows your hands. N: repeat it. M: discard it."],
-  replay: ["virtual", "Re-engaged", "Hold the pedal: the robot repeats what you tried. M: discard it."],
+  over: ["wait", "Session over.", "The debrief is ready.", "Open the debrief"],
+  virtual: ["virtual", "Virtual robot", ""],
+  replay: ["virtual", "Repeat", ""],
 };
 /** A banner's text without keys, for a touch screen. */
 const touched = (text) => text.replace("N:", "“more”, Re-engage:").replace("M:", "“more”, Discard:");
+
+/** What to do in a trial ("virtual") and while the robot repeats the trial ("replay"). lift: the pedal is held but must be lifted first; done_ms of of_ms are repeated. */
+export function trialWords(view, { lift, down, done_ms = 0, of_ms = 0 }) {
+  const again = "Let go of the pedal, then hold it again.";
+  if (view === "virtual") {
+    if (lift) return `Virtual robot ready. ${again}`;
+    if (!down) return "Virtual robot ready. Hold the pedal to move it; the real robot rests. N: repeat it. M: discard it.";
+    return "The real robot rests; the virtual robot follows your hands. N: repeat it. M: discard it.";
+  }
+  const [done, of] = [done_ms, of_ms].map((ms) => Math.round(ms / 1000));
+  const progress = of_ms ? `: ${Math.min(done, of)} of ${of} s` : "";
+  if (lift) return `Ready to repeat your motion${progress}. ${again}`;
+  if (!down) return `Ready to repeat your motion${progress}. Hold the pedal. M: discard it.`;
+  return `Repeating your motion${progress}. Keep the pedal down.`;
+}
 
 /** A duration in words. */
 export const lasting = (ms) => (ms < 1000 ? `${Math.round(ms)} ms` : ms < 10_000 ? `${(ms / 1000).toFixed(1)} s` : `${Math.round(ms / 1000)} s`);
@@ -64,7 +80,7 @@ export const lasting = (ms) => (ms < 1000 ? `${Math.round(ms)} ms` : ms < 10_000
 /** Why the operator's buttons cannot be pressed now, by their names; "": they can. */
 export function refusals({ view, phase, robot = "virtual" }) {
   const trial = view === "virtual";
-  const begin = { ready: "hold the pedal first", paused: "wait for the end of the pause", stopped: "restart the robot first" }[phase] ?? "start a session first";
+  const begin = { ready: "press the pedal once", paused: "wait for the end of the pause", stopped: "restart the robot first" }[phase] ?? "start a session first";
   return {
     rehearse: robot !== "virtual" ? "use a robot on this machine; a robot elsewhere has no virtual copy" : view !== "real" ? "end this trial first" : phase === "running" ? "" : begin,
     reengage: trial ? "" : "try a motion first",
@@ -85,6 +101,7 @@ export class Panels {
     this.root = root;
     this.send = send;
     this.shown = "";
+    this.said = "";
     this.free = false;
     this.titles = new Map(); // of buttons, while they can be pressed
     this.late = null; // the log's line about late ticks
@@ -101,6 +118,10 @@ export class Panels {
     this.views = views;
     this.consoles = consoles;
     this.started = false;
+    this.zero = 0; // tick at which the session's time began
+    this.before = null; // view and tick of the last frame
+    this.driven = { virtual: 0, replay: 0 }; // ms with the pedal down in the last trial and its repetition
+    set("convert-note", "");
     this.left = Infinity;
     this.whole = 1000 * (header.scenario?.duration_s ?? 0);
     this.ran = 0;
@@ -129,15 +150,15 @@ export class Panels {
   }
 
   event(event) {
+    if (event.kind === "started") this.start(event.tick);
     if (event.kind === "alarm" || event.kind === "alarm_count") this.alarm(event);
     if (event.kind === "refused") set("console-note", event.why);
     if (event.kind === "level") set("level-words", levelWords(event));
-    if (event.kind === "started") this.start();
     if (event.kind === "owner") set("console-note", "");
     if (!$("log") || this.role !== "instructor") return;
     const said = WORDS[event.kind]?.(event);
     if (said) {
-      const item = element("li", "", time(event.tick), element("span", "", said));
+      const item = element("li", "", this.time(event.tick), element("span", "", said));
       if (event.kind === "overrun") {
         this.late?.remove(); // one line for all
         this.late = item;
@@ -147,10 +168,16 @@ export class Panels {
     }
   }
 
-  /** Notes that the session's time runs. */
-  start() {
+  /** Notes that the session's time runs since this tick. */
+  start(tick) {
     this.started = true;
+    this.zero = tick;
     set("left-word", "left");
+  }
+
+  /** The session's time of a tick; "–": before the time ran. */
+  time(tick) {
+    return element("time", "", this.started && tick >= this.zero ? clock(tick - this.zero) : "–");
   }
 
   /** Lists each check once, with its number of trips; a trip counts once a millisecond and arm. */
@@ -159,7 +186,7 @@ export class Panels {
     const known = this.alarms.get(check);
     known?.item.remove();
     const count = told ?? (known?.count ?? 0) + 1;
-    const item = element("li", "alarm", time(tick), element("span", "", String(check).replaceAll("_", " ") + (count > 1 ? ` ×${count}` : "")));
+    const item = element("li", "alarm", this.time(tick), element("span", "", String(check).replaceAll("_", " ") + (count > 1 ? ` ×${count}` : "")));
     item.title = `tripped ${count} times, once a millisecond and arm`;
     this.alarms.set(check, { item, count });
     $("alarms").querySelector(".none")?.remove();
@@ -177,7 +204,7 @@ export class Panels {
     const left = frame.number("left_ms");
     this.whole = Math.max(this.whole, left);
     set("clock", clock(phase === "over" ? this.ran : (this.ran = this.whole - left)));
-    if (!this.started && left < this.left && this.left < Infinity) this.start(); // it began before this page was open
+    if (!this.started && left < this.left && this.left < Infinity) this.start(frame.number("session_tick") - this.ran); // it began before this page was open
     this.left = left;
     set("left", clock(left));
     set("rate", `${rate} Hz`);
@@ -195,6 +222,7 @@ export class Panels {
     const owner = this.consoles?.[frame.number("console")] ?? "nobody";
     const mine = owner === "page" || owner === "nobody";
     this.lift = pressed && !down && mine && ["ready", "running"].includes(phase); // a held pedal that does not count
+    this.follow(view, frame.number("session_tick"), down);
     this.foot(down, down ? (frame.number("live") === 1 ? "down, driving" : "down") : this.lift ? "lift it first" : over ? "session over" : "up");
     $("pedal").classList.toggle("rearm", this.lift);
     this.seated(owner, frame.number("pedal") === 1, phase);
@@ -206,11 +234,26 @@ export class Panels {
       button.disabled = Boolean(reason);
       button.title = reason ? `Not now: ${reason}.` : this.titles.get(button);
     }
-    $("convert").disabled = over;
-    set("virtual-note", not.rehearse && view === "real" ? `To rehearse: ${not.rehearse}.` : "");
+    const waits = phase === "ready" && !this.started;
+    $("convert").disabled = over || waits;
+    $("convert").title = !waits ? "stop using the robot and convert to open surgery" : "Not now: start the session with the pedal.";
+    const hidden = this.root.classList.contains("all") && phase === "ready"; // "more" covers the pedal
+    set("virtual-note", not.rehearse && view === "real" ? `To rehearse: ${hidden ? `close “more”, ${not.rehearse}, then come back` : not.rehearse}.` : "");
     if (this.role === "instructor") this.instructor(frame, phase);
-    this.state = { phase, view, owner };
+    this.state = { phase, view, owner, down };
     this.banner();
+  }
+
+  /** Counts the time with the pedal down in a trial and in its repetition. */
+  follow(view, tick, down) {
+    if (view === "virtual" && this.before?.view !== "virtual") this.driven = { virtual: 0, replay: 0 };
+    if (view in this.driven && this.before?.view === view && this.before.down && down) this.driven[view] += Math.max(0, tick - this.before.tick);
+    this.before = { view, tick, down };
+  }
+
+  /** Shows that the conversion to open surgery is in the record. */
+  converted() {
+    set("convert-note", `Recorded at ${clock(this.ran).slice(0, -2)}: convert`);
   }
 
   /** The text on the pedal. */
@@ -237,7 +280,7 @@ export class Panels {
     if (target < 0) return "no goal now";
     if (object?.number === target) return "fetch the object";
     if (pegs.length) return `to peg ${target + 1}`;
-    return `goal ${target + 1}${targets.length ? ` of ${targets.length}` : ""}`;
+    return `goal ${target + 1}${targets.length && targets.length <= MOST_GOALS ? ` of ${targets.length}` : ""}`;
   }
 
   instructor(frame, phase) {
@@ -259,7 +302,7 @@ export class Panels {
   }
 
   banner() {
-    const { phase, view, owner } = this.state ?? {};
+    const { phase, view, owner, down } = this.state ?? {};
     const over = phase === "over";
     let kind = "";
     if (over) kind = !this.debrief ? "writing" : document.getElementById("debrief").hidden ? "over" : "";
@@ -271,13 +314,15 @@ export class Panels {
     else if (view === "virtual" || view === "replay") kind = view;
     else if (this.role === "operator" && owner === "itp") kind = "other";
     else if (this.role === "operator" && owner === "crtk") kind = "ros";
-    if (kind === this.shown) return;
-    this.shown = kind;
     const banner = $("banner");
+    const [look, head, usual, act] = BANNERS[kind] ?? ["", "", ""];
+    const trial = { lift: this.lift, down, done_ms: this.driven?.replay, of_ms: this.driven?.virtual };
+    const told = kind === "writing" ? (this.progress ?? "") : kind === "virtual" || kind === "replay" ? trialWords(kind, trial) : usual;
+    const text = coarse() ? touched(told) : told;
+    if (kind === this.shown && text === this.said) return;
+    [this.shown, this.said] = [kind, text];
     banner.hidden = !kind;
     if (!kind) return;
-    const [look, head, told, act] = BANNERS[kind];
-    const text = kind === "writing" ? (this.progress ?? "") : coarse() ? touched(told) : told;
     banner.dataset.kind = look;
     banner.querySelector("b").textContent = head;
     banner.querySelector("span").textContent = text;
@@ -290,7 +335,6 @@ export class Panels {
   writing(text) {
     this.progress = text;
     this.banner();
-    if (this.shown === "writing") $("banner").querySelector("span").textContent = text;
   }
 
   watching() {
@@ -320,7 +364,6 @@ function element(tag, kind, ...parts) {
   return made;
 }
 
-const time = (tick) => element("time", "", clock(tick));
 export const clock = (ms) => {
   const tenths = Math.round(ms / 100);
   return `${Math.floor(tenths / 600)}:${((tenths % 600) / 10).toFixed(1).padStart(4, "0")}`;

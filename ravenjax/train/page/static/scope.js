@@ -34,6 +34,9 @@ export class Scope {
     this.trails = Object.fromEntries(arms.map((arm) => [arm, []]));
     /** @type {{ middle: number[], half: number } | null} */
     this.box = null;
+    this.virtual = false; // whether the virtual robot follows the hand
+    /** Tips of the real robot, which rests meanwhile. @type {Record<string, number[]>} */
+    this.resting = {};
     this.held = "";
     this.progress = 0;
     this.target = -1;
@@ -54,9 +57,11 @@ export class Scope {
   take(frame) {
     this.target = frame.number("target");
     this.progress = frame.number("progress");
+    this.virtual = frame.number("view") === 1;
     for (const arm of this.arms) {
       const trail = this.trails[arm];
-      trail.push(this.world(arm, frame.get(frame.number("view") === 1 ? `${arm}/virtual_tip` : `${arm}/tip`)));
+      if (this.virtual) this.resting[arm] = this.world(arm, frame.get(`${arm}/tip`));
+      trail.push(this.world(arm, frame.get(this.virtual ? `${arm}/virtual_tip` : `${arm}/tip`)));
       if (trail.length > TRAIL) trail.shift();
     }
     this.box ??= this.extent();
@@ -108,6 +113,8 @@ export class Scope {
     pen.fillRect(0, 0, width, height);
     this.ground(see);
     this.goals(see);
+    if (this.virtual) for (const arm of this.arms) this.rest(see, arm);
+    pen.globalAlpha = this.virtual ? 0.6 : 1; // pale
     for (const arm of this.arms) this.instrument(see, arm);
     const tips = this.arms.map((arm) => this.tip(arm)).filter(Boolean);
     see.crowded = tips.length > 1 && Math.hypot(see.x(tips[0]) - see.x(tips[1]), see.y(tips[0]) - see.y(tips[1])) < CROWDED;
@@ -116,6 +123,7 @@ export class Scope {
       this.mark(see, arm);
       if (!blinded && frame.number("view") === 0) crosshair(pen, see, this.world(arm, frame.aim(arm)));
     }
+    pen.globalAlpha = 1;
     const named = side === "left" ? 8 : width - 8; // away from the middle, where the field's messages are
     words(pen, name, named, 14, "#e8edf3", side, 600);
     words(pen, `← ${ends[0]}`, 8, ENDS * height, "#aab7c5", "left");
@@ -155,7 +163,7 @@ export class Scope {
     pen.lineCap = "butt";
     pen.strokeStyle = "rgba(200,210,220,0.28)";
     pen.lineWidth = 5;
-    pen.setLineDash(striped ? [9, 5] : []);
+    pen.setLineDash(this.virtual ? [3, 4] : striped ? [9, 5] : []);
     pen.beginPath();
     const { remote, origin } = this.bases[arm];
     pen.moveTo(x(remote ?? origin), y(remote ?? origin));
@@ -184,6 +192,21 @@ export class Scope {
     pen.fill();
   }
 
+  /** Marks where the real robot rests while the virtual robot follows the hand. */
+  rest({ x, y }, arm) {
+    const [place, { remote, origin }] = [this.resting[arm], this.bases[arm]];
+    const { pen } = this;
+    pen.strokeStyle = "rgba(200,210,220,0.4)";
+    pen.lineWidth = 5;
+    pen.setLineDash([]);
+    pen.beginPath();
+    pen.moveTo(x(remote ?? origin), y(remote ?? origin));
+    pen.lineTo(x(place), y(place));
+    pen.stroke();
+    dot(pen, x(place), y(place), 7, "#0d1116", COLOURS[arm], 3);
+    words(pen, `real robot rests here (${LETTERS[arm]})`, x(place), y(place) + (arm === "green" ? 39 : 24), "#e8edf3", "center", 600);
+  }
+
   /** Draws the tip: L is a disc, R a diamond; an arrow at the edge if it has left the view. crowded: the letters are beside them. */
   mark({ x, y, width, height, crowded }, arm) {
     const tip = this.tip(arm);
@@ -201,7 +224,13 @@ export class Scope {
     pen.fill();
     pen.strokeStyle = away ? "#fff" : "#0d1116";
     pen.lineWidth = away ? 2.5 : 1.5;
+    if (this.virtual) {
+      pen.strokeStyle = "#fff";
+      pen.setLineDash([3, 3]);
+      words(pen, `${LETTERS[arm]} virtual`, inside, above - (crowded && arm === "green" ? 31 : 16), "#fff", "center", 700);
+    }
     pen.stroke();
+    pen.setLineDash([]);
     const side = arm === "green" ? 22 : -22;
     if (crowded) words(pen, LETTERS[arm], inside + side, above + 4, COLOURS[arm], "center", 800, 13);
     else words(pen, LETTERS[arm], inside, above + 4, "#0d1116", "center", 800);

@@ -4,7 +4,7 @@ import { LETTERS } from "./plots.js";
 
 const KEPT_MS = 500; // so that a person sees even a cue of one millisecond
 const ALONG = 0.38; // directions with a smaller share are not named
-const WORDS = [["left", "right"], ["down", "up"], ["away", "toward you"]];
+const WORDS = [["left", "right"], ["down", "up"], ["away from you", "toward you"]];
 
 /** Components along the axes of the view (right, up, toward) of a direction in the world. @type {(way: number[]) => number[]} */
 export const seen = ([x, y, z]) => [x, z, -y];
@@ -39,8 +39,8 @@ export class CueSign {
       this.arrow.style.display = flat < ALONG ? "none" : "";
       this.arrow.style.transform = `rotate(${Math.round((-180 * Math.atan2(up, right)) / Math.PI)}deg)`;
       this.depth.textContent = flat < ALONG ? (toward > 0 ? "⊙" : "⊗") : "";
-      this.place.querySelector("b").textContent = `${LETTERS[arm]} off course`;
-      this.place.querySelector("span").textContent = `the cue pulls ${named(way).join(", ")}`;
+      this.place.querySelector("b").textContent = `${LETTERS[arm]} off course. Lift the pedal.`;
+      this.place.querySelector("span").textContent = `The cue pulls the hand ${named(way).join(", ")}.`;
       this.place.style.setProperty("--strength", String(0.45 + 0.55 * Math.min(1, strength)));
       this.place.dataset.arm = arm;
     }

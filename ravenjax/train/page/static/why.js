@@ -13,8 +13,8 @@ const SINCE = {
   restart: "The robot was restarted",
   reset: "The robot was restarted",
   handover: "This page was given control",
-  silence: "This page was silent",
-  silent: "This page was silent",
+  silence: "The page stalled, so the robot stopped",
+  silent: "The page stalled, so the robot stopped",
   left: "This page had left",
   link: "No reports of the robot arrived",
 };

@@ -32,7 +32,7 @@ test("a pull is named along the operator's view, its largest part first", () => 
   assert.deepEqual(seen([1, 2, 3]), [1, 3, -2]);
   assert.deepEqual(named([1, 0, 0]), ["right"]);
   assert.deepEqual(named([-0.6, 0.8, 0.1]), ["up", "left"]);
-  assert.deepEqual(named([0, 0, -2]), ["away"]);
+  assert.deepEqual(named([0, 0, -2]), ["away from you"]);
   assert.deepEqual(named([0, 0, 0]), []);
 });
 
@@ -42,13 +42,13 @@ test("the sign points where the cue pulls, stays half a second, and says depth i
   const field = element({ classList: { toggle: (_, on) => (field.cued = on) } });
   const sign = new CueSign(place, field);
   sign.show("green", [0, 1, 0], 0.5, 1000);
-  assert.deepEqual([place.hidden, field.cued, parts.svg.style.transform, parts.b.textContent, parts.span.textContent], [false, true, "rotate(-90deg)", "R off course", "the cue pulls up"]);
+  assert.deepEqual([place.hidden, field.cued, parts.svg.style.transform, parts.b.textContent, parts.span.textContent], [false, true, "rotate(-90deg)", "R off course. Lift the pedal.", "The cue pulls the hand up."]);
   sign.show("green", [0, 1, 0], 0, 1400);
   assert.equal(place.hidden, false);
   sign.show("green", [0, 1, 0], 0, 1501);
   assert.deepEqual([place.hidden, field.cued], [true, false]);
   sign.show("gold", [0, 0, 1], 1, 2000);
-  assert.deepEqual([parts.svg.style.display, parts.i.textContent, parts.span.textContent], ["none", "⊙", "the cue pulls toward you"]);
+  assert.deepEqual([parts.svg.style.display, parts.i.textContent, parts.span.textContent], ["none", "⊙", "The cue pulls the hand toward you."]);
 });
 
 test("what follows from a stop does not hide its cause, and words age", () => {
@@ -69,6 +69,8 @@ test("what follows from a stop does not hide its cause, and words age", () => {
   assert.match(parts.em.textContent, /Discard the trial/);
   alarms.age(false, 85_000);
   assert.equal(place.hidden, true);
+  for (const check of ["estop", "soft_estop"]) alarms.tell({ check }, 90_000);
+  assert.equal(place.hidden, true, "the banner says what a pressed E-stop does");
 });
 
 test("the way to a goal is told by keys, the longest first", () => {

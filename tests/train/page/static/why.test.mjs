@@ -5,7 +5,7 @@ import { load } from "../../../browser_scripts.mjs";
 
 Object.assign(globalThis, { matchMedia: () => ({ matches: false }) });
 const { reason, Why } = await load("ravenjax/train/page/static/why.js");
-const { lasting, refusals } = await load("ravenjax/train/page/static/panels.js");
+const { lasting, refusals, trialWords } = await load("ravenjax/train/page/static/panels.js");
 
 const DRIVES = { link: "up", phase: "running", owner: "page", view: "real", level: 3, live: true, pressed: true, down: true, idle: false, since: "", silences: 0, rate: 25, check: "" };
 const told = (change) => reason({ ...DRIVES, ...change }, false);
@@ -47,8 +47,16 @@ test("silences count for half a minute, and a stop is named by its first check",
 
 test("a button that cannot be pressed says why, and durations are short", () => {
   assert.deepEqual(refusals({ view: "real", phase: "running" }), { rehearse: "", reengage: "try a motion first", discard: "nothing was tried", restart: "the robot is not stopped" });
-  assert.equal(refusals({ view: "real", phase: "ready" }).rehearse, "hold the pedal first");
+  assert.equal(refusals({ view: "real", phase: "ready" }).rehearse, "press the pedal once");
   assert.match(refusals({ view: "real", phase: "running", robot: "192.168.0.7" }).rehearse, /elsewhere/);
   assert.equal(refusals({ view: "virtual", phase: "running" }).reengage, "");
   assert.deepEqual([240, 2400, 28_244].map(lasting), ["240 ms", "2.4 s", "28 s"]);
+});
+
+test("a trial and its repetition say what the pedal must do now, and how much is repeated", () => {
+  assert.match(trialWords("virtual", { lift: true, down: false }), /Let go of the pedal, then hold it again/);
+  assert.match(trialWords("virtual", { lift: false, down: false }), /Hold the pedal/);
+  assert.match(trialWords("virtual", { lift: false, down: true }), /the virtual robot follows/);
+  assert.match(trialWords("replay", { lift: true, down: false, of_ms: 27_000 }), /0 of 27 s. Let go of the pedal/);
+  assert.match(trialWords("replay", { lift: false, down: true, done_ms: 12_100, of_ms: 27_000 }), /12 of 27 s. Keep/);
 });
