@@ -162,7 +162,7 @@ class Block:
     def select_lanes(self, lanes: np.ndarray) -> Block:
         """Return a block of the lanes with these indices (int), which may repeat."""
 
-        def pick(column: Any) -> Any:
+        def pick(column: Any):
             return None if column is None else np.asarray(column)[lanes]
 
         return dataclasses.replace(

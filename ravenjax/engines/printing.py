@@ -64,7 +64,7 @@ class Printing(ABC, Generic[Where]):
         old_number = {place: i for i, place in sources.items() if i in read}
         waiting: dict[int, list[tuple[int, Where]]] = {}
 
-        def value(i: int) -> str:
+        def value(i: int):
             # Loads or prints a value at its first use. Then come stores that waited for the load.
             if i not in values:
                 operation = program.operations[i]
@@ -75,7 +75,7 @@ class Printing(ABC, Generic[Where]):
                     write(waiting.pop(i, []))
             return values[i]
 
-        def write(pending: Iterable[tuple[int, Where]]) -> None:
+        def write(pending: Iterable[tuple[int, Where]]):
             # A store waits until the old value at its place has been read.
             for i, place in pending:
                 before = old_number.get(place)
@@ -90,12 +90,12 @@ class Printing(ABC, Generic[Where]):
             if sources.get(i) != place:
                 targets.setdefault(i, []).append((i, place))
 
-        def is_given(i: int) -> bool:
+        def is_given(i: int):
             return i in sources or i in values or program.operations[i].name == "constant"
 
         outside = set(filter(is_given, targets))
 
-        def compute(i: int) -> None:
+        def compute(i: int):
             # Prints one operation, and stores its result if it is a result of the function.
             if is_given(i):
                 return
@@ -103,7 +103,7 @@ class Printing(ABC, Generic[Where]):
             values[i] = self._operation(program, i, [value(o) for o in operation.operands])
             write(targets.get(i, []))
 
-        def enter(region: Region) -> None:
+        def enter(region: Region):
             # Prints a region. Its values, except its results, do not exist after the block.
             for o in region.reads(program.operations):
                 value(o)

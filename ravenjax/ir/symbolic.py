@@ -111,7 +111,7 @@ def build_program(inputs: Sequence[Term], outputs: Sequence[Number]) -> Program:
     """Return the program from the terms of `make_symbols` to the outputs."""
     builder = inputs[0].builder
 
-    def signed_number(x: Any) -> int:
+    def signed_number(x: Any):
         if not isinstance(x, Term):
             return builder.constant(_REAL, x)
         return x.number if x.sign > 0 else builder.emit("neg", _REAL, x.number)
@@ -122,7 +122,7 @@ def build_program(inputs: Sequence[Term], outputs: Sequence[Number]) -> Program:
 def replay_program(program: Program, inputs: Sequence[Any]) -> list[Any]:
     """Return the results of a program of `build_program`, on numbers or on JAX's tracers."""
 
-    def apply(operation: Operation, *operands: Any) -> Any:
+    def apply(operation: Operation, *operands: Any):
         # Computes one operation of the program with JAX's functions or Python's operators.
         name = operation.name
         if name == "input":

@@ -71,7 +71,7 @@ def software_code(
     entering = row_kind(setup)
     shapes = params.shapes(), state.shapes(), entering.shapes()
 
-    def receive(params: Any, state: Any, inputs: control.Inputs) -> Any:
+    def receive(params: Any, state: Any, inputs: control.Inputs):
         return control.receive_packet(setup, params, state, inputs.packet)
 
     run_cycle = functools.partial(control.control_cycle, setup)
