@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -227,7 +227,7 @@ class Chart:
         rows = [(curve.name, *(write(*curve.at(x)) for x in positions)) for curve in curves]
         return Numbers(("", *heads), rows)
 
-    def _dot_rows(self, mark: Mark) -> Iterator[tuple[str, ...]]:
+    def _dot_rows(self, mark: Mark):
         # Yields the rows of the text table that describes a chart's dots for screen readers.
         if not isinstance(mark, Dots):
             return

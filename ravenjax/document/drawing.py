@@ -107,8 +107,7 @@ def print_figure(
             figure.suptitle("\n".join(lines), x=0.01, ha="left", fontsize=10)
         if series:
             place = "outside lower center"
-            names = int(width / NAME)
-            figure.legend(series.values(), series, loc=place, ncols=names, fontsize=8)
+            figure.legend(series.values(), series, loc=place, ncols=int(width / NAME), fontsize=8)
     return figure
 
 

@@ -66,8 +66,7 @@ def from_markdown(text: str, drawings: Mapping[str, str] | None = None) -> str:
     """
     from markdown_it import MarkdownIt
 
-    markdown = MarkdownIt("commonmark", {"html": False}).enable("table")
-    body = markdown.render(text)
+    body = MarkdownIt("commonmark", {"html": False}).enable("table").render(text)
     for name, drawing in (drawings or {}).items():
         body = re.sub(
             rf'<p><img src="{re.escape(name)}" alt="([^"]*)" ?/?></p>',
@@ -92,7 +91,7 @@ def inline_svg(text: str, name: str) -> str:
     return body.replace("<svg ", '<svg aria-hidden="true" ', 1)
 
 
-def _with_headings(body: str) -> tuple[str, str, list[tuple[str, str]]]:
+def _with_headings(body: str):
     """Return the title, the body without it, and (id, heading) of each section.
 
     Tables get captions and a scrollable container.
@@ -128,7 +127,7 @@ def with_scopes(html: str) -> str:
     """Return HTML with `scope` in every <th>: column, row, or a group if it spans several."""
     part = ""
 
-    def heading(tag_match: re.Match[str]) -> str:
+    def heading(tag_match: re.Match[str]):
         # Adds `scope`, by which screen readers find the head of a cell.
         nonlocal part
         closing, tag, attributes = tag_match.groups()

@@ -46,8 +46,7 @@ class Trunk:
     @staticmethod
     def allocate(every: int, snapshots: int, group: int, lane: int) -> Trunk:
         """Allocate `snapshots` snapshots with this many words of the group and of the lane."""
-        states = (np.empty((snapshots, words), np.uint32) for words in (group, lane))
-        return Trunk(every, *states)
+        return Trunk(every, *(np.empty((snapshots, words), np.uint32) for words in (group, lane)))
 
     def start_ticks(self, first: np.ndarray) -> np.ndarray:
         """Return the tick of the last snapshot before `first`, the tick of a fault, int."""

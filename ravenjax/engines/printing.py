@@ -64,7 +64,7 @@ class Printing(ABC, Generic[Where]):
         old_number = {place: i for i, place in sources.items() if i in read}
         waiting: dict[int, list[tuple[int, Where]]] = {}
 
-        def value(i: int) -> str:
+        def value(i: int):
             # Loads or prints a value at its first use. Then come stores that waited for the load.
             if i not in values:
                 operation = program.operations[i]
@@ -90,7 +90,7 @@ class Printing(ABC, Generic[Where]):
             if sources.get(i) != place:
                 targets.setdefault(i, []).append((i, place))
 
-        def is_given(i: int) -> bool:
+        def is_given(i: int):
             return i in sources or i in values or program.operations[i].name == "constant"
 
         outside = set(filter(is_given, targets))

@@ -80,7 +80,7 @@ def traced_forms(
 ) -> Forms:
     """Return `program`, traced for blocks and motions of these types. objects: cache on disk."""
 
-    def empty(column) -> np.ndarray:
+    def empty(column):
         return np.zeros(0, np.asarray(column).dtype)
 
     varied = {path: empty(block.varied[path]) for path in program.varied}
@@ -97,8 +97,7 @@ def traced_forms(
             # Zeros that take no memory.
             columns = [np.broadcast_to(np.zeros((), c.dtype), c.shape) for c in motion]
             trace = partial(trace_tick, program, empty_block, columns)
-            traced = trace_key.load_or_make(objects, disk_key, trace)
-            _FORMS[key] = Forms(traced, disk_key, objects)
+            _FORMS[key] = Forms(trace_key.load_or_make(objects, disk_key, trace), disk_key, objects)
             if len(_FORMS) > MAX_PROGRAMS:
                 del _FORMS[next(iter(_FORMS))]
         # The most recently used program is last; the first is dropped.

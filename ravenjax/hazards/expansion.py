@@ -13,7 +13,7 @@ both arms acts on both in the same run. Any other hazard gets one group for each
 """
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ravenjax import robots
@@ -24,6 +24,8 @@ from ravenjax.hazards.library import Case, Hazard, LibraryFault
 from ravenjax.vocabulary.effects import EFFECTS
 from ravenjax.vocabulary.robot import Robot
 
+Table = dict[str, Any]
+"""A group or a whole campaign, by key."""
 KEY = "hazards"
 ALL = "all"
 _TABLES = resources.read_tables(__file__, "expansion.toml")
@@ -49,7 +51,7 @@ class WrongGroup(UserError):
         super().__init__(f"{self.key[-1]}: {message}")
 
 
-def expand_tables(raw: Mapping[str, Any], robot: Robot) -> tuple[dict[str, Any], list[int]]:
+def expand_tables(raw: Mapping[str, Any], robot: Robot) -> tuple[Table, list[int]]:
     """Return a campaign's tables with only ordinary groups, and for each of these the index of its
     group in the file.
 
@@ -63,7 +65,7 @@ def expand_tables(raw: Mapping[str, Any], robot: Robot) -> tuple[dict[str, Any],
     # Invalid arms are refused by later checks.
     listed = arms if isinstance(arms, list | tuple) else ()
     valid = listed if all(arm in robot.arms for arm in listed) else ()
-    tables = []
+    tables: list[Table] = []
     written = []
     for number, group in enumerate(groups):
         try:
@@ -77,7 +79,7 @@ def expand_tables(raw: Mapping[str, Any], robot: Robot) -> tuple[dict[str, Any],
 
 def expand_group(
     group: Mapping[str, Any], arms: Sequence[str] = (), robot: Robot = robots.USUAL
-) -> list[dict[str, Any]]:
+) -> list[Table]:
     """Return the ordinary groups of a table [[group]] of a campaign file with these arms.
 
     Their names are GROUP/ID, or GROUP/ID-CASE if a hazard has several cases. If each arm has a
@@ -131,9 +133,7 @@ def _hazards_named(word: str, robot: Robot) -> list[Hazard]:
     raise WrongGroup(KEY, f"unknown hazard {word!r}, expected an id, a layer or {ALL!r}{hint}")
 
 
-def _expand_case(
-    group: Mapping[str, Any], hazard: Hazard, case: Case, arms: Sequence[str]
-) -> Iterator[dict[str, Any]]:
+def _expand_case(group: Mapping[str, Any], hazard: Hazard, case: Case, arms: Sequence[str]):
     # Yields the ordinary groups of a hazard's case, one for each choice of arms.
     name = f"{hazard.id}-{case.name}" if case.name else hazard.id
     overrides = {key: group[key] for key in OVERRIDES if key in group}
@@ -155,7 +155,7 @@ def _expand_case(
         yield table | runs | {key: group[key] for key in PASSED_ON if key in group}
 
 
-def _arm_choices(hazard: Hazard, arm, arms: Sequence[str]) -> list[tuple[str, tuple[Any, ...]]]:
+def _arm_choices(hazard: Hazard, arm, arms: Sequence[str]):
     """Return (suffix of the name, arms with faults in a run) for each group of a case."""
     if arm is not None:
         named = _as_list(arm) or [arm]
@@ -167,9 +167,7 @@ def _arm_choices(hazard: Hazard, arm, arms: Sequence[str]) -> list[tuple[str, tu
     return [("", tuple(arms))] if hazard.arm == "both" else [(f"-{name}", (name,)) for name in arms]
 
 
-def _find_override_mistakes(
-    case: Case, overrides: Mapping[str, Any], arms: Sequence[Any]
-) -> Iterator[tuple[str, str]]:
+def _find_override_mistakes(case: Case, overrides: Mapping[str, Any], arms: Sequence[Any]):
     """Yield (key, message) for each override that a case does not permit."""
     first, *others = case.fault
     if "value" in overrides and others:
@@ -189,9 +187,7 @@ def _find_override_mistakes(
             yield key, f"divides its value among channels, expected finite numbers, got {got}"
 
 
-def _expand_fault(
-    fault: LibraryFault, overrides: Mapping[str, Any], arms: Sequence[Any]
-) -> Iterator[dict[str, Any]]:
+def _expand_fault(fault: LibraryFault, overrides: Mapping[str, Any], arms: Sequence[Any]):
     """Yield a [[group.fault]] table for each channel and arm that are faulty in the same run."""
     dumped = fault.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
     table = {key: dumped[key] for key in dumped if key not in ("along", "unit")} | {**overrides}

@@ -102,16 +102,15 @@ def _simplify(b: Builder, name: str, dtype: str, operands: tuple[int, ...]) -> i
     return rule(b, dtype, *operands) if rule and dtype in FLOATS else None
 
 
-def _operands_if_named(b: Builder, i: int, name: str) -> tuple[int, ...] | None:
-    # Returns the operands of operation `i` if its name is `name`, else None.
+def _operands_if_named(b: Builder, i: int, name: str) -> tuple[int, ...]:
+    # Returns the operands of operation `i` if its name is `name`, else none.
     operation = b.operations[i]
-    return operation.operands if operation.name == name else None
+    return operation.operands if operation.name == name else ()
 
 
 def _negation_operand(b: Builder, i: int) -> int | None:
     # Returns x if operation `i` is -x, else None.
-    operands = _operands_if_named(b, i, "neg")
-    return operands[0] if operands else None
+    return next(iter(_operands_if_named(b, i, "neg")), None)
 
 
 def _is_constant(b: Builder, i: int, value: float) -> bool:
@@ -144,12 +143,13 @@ def _simplify_difference(b: Builder, dtype: str, x: int, y: int) -> int | None:
 
 def _simplify_product(b: Builder, dtype: str, x: int, y: int) -> int | None:
     # Simplifies x y where a factor is 1, -1 or negated.
-    for p, q in ((x, y), (y, x)):
+    pairs = (x, y), (y, x)
+    for p, q in pairs:
         if _is_constant(b, p, 1.0):
             return q
         if _is_constant(b, p, -1.0):
             return b.emit("neg", dtype, q)
-    for p, q in ((x, y), (y, x)):
+    for p, q in pairs:
         if (inner := _negation_operand(b, p)) is not None:
             return b.emit("neg", dtype, b.emit("mul", dtype, inner, q))
     return None
@@ -188,8 +188,7 @@ def _simplify_logic(b: Builder, name: str, x: int, y: int) -> int | None:
             if name == "xor":
                 return b.emit("not", "bool", q) if b.constants[p] else q
             # `q and True` and `q or False` are q. `q and False` and `q or True` are the constant.
-            is_neutral = bool(b.constants[p]) == (name == "and")
-            return q if is_neutral else p
+            return q if bool(b.constants[p]) == (name == "and") else p
     return None
 
 
@@ -258,9 +257,7 @@ def _fuse(b: Builder, name: str, dtype: str, operands: tuple[int, ...]) -> int |
         if product.name == "mul":
             x, y = product.operands
             # x y - c is fma(x, y, -c), and c - x y is fma(-x, y, c).
-            if name == "sub" and k == 0:
-                c = b.emit("neg", dtype, c)
-            elif name == "sub":
-                x = b.emit("neg", dtype, x)
+            if name == "sub":
+                x, c = (b.emit("neg", dtype, x), c) if k else (x, b.emit("neg", dtype, c))
             return b.emit("fma", dtype, x, y, c)
     return None

@@ -146,7 +146,7 @@ class _Lowering:
         values: dict[Any, _Value] = dict(zip(jaxpr.constvars, consts, strict=True))
         values.update(zip(jaxpr.invars, inputs, strict=True))
 
-        def read(atom) -> _Value:
+        def read(atom):
             if not hasattr(atom, "val"):
                 return values[atom]
             # The atom is a constant in the equation.
@@ -204,8 +204,7 @@ class _Lowering:
         if self.functions == "polynomials" and name in polynomials.FUNCTIONS:
             if dtype != "float32":
                 raise UnknownPrimitive(f"{name} of {dtype} is not supported; expected float32")
-            arithmetic = polynomials.Arithmetic(b.emit, b.constant)
-            return polynomials.FUNCTIONS[name](arithmetic, *x)
+            return polynomials.FUNCTIONS[name](polynomials.Arithmetic(b.emit, b.constant), *x)
         match name:
             case "gt" | "ge":
                 return b.emit("lt" if name == "gt" else "le", dtype, x[1], x[0])

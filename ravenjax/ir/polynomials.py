@@ -42,7 +42,7 @@ class Arithmetic:
     def __getattr__(self, name: str) -> Callable[..., Number]:
         """Return operation `name` of floats; a Python number among its operands is a constant."""
 
-        def operation(*operands: Number) -> Number:
+        def operation(*operands: Number):
             return self.emit(name.rstrip("_"), "float32", *map(self.number, operands))
 
         return operation
@@ -85,7 +85,7 @@ _PI_HIGH = 3.141592502593994
 _PI_LOW = 1.509957990978376e-7
 
 
-def _half_turns(m: Arithmetic, x: Number) -> tuple[Number, Number, Number]:
+def _half_turns(m: Arithmetic, x: Number):
     """Return r = x - k pi for the nearest integer k, r^2, and a sign bit, set if k is odd."""
     shifted = m.fma(x, 1.0 / math.pi, _MAGIC)
     turns = m.sub(shifted, _MAGIC)
@@ -191,8 +191,7 @@ def log(m: Arithmetic, x: Number) -> Number:
     subnormal = m.less(x, _TINY)
     pattern = m.bits(m.select(subnormal, m.mul(x, 2.0**23), x))
     # The constant has the bits of sqrt(1/2): the mantissa then lies in [sqrt(1/2), sqrt(2)].
-    shifted = m.integer("sub", pattern, 0x3F3504F3)
-    exponent = m.integer("sar", shifted, 23)
+    exponent = m.integer("sar", m.integer("sub", pattern, 0x3F3504F3), 23)
     mantissa = m.emit("sub", "int32", pattern, m.integer("shl", exponent, 23))
     power = m.add(m.emit("convert", "float32", exponent), m.select(subnormal, -23.0, 0.0))
     rest = m.sub(m.from_bits(mantissa), 1.0)

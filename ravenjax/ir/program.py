@@ -32,8 +32,7 @@ class Operation(NamedTuple):
         """The number of a constant, else None."""
         if self.name != "constant":
             return None
-        pattern = np.asarray(self.detail, f"u{np.dtype(self.dtype).itemsize}")
-        return pattern.view(self.dtype)[()]
+        return np.asarray(self.detail, f"u{np.dtype(self.dtype).itemsize}").view(self.dtype)[()]
 
 
 @dataclasses.dataclass(frozen=True)

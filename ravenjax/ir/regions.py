@@ -74,7 +74,7 @@ def arrange_regions(
 
 def _region_conditions(
     operations: Sequence[Operation], order: Sequence[int], results: Sequence[int]
-) -> dict[int, int]:
+):
     """Return operation -> condition of its outermost region, for operations in a region.
 
     Goes backwards from the results. An operation is in the region of a condition if all operations

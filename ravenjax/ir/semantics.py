@@ -113,18 +113,14 @@ def _truncate(x: Array) -> Array:
     return np.where(fits, np.where(fits, x, 0.0).astype(np.float64), -2147483648.0).astype(np.int32)
 
 
-def _larger_or_smaller(
-    is_first: Callable[[Array, Array], Array],
-) -> Callable[[Array, Array], Array]:
+def _larger_or_smaller(is_first: Callable[[Array, Array], Array]):
     # Returns max or min: `a` where `is_first(a, b)` or where a is NaN, else b.
     return lambda a, b: np.where((a != a) | is_first(a, b), a, b)
 
 
-def _define_shift(
-    shift: Callable[[Array, Array], Array], fill: Callable[[Array], Array]
-) -> Callable[[Array, Array], Array]:
+def _define_shift(shift: Callable[[Array, Array], Array], fill: Callable[[Array], Array]):
     # Returns a shift whose result is `fill(x)` if the amount is the width of x or more.
-    def shifted(x: Array, amount: Array) -> Array:
+    def shifted(x: Array, amount: Array):
         inside = amount.astype(np.uint32) < x.dtype.itemsize * 8
         return np.where(inside, shift(x, np.where(inside, amount, 0).astype(x.dtype)), fill(x))
 
@@ -155,7 +151,7 @@ MEANING: dict[str, Callable[..., Array]] = {
 _C_LIBRARY = ctypes.CDLL(None)
 
 
-def _library_function(name: str, arguments: int) -> Callable[..., Array]:
+def _library_function(name: str, arguments: int):
     # Returns a function of the C library, of float64 numbers, applied to each number of an array.
     function = getattr(_C_LIBRARY, name)
     function.restype, function.argtypes = ctypes.c_double, [ctypes.c_double] * arguments

@@ -111,7 +111,7 @@ def build_program(inputs: Sequence[Term], outputs: Sequence[Number]) -> Program:
     """Return the program from the terms of `make_symbols` to the outputs."""
     builder = inputs[0].builder
 
-    def signed_number(x) -> int:
+    def signed_number(x):
         if not isinstance(x, Term):
             return builder.constant(_REAL, x)
         return x.number if x.sign > 0 else builder.emit("neg", _REAL, x.number)

@@ -53,19 +53,22 @@ class TimeLoop:
         return range(len(self.step.inputs) - self.lane_inputs - self.states)
 
 
+Numbers = tuple[int, ...]
+
+
 @dataclasses.dataclass(frozen=True)
 class Split:
     """The operations of `loop.step` that each part of the loop computes, by their numbers."""
 
     loop: TimeLoop
-    lane_state: tuple[int, ...]  # Numbers of the state that each lane stores.
-    held_state: tuple[int, ...]  # Numbers of the state that never change, but differ between lanes.
-    shared_state: tuple[int, ...]  # Numbers of the state that a group stores once.
-    shared: tuple[int, ...]  # operations of the shared part
-    prologue: tuple[int, ...]  # operations done once per lane
-    lane: tuple[int, ...]  # operations done each tick in each lane
-    row: tuple[int, ...]  # shared operations whose results lanes read
-    prologue_results: tuple[int, ...]  # Operations of the prologue whose results the loop reads.
+    lane_state: Numbers  # Numbers of the state that each lane stores.
+    held_state: Numbers  # Numbers of the state that never change, but differ between lanes.
+    shared_state: Numbers  # Numbers of the state that a group stores once.
+    shared: Numbers  # operations of the shared part
+    prologue: Numbers  # operations done once per lane
+    lane: Numbers  # operations done each tick in each lane
+    row: Numbers  # shared operations whose results lanes read
+    prologue_results: Numbers  # Operations of the prologue whose results the loop reads.
 
 
 def split_lanes(loop: TimeLoop, shared: int, grouped: bool) -> Split:
@@ -141,7 +144,7 @@ def _live_state(loop: TimeLoop) -> Set[int]:
     """Return the indices of the state on which a result depends, in this or a later tick."""
     step = loop.step
 
-    def list_state_reads(program: Program, needed: Iterable[int]) -> set[int]:
+    def list_state_reads(program: Program, needed: Iterable[int]):
         # Inputs are those of the lane, then the state, then those of the tick.
         reads = program.reads
         indices = {reads[i] - loop.lane_inputs for i in needed if i in reads}

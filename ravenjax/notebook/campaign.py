@@ -105,7 +105,7 @@ class Campaign:
         path = location.require_path("path", path, "a file to write, or None")
         folder = path.absolute().parent
 
-        def relative(file: str) -> str:
+        def relative(file: str):
             is_inside = Path(file).is_relative_to(folder)
             return str(Path(file).relative_to(folder)) if is_inside else file
 
@@ -172,7 +172,7 @@ def _signature() -> inspect.Signature:
 Campaign.__signature__ = _signature()  # pyright: ignore[reportAttributeAccessIssue]
 
 
-def _tables_of(keys: Mapping[str, Any]) -> dict[str, Any]:
+def _tables_of(keys: Mapping[str, Any]):
     # Separates the keys of [campaign] from other tables, because Python code mixes them.
     section = toml_value(keys.get(SECTION)) or {}
     if not isinstance(section, Mapping):
@@ -192,7 +192,7 @@ def _tables_of(keys: Mapping[str, Any]) -> dict[str, Any]:
     return {SECTION: {key: keys[key] for key in keys if key not in tables}, **tables}
 
 
-def _change_file_paths(tables: dict[str, Any], change: Callable[[str], str]) -> dict[str, Any]:
+def _change_file_paths(tables: dict[str, Any], change: Callable[[str], str]):
     # Returns the tables with `change` applied to every value that is the path of a file.
     model = config_class_of(robot_of(tables))
     # Paths of the keys whose values are files, such as ("detector", "file").
@@ -203,7 +203,7 @@ def _change_file_paths(tables: dict[str, Any], change: Callable[[str], str]) -> 
         if field.annotation is Path or Path in get_args(field.annotation)
     } | {("parameters", population.KEY)}
 
-    def change_texts(path: tuple[str, ...], value: Any) -> Any:
+    def change_texts(path: tuple[str, ...], value: Any):
         # Applies `change` to a text at one of the paths in `file_keys`, also within tables and
         # lists. An item of a list has the path of the list.
         if isinstance(value, dict):

@@ -129,7 +129,7 @@ def _run(
 def _blame(source: OwnSource, where: str) -> Iterator[None]:
     """Turn an exception in a file's code into a UserError that names file and line."""
 
-    def is_own(file: str | None) -> bool:
+    def is_own(file: str | None):
         return file is not None and Path(file).parent == Path(source.path).parent
 
     try:
@@ -226,9 +226,7 @@ class Part:
         function = self._functions[name]
         return None if function is None else function(*arguments)
 
-    def _check_keys(
-        self, name: str, like: Mapping[str, InPlace], values, width: str
-    ) -> dict[str, Any]:
+    def _check_keys(self, name: str, like: Mapping[str, InPlace], values, width: str):
         # Checks a dict of new numbers that the user's `step` returns for signals of `view`.
         keys = ", ".join(like)
         if not isinstance(values, dict):

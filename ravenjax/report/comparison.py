@@ -9,7 +9,7 @@ import itertools
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -141,7 +141,7 @@ def compare_folders(first: Path, second: Path, most: int = 10) -> FolderComparis
         )
 
 
-def _describe_origin(record: Manifest) -> dict[str, Any]:
+def _describe_origin(record: Manifest):
     # Returns the engine, device and versions with which a result was computed.
     return {
         "engine": record.engine,

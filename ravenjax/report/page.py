@@ -54,7 +54,7 @@ def render_report(runs: Runs, manifest: Manifest, folder: Path) -> str:
         "frame_rows": runs.rows,
     }
 
-    def body(section: Section) -> Markup | None:
+    def body(section: Section):
         # Returns the HTML of one section, or None if the section has no content.
         content = section.content(runs, folder)
         if content is None:
@@ -64,8 +64,7 @@ def render_report(runs: Runs, manifest: Manifest, folder: Path) -> str:
 
     bodies = {section: text for section in all_sections() if (text := body(section)) is not None}
     first = body(answers.FIRST_PAGE)
-    page = _environment().get_template("page.html.j2")
-    text = page.render(common, answers=first, bodies=bodies)
+    text = _environment().get_template("page.html.j2").render(common, answers=first, bodies=bodies)
     own = re.findall(r'"([^"]*nintended motion[^"]*)"', json.dumps(manifest.config))
     return html.with_scopes(events.name_harm(text, manifest.rules, map(escape, own)))
 

@@ -122,7 +122,7 @@ class LaneGroup:
             *(row_address(self._rows, first - self._row_tick), *output_arguments, until - first),
         )
 
-    def _tick_input_arguments(self, tick: int, lane: int) -> tuple[int, int, int]:
+    def _tick_input_arguments(self, tick: int, lane: int):
         """Return the address of a tick's inputs from `lane` on, bytes per tick and per number."""
         numbers = self.lanes.tick_inputs
         # An array of one tick serves all ticks.
@@ -162,8 +162,7 @@ class VectorCode:
     ) -> list[np.ndarray]:
         """Run one group through its ticks; return the results at each lane's end, each [lanes]."""
         vectors = len(course.begins)
-        vector_of_lane = np.repeat(np.arange(vectors), self.width)
-        lane_ends = np.stack([vector_of_lane, course.ends], axis=1)
+        lane_ends = np.stack([np.repeat(np.arange(vectors), self.width), course.ends], axis=1)
         # Lanes of a vector that end in the same tick share one row of results.
         pairs, pair_of_lane = np.unique(lane_ends, axis=0, return_inverse=True)
         # For each vector: (tick, row of the results).
@@ -243,8 +242,8 @@ class VectorCode:
     ) -> None:
         # Sets the states of a group's lanes from the snapshots of their golden run.
         if course.first:
-            row = course.first // golden_run.every
-            group.group_state.view(np.uint32)[0] = golden_run.group[row]
+            snapshot = golden_run.group[course.first // golden_run.every]
+            group.group_state.view(np.uint32)[0] = snapshot
         states = group.state.view(np.uint32)
         for v, begin in enumerate(course.begins.tolist()):
             if begin:

@@ -15,7 +15,7 @@ import numpy as np
 from ravenjax.engines import traced
 from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.code import LaneCourse, VectorCode
-from ravenjax.engines.cpu.kernel import VectorKernel, print_kernel
+from ravenjax.engines.cpu.kernel import print_kernel
 from ravenjax.engines.interface import Block, BlockResult, Motion, Progress, TickProgram, Tracer
 from ravenjax.engines.lanes import Lanes, Trunk
 from ravenjax.ir.time_loop import split_lanes
@@ -83,12 +83,9 @@ class SimdKernel(traced.PrintedKernel):
         golden_series = self._golden_series(block, lanes, grouped=True, first=0, last=until)
         lanes = Lanes(inputs, golden_series, traced.motion_tables(motion), None)
         trunk, columns = code.trunk(lanes, last, ends)
-        names = self.forms(block, motion).traced.outcomes
-        return trunk, dict(zip(names, columns, strict=True))
+        return trunk, dict(zip(self.forms(block, motion).traced.outcomes, columns, strict=True))
 
-    def _run(
-        self, block: Block, motion: Motion, progress: Progress | None
-    ) -> tuple[BlockResult, np.ndarray]:
+    def _run(self, block: Block, motion: Motion, progress: Progress | None):
         # Returns the results of a block, and the raw outputs [ticks, outputs, lanes]. Lanes that
         # share inputs form a group. Groups are computed one after the other.
         tick, ticks = self.forms(block, motion).traced, self.program.ticks
@@ -129,7 +126,7 @@ class SimdKernel(traced.PrintedKernel):
             reference = numbers[:, :, :: 8 // self._dtype.itemsize]
         return BlockResult(dict(zip(tick.outcomes, outcomes, strict=True)), reference), out
 
-    def _groups(self, block: Block) -> tuple[list[np.ndarray], np.ndarray, bool]:
+    def _groups(self, block: Block):
         """Return a block's inputs, each lane's group, and whether computing by groups is faster."""
         inputs, group = self.groups(block)
         # Vectors that are filled group by group, compared with vectors of any lanes.
@@ -164,7 +161,7 @@ class SimdKernel(traced.PrintedKernel):
         forms, host = self.forms(block, motion), self._host
         key = "simd", self.signals, grouped, self.width, host.text
 
-        def print_code() -> VectorKernel:
+        def print_code():
             loop = forms.traced.loop if self.signals else forms.traced.without_signals()
             parts = split_lanes(loop, len(self.program.varied), grouped)
             return print_kernel(parts, self.width, host.features)

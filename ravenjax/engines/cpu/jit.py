@@ -112,7 +112,6 @@ def emit_for_machine(text: str, machine: Any) -> bytes:
 
 
 def _machine(target: Host) -> Any:
-    llvm_target = llvm.Target.from_default_triple()
-    return llvm_target.create_target_machine(
+    return llvm.Target.from_default_triple().create_target_machine(
         target.cpu, target.text, _OPTIMISATION, reloc="pic", codemodel="small", jit=True
     )

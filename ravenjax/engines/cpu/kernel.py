@@ -56,7 +56,7 @@ def schedule_operations(
     return scheduled + list(_schedule(operations, between))
 
 
-def _schedule(operations: Sequence[Operation], order: Sequence[int]) -> tuple[int, ...]:
+def _schedule(operations: Sequence[Operation], order: Sequence[int]):
     """Return operations without regions in an order with less waiting.
 
     In each cycle, the first operation in the window begins whose operands are available. If there
@@ -141,7 +141,7 @@ class _LlvmModule(LoopPrinting[Place]):
 
         step, results = self.step.operations, self.finish.operations
 
-        def layout(types: Iterable[str], lanes: int = width) -> BufferLayout:
+        def layout(types: Iterable[str], lanes: int = width):
             return BufferLayout.of_lanes(types, lanes)
 
         self.buffers = VectorKernel(
@@ -174,11 +174,11 @@ class _LlvmModule(LoopPrinting[Place]):
 
     # --- addresses of inputs ---
 
-    def _lane_state_places(self) -> dict[int, Place]:
+    def _lane_state_places(self):
         # Index in the state -> place in the buffer of a lane.
         return _places_by_number(self.lane_state, self.buffers.state, "%state")
 
-    def _group_state_places(self, pointer: str = "%state", splat: bool = False) -> dict[int, Place]:
+    def _group_state_places(self, pointer: str = "%state", splat: bool = False):
         # Index in the state -> place in the buffer of a group. splat: each lane reads the number.
         return _places_by_number(self.split.shared_state, self.buffers.group_state, pointer, splat)
 
@@ -212,9 +212,7 @@ class _LlvmModule(LoopPrinting[Place]):
         self.print_step(printer, split.shared, sources, state, row, tick_values)
         self._loop("shared_run", printer, {"in": "%in_stride", "row": str(buffers.row.bytes)})
 
-    def _add_tick_inputs(
-        self, printer: LlvmPrinter, sources: dict[int, Place], shared: bool
-    ) -> dict[int, str]:
+    def _add_tick_inputs(self, printer: LlvmPrinter, sources: dict[int, Place], shared: bool):
         """Add the places of the tick's inputs to `sources`; return the tick's number as a value."""
         tick_values: dict[int, str] = {}
         for i, k in self.tick_reads.items():
@@ -265,7 +263,7 @@ class _LlvmModule(LoopPrinting[Place]):
 
 def _places_by_number(
     numbers: Iterable[int], layout: BufferLayout, pointer: str, splat: bool = False
-) -> dict[int, Place]:
+):
     # Number -> place in a buffer that contains these numbers in order.
     return dict(zip(numbers, layout.places(pointer, splat), strict=True))
 

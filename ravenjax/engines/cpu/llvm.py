@@ -52,7 +52,7 @@ class LlvmPrinter(Printing[Place]):
         known = [o.name == "constant" and not np.isnan(o.value) for o in sources]
         return self._compute(name, dtype, sources[0].dtype, inputs, known)
 
-    def _begin_region(self, condition: str, types: list[str]) -> tuple[str, str, list[str]]:
+    def _begin_region(self, condition: str, types: list[str]):
         # Prints a branch around operations that no lane of the vector needs.
         if self.width > 1:
             name = f"llvm.vector.reduce.or.v{self.width}i1"
@@ -233,13 +233,11 @@ class LlvmPrinter(Printing[Place]):
             return self._resize_integer(dtype, source, x)
         if dtype != "int32":
             suffix = f"{self._type_suffix(dtype)}.{self._type_suffix(source)}"
-            name = f"llvm.fpto{_KINDS[dtype][0]}i.sat.{suffix}"
-            return self.call(wide, name, (before, x))
+            return self.call(wide, f"llvm.fpto{_KINDS[dtype][0]}i.sat.{suffix}", (before, x))
         # The truncation is right except for NaN and for values that are too large.
         result = self._truncate(source, x)
         is_too_large = f"oge {before} {x}, {self._constant(source, 2147483648.0)}"
-        is_nan = f"uno {before} {x}, {x}"
-        for condition, value in ((is_too_large, 2**31 - 1), (is_nan, 0)):
+        for condition, value in ((is_too_large, 2**31 - 1), (f"uno {before} {x}, {x}", 0)):
             is_special = self.op(f"fcmp {condition}")
             result = self.select(dtype, is_special, self._constant(dtype, value), result)
         return result

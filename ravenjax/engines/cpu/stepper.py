@@ -45,7 +45,7 @@ class StepCode:
         self.step_inputs = RecordKind.of((np.int32(0), step_inputs))
         self.tables = tuple(tables)
 
-        def make() -> tuple[str, RecordKind, RecordKind, int]:
+        def make():
             # Traces the three functions and prints them as one module.
             first, state = traced.trace_function(begin, self.inputs.shapes())
             columns = tuple(jax.ShapeDtypeStruct((n,), np.float32) for n in self.tables)
@@ -70,8 +70,7 @@ class StepCode:
         types = [str(kind.layout) + repr(kind.record) for kind in (self.inputs, self.step_inputs)]
         parts = key, types, self.tables, jit.host_target().text
         key = key and trace_key.persistent_key("step", *parts)
-        made = trace_key.load_or_make(objects, key, make)
-        text, self.state, self.outcomes, self.outputs = made
+        text, self.state, self.outcomes, self.outputs = trace_key.load_or_make(objects, key, make)
         self.machine = Compiled(text, ("begin", "step", "finish"), objects)
 
 

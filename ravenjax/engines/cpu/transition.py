@@ -168,8 +168,7 @@ class Compiled:
 
     def bind(self, name: str, memory: Memory) -> BoundTransition:
         """Return a function that makes the transition `name` once for each row of `memory`."""
-        function = self._functions[name, len(memory.step_inputs) == 1]
-        return BoundTransition(function, memory, self)
+        return BoundTransition(self._functions[name, len(memory.step_inputs) == 1], memory, self)
 
 
 class BoundTransition:
@@ -223,6 +222,5 @@ def _print_transition(transition: StateTransition, features: Set[str]) -> LlvmPr
     order = [i for i in program.needed() if program.operations[i].name not in ("input", "constant")]
     printer = LlvmPrinter(1, frozenset(features), "again")
     arranged = arrange_regions(program.operations, order, program.outputs)
-    regions = schedule_operations(program.operations, arranged)
-    printer.run(program, regions, sources, results)
+    printer.run(program, schedule_operations(program.operations, arranged), sources, results)
     return printer

@@ -79,8 +79,7 @@ class CudaCode:
 
     def trunk(self, lanes: Lanes, places: Places, last: int) -> Trunk:
         """Return snapshots of a golden run before tick `last`; all lanes are equal to this run."""
-        ends = np.full(len(places.thread), max(last, 1))
-        course = plan_course(places, self.form.threads, ends)
+        course = plan_course(places, self.form.threads, np.full(len(places.thread), max(last, 1)))
         with DeviceSession(self.device) as session:
             return _Run(self, session, lanes, places, course, EVERY).trunk()
 

@@ -21,7 +21,7 @@ from ravenjax.engines.gpu import device as cuda_device
 from ravenjax.engines.gpu.code import CudaCode, form_for, typed_column
 from ravenjax.engines.gpu.course import BlockCourse, Places, place_lanes, plan_course
 from ravenjax.engines.gpu.device import Device
-from ravenjax.engines.gpu.kernel import WARP, KernelSource, print_loop
+from ravenjax.engines.gpu.kernel import WARP, print_loop
 from ravenjax.engines.interface import Block, BlockResult, Motion, Progress, TickProgram, Tracer
 from ravenjax.engines.lanes import Lanes, Trunk
 from ravenjax.engines.trace_key import Objects
@@ -103,7 +103,7 @@ class CudaKernel(traced.PrintedKernel):
         names = self.forms(block, motion).traced.outcomes
         return BlockResult(dict(zip(names, outcomes, strict=True)), signals.view(np.float32))
 
-    def _placed(self, block: Block, device: Device) -> tuple[list[np.ndarray], Places, bool]:
+    def _placed(self, block: Block, device: Device):
         """Return a block's inputs, the threads of its lanes, and whether lanes run by group.
 
         Lanes run by group if all groups fit on the device, or if at most half of its threads idle.
@@ -129,11 +129,11 @@ class CudaKernel(traced.PrintedKernel):
         # Returns the compiled code for this block, from the cache if it was compiled before.
         forms, form = self.forms(block, motion), form_for(device)
 
-        def printed() -> KernelSource:
+        def printed():
             loop, shared = forms.traced.without_signals(), len(self.program.varied)
             return print_loop(split_lanes(loop, shared, grouped), form, grouped)
 
-        def make() -> CudaCode:
+        def make():
             source = forms.printed(("cuda", grouped, form), printed)
             return CudaCode(source, grouped, device, form, self.objects)
 

@@ -27,7 +27,6 @@ tick, number] if they are equal in a group.
 import collections
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
 
 from ravenjax.engines.gpu.cuda import CudaPrinter
 from ravenjax.engines.printing import LoopPrinting, render_template
@@ -134,7 +133,7 @@ class _CudaModule(LoopPrinting[str]):
     def _input_words(self, template: str) -> list[str]:
         return [template.format(k) for k in range(self.inputs)]
 
-    def _tick_input_words(self, template: str) -> tuple[dict[int, str], dict[int, str]]:
+    def _tick_input_words(self, template: str):
         """Return the words of a tick's inputs, and the text of the tick's number."""
         words = {i: template.format(k - 1) for i, k in self.tick_reads.items() if k}
         return words, {i: "now" for i, k in self.tick_reads.items() if not k}
@@ -144,7 +143,7 @@ class _CudaModule(LoopPrinting[str]):
         # Returns C code for a word of this lane; {} is the word's number.
         return f"{name}[{{}} * (size_t)lanes]"
 
-    def _count_reads(self) -> tuple[collections.Counter[int], dict[int, int]]:
+    def _count_reads(self):
         """Return how often a lane reads each operation in a tick, and where it reads it first."""
         read_counts, first_readers = collections.Counter[int](), dict[int, int]()
         for position, i in enumerate(self.split.lane):
@@ -153,7 +152,7 @@ class _CudaModule(LoopPrinting[str]):
                 first_readers.setdefault(operand, position)
         return read_counts, first_readers
 
-    def _divide_state(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    def _divide_state(self):
         """Return the indices of a lane's state in device memory, and of those in shared memory.
 
         Numbers that are read least are in device memory. Both are in the order of first use,
@@ -166,24 +165,24 @@ class _CudaModule(LoopPrinting[str]):
         order = sorted(numbers, key=lambda k: read_counts[operation_of.get(k, -1)])
         device_words = max(0, len(order) - self.form.shared_words)
 
-        def sort_by_first_use(part: Sequence[int]) -> tuple[int, ...]:
+        def sort_by_first_use(part: Sequence[int]):
             return tuple(sorted(part, key=lambda k: first_readers.get(operation_of.get(k, -1), -1)))
 
         return sort_by_first_use(order[:device_words]), sort_by_first_use(order[device_words:])
 
-    def _row_order(self) -> tuple[int, ...]:
+    def _row_order(self):
         """Return the operations of a row: those that a tick reads, then those only for results."""
         _, first = self._count_reads()
         only_saved = {self.step.outputs[k] for k in self.saved}.difference(self.split.row)
         return (*sorted(self.split.row, key=lambda i: first.get(i, -1)), *sorted(only_saved))
 
-    def _finish_reads(self) -> tuple[int, ...]:
+    def _finish_reads(self):
         """Return the indices of a group's state on which the results of its lanes depend."""
         reads = self.finish.reads
         indices = {reads[i] - self.inputs for i in self.finish.needed() if i in reads}
         return tuple(k for k in self.split.shared_state if k in indices)
 
-    def _state_in_loop(self) -> dict[int, str]:
+    def _state_in_loop(self):
         # State that is used often lies in shared memory, the rest in global memory.
         is_plain = len(self.in_device_memory) <= _MAX_PLAIN_WORDS
         template = "state[{} * {}]" if is_plain else "Far{{state + {} * {}}}"
@@ -223,7 +222,7 @@ class _CudaModule(LoopPrinting[str]):
         self.print_begin(printer, self._input_words(self._lane_word("inputs")), state)
         return printer.text()
 
-    def _lane_run(self) -> dict[str, Any]:
+    def _lane_run(self):
         # Prints the loop over ticks of one lane, and the code before and after it.
         step, split, form = self.step, self.split, self.form
         state = self._state_in_loop()
@@ -255,7 +254,7 @@ class _CudaModule(LoopPrinting[str]):
             "saved": [position_in_row[step.outputs[k]] for k in self.saved],
         }
 
-    def _print_prologue(self, inputs: dict[int, str]) -> tuple[list[str], dict[int, str], str]:
+    def _print_prologue(self, inputs: dict[int, str]):
         """Return the code that computes a lane's constant numbers before the loop over ticks.
 
         Returns the names of the words that contain packed truth values, operation -> C code of its

@@ -140,8 +140,7 @@ class ScanKernel:
                 function = jax.jit(self.segment, donate_argnums=(3,))
                 by_mjx = getattr(self.program.setup, "link_dynamics", "") == "mjx"
                 options = MJX_ON_CPU if by_mjx and not _accelerators() else None
-                lowered = function.lower(*arguments)
-                self.compiled[lanes] = lowered.compile(compiler_options=options)
+                self.compiled[lanes] = function.lower(*arguments).compile(compiler_options=options)
         return self.compiled[lanes]
 
     def prepare(self, block: Block, motion: Motion) -> None:
@@ -155,7 +154,7 @@ class ScanKernel:
         blocks = [block] if small.lanes == block.lanes else [block, small]
         threads.map_in_threads(compile_for, blocks, 2)
 
-    def _arguments(self, block: Block, motion: Motion) -> tuple[int, tuple[Any, ...]]:
+    def _arguments(self, block: Block, motion: Motion):
         # Places the block's numbers on the devices, with a zero state for tick 0.
         lanes = block.lanes or self.lanes
         varied = [_place(block.varied[path]) for path in self.program.varied]

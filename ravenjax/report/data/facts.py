@@ -210,7 +210,7 @@ def _number_faults(table: ResultTable, types: Mapping[str, str], end_ms: int) ->
     return bool(unique)
 
 
-def _list_words(table: ResultTable, names: Sequence[str], robot: Robot) -> dict[str, list[str]]:
+def _list_words(table: ResultTable, names: Sequence[str], robot: Robot):
     # Returns the different words in columns of text, which become enumerated types.
     columns = {"group": '"group"'} | _first_fault_sql(names, robot)
     columns = {name: columns[name] for name in columns if name in ("group", "site", "block")}
@@ -219,7 +219,7 @@ def _list_words(table: ResultTable, names: Sequence[str], robot: Robot) -> dict[
     return vocabulary | {"layer": [*robot.layers.values(), OTHER_LAYER]}
 
 
-def _first_fault_sql(names: Sequence[str], robot: Robot) -> dict[str, str]:
+def _first_fault_sql(names: Sequence[str], robot: Robot):
     # SQL for the columns that describe a run's first fault.
     if "fault0_site" not in names:
         # The campaign has no faults.

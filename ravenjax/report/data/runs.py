@@ -187,7 +187,7 @@ def after_onset(event: str) -> str:
     return f"CASE WHEN {event} >= active_ms THEN {event} ELSE -1 END"
 
 
-def _more(manifest: Manifest) -> dict[str, str]:
+def _more(manifest: Manifest):
     """Return further columns of facts.
 
     They are warned<k>_ms for each haptic set, alarm<d>_<k>_ms for each threshold of each detector,

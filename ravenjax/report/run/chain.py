@@ -26,6 +26,8 @@ from ravenjax.vocabulary.seams import (
     list_crossings,
 )
 
+Columns = Mapping[str, Any]
+"""Columns of a table as arrays [runs], or numbers of one run."""
 NEVER = np.iinfo(np.int32).max
 """Replaces -1, which means never, where the earliest of several times is computed."""
 HARMS = {
@@ -108,7 +110,7 @@ class Chain(NamedTuple):
         return min(visible, key=lambda link: link.leaves_ms, default=None)
 
 
-def list_signals(ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str]) -> list[SignalTicks]:
+def list_signals(ticks: Columns, robot: Robot, arms: Iterable[str]) -> list[SignalTicks]:
     """Return the times of every signal, in the robot's order.
 
     ticks: columns of the table of explained runs, as arrays [runs] or numbers of one run.
@@ -140,9 +142,7 @@ def list_signals(ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str]) ->
     return signals
 
 
-def trace_chain(
-    row: Mapping[str, Any], ticks: Mapping[str, Any], robot: Robot, arms: Iterable[str], cue: int
-) -> Chain:
+def trace_chain(row: Columns, ticks: Columns, robot: Robot, arms: Iterable[str], cue: int) -> Chain:
     """Return one run's chain, from its rows of results and explained runs. cue: number of a set."""
     hazard, cue_column = str(row["hazard"]), f"cue{cue}_first_ms"
     harm = int(row[HARMS[hazard]]) if hazard in HARMS else -1
@@ -217,9 +217,7 @@ def _make_link(signal: SignalTicks, harm: int) -> ChainLink:
     )
 
 
-def _list_near_checks(
-    row: Mapping[str, Any], ticks: Mapping[str, Any], robot: Robot
-) -> list[NearCheck]:
+def _list_near_checks(row: Columns, ticks: Columns, robot: Robot) -> list[NearCheck]:
     # Returns the checks that tripped, or came nearer to their limit than in the golden run.
     near = []
     names = [column.removeprefix(NEAR) for column in ticks if str(column).startswith(NEAR)]
@@ -232,10 +230,9 @@ def _list_near_checks(
     return near
 
 
-def _stack_columns(ticks: Mapping[str, Any], names: Sequence[str], runs: int) -> np.ndarray:
+def _stack_columns(ticks: Columns, names: Sequence[str], runs: int) -> np.ndarray:
     """Return columns as int32 [columns, runs]; missing columns mean never."""
-    columns = [np.broadcast_to(ticks.get(name, -1), runs) for name in names]
-    return np.stack(columns).astype(np.int32)
+    return np.stack([np.broadcast_to(ticks.get(name, -1), runs) for name in names]).astype(np.int32)
 
 
 def _replace_never(ticks: np.ndarray) -> np.ndarray:

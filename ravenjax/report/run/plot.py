@@ -56,16 +56,15 @@ def trace_plot(
             for joint in sorted(largest):
                 name, colour = robot.joints[joint], series_colour(joint)
                 curves.append(Curve(name, colour, seconds, counts[:, joint], step=True))
-    states = [
-        Curve(word, series_colour(number), seconds, series[name].astype(float), step=True)
-        for number, (name, word) in enumerate(STATES.items())
-        if name in series
-    ]
     panels = {
         "tip off the nominal model, mm": tips,
         "haptic force, device units": forces,
         **commands,
-        "state": states,
+        "state": [
+            Curve(word, series_colour(number), seconds, series[name].astype(float), step=True)
+            for number, (name, word) in enumerate(STATES.items())
+            if name in series
+        ],
     }
     marks = [
         (f"{label}, {ms:.0f} ms", f"series{1 + number % 7}", ms / 1e3)

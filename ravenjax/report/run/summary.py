@@ -1,6 +1,6 @@
 """Describes one run in words: fault, verdict, events in order, largest distances and forces."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -73,7 +73,7 @@ def summarize_run(
     )
 
 
-def _largest_distances(robot: Robot, series: Series) -> Iterator[tuple[str, str, float, int]]:
+def _largest_distances(robot: Robot, series: Series):
     # Yields for each arm and reference the largest distance of the true tip from the reference in
     # mm, and its tick: (arm, name of the reference, distance, tick).
     for arm in robot.arms:
@@ -122,7 +122,7 @@ def list_events(
     return sorted(events, key=lambda event: (event.tick, _ORDER.index(event.kind)))
 
 
-def _list_pulses(series: Series, cue: int) -> Iterator[list[tuple[int, int, str, float, float]]]:
+def _list_pulses(series: Series, cue: int):
     # Yields each arm's pulses: (start, end, arm, mm off the nominal model at start, most force).
     for name in series:
         arm, _, signal = name.partition("/")
@@ -136,7 +136,7 @@ def _list_pulses(series: Series, cue: int) -> Iterator[list[tuple[int, int, str,
         ]
 
 
-def _list_changes(series: Series, name: str) -> list[tuple[int, int, int]]:
+def _list_changes(series: Series, name: str):
     # Returns (tick, old value, new value) for each change of a state.
     values = np.asarray(series.get(name, ())).astype(int if name == "runlevel" else bool)
     ticks = np.flatnonzero(np.diff(values)) + 1

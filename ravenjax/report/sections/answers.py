@@ -5,7 +5,7 @@ what a haptic cue changes.
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -147,7 +147,7 @@ def _announced(runs: Runs, k: int, condition: str) -> Announced:
     )
 
 
-def _changed_groups(runs: Runs) -> dict[str, list[str]]:
+def _changed_groups(runs: Runs):
     # Returns group -> paths of the parameters that only this group changes.
     paths = {
         group["name"]: dict.fromkeys(
@@ -158,7 +158,7 @@ def _changed_groups(runs: Runs) -> dict[str, list[str]]:
     return {name: list(paths[name]) for name in runs.groups() if paths.get(name)}
 
 
-def _content(runs: Runs, _: Path) -> dict[str, Any]:
+def _content(runs: Runs, _: Path):
     return {
         "class_words": CLASSES,
         "most_classes": MOST_CLASSES,

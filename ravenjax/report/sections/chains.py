@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -91,8 +91,7 @@ def _signal_chart(
     for name, colour, values in marks:
         known = [(row, value) for row, value in enumerate(values) if value is not None]
         # The last three fields of a rate and of an estimate: value, low, high.
-        bounds = np.array([value[-3:] for _, value in known], float)
-        value, low, high = bounds.reshape(-1, 3).T
+        value, low, high = np.array([value[-3:] for _, value in known], float).reshape(-1, 3).T
         tips = [
             wording.fill_template("carrier_tip.txt.j2", carrier=carriers[row], value=value)[0]
             for row, value in known
@@ -104,7 +103,7 @@ def _signal_chart(
     return Chart(title, axis, signals, tuple(dots), height=ROW_PX * len(carriers))
 
 
-def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
+def _content(runs: Runs, folder: Path):
     try:
         ticks = explained.read_explained(folder / explained.FOLDER, runs.manifest)
     except StoreError as error:
@@ -123,7 +122,7 @@ def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
     }
 
 
-def _explain_worst_runs(runs: Runs, ticks: pd.DataFrame) -> list[dict[str, Any]]:
+def _explain_worst_runs(runs: Runs, ticks: pd.DataFrame):
     # Returns the chains of the explained runs with the largest tip excursions, evading runs first.
     manifest, extent = runs.manifest, "coalesce(greatest(unintended_mm, loss_mm), 0)"
     rows = runs.table.rows(
@@ -192,17 +191,16 @@ def summarize_chains(runs: Runs, ticks: pd.DataFrame) -> Propagation:
     ticks: table of `store.access.explained`, one row per run.
     """
     facts = robots.faults_with_units(runs, "unintended_ms AS harm", HARMFUL_EVADING)
-    is_explained = facts["row"].isin(ticks["index"])
-    lacking = set(facts.loc[~is_explained, "group"])
+    lacking = set(facts.loc[~facts["row"].isin(ticks["index"]), "group"])
     complete = sorted(set(facts["group"]) - lacking)
     faults = facts.loc[facts["group"].isin(complete)].reset_index(drop=True)
     rows = ticks.set_index("index").loc[faults["row"]]
     drawn, noun = robots.drawn_units(runs, faults)
 
-    def rate(hit: np.ndarray) -> Rate:
+    def rate(hit: np.ndarray):
         return pair_intervals.pair_rate(hit, drawn)
 
-    def median(values: np.ndarray) -> Estimate:
+    def median(values: np.ndarray):
         """Return the median of the values above 0."""
         positive = values > 0
         times, is_observed = values[positive], np.ones(int(positive.sum()), bool)
@@ -229,7 +227,7 @@ def summarize_chains(runs: Runs, ticks: pd.DataFrame) -> Propagation:
     return Propagation(*counts, *groups, noun, carriers, rate(best <= 0), median(best))
 
 
-def _join_arms(rows: pd.DataFrame, manifest: Manifest) -> list[chain.SignalTicks]:
+def _join_arms(rows: pd.DataFrame, manifest: Manifest):
     """Return the signals with both arms joined, at the earlier time, in the robot's order."""
     columns = {str(name): rows[name].to_numpy() for name in rows}
     by_seam: dict[str, list[chain.SignalTicks]] = {}

@@ -10,7 +10,7 @@ import contextlib
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -192,7 +192,7 @@ def measure_coverage(runs: Runs, deadlines: pd.DataFrame | None = None) -> Cover
     )
 
 
-def _together(sources: Sequence[Source]) -> dict[str, list[Source]]:
+def _together(sources: Sequence[Source]):
     # Returns the sets of sources that are counted together, without sets that equal EVERYTHING.
     teams = {
         name: [one for one in sources if one.kind in kinds and (one.reports or one.kind == "cue")]
@@ -262,7 +262,7 @@ def _smallest(
     return SmallestSets(criterion, len(hits), sets)
 
 
-def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
+def _content(runs: Runs, folder: Path):
     deadlines = None
     # The section of the deadlines says why they cannot be read.
     with contextlib.suppress(StoreError):

@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -159,7 +159,7 @@ def _alarm_counts(runs: Runs, rows: Sequence[CueRow]) -> AlarmCounts:
 
 def _cheapest(rows: Sequence[CueRow], alarms: AlarmCounts, weight: float, hours: float) -> Choice:
     # Chooses the set of least cost, if a missed motion costs `weight` false cues.
-    def possible(times: float) -> np.ndarray:
+    def possible(times: float):
         return choice.cheapest_alarms(alarms, weight, times)
 
     cost = [weight * row.missed.value + row.hourly for row in rows]
@@ -256,18 +256,17 @@ def _marks(pairs: Sequence[tuple[CueRow, AlarmRate]], name: str, colour: str) ->
     return Dots(name, colour, hourly[0], missed[0], *bounds, texts=texts, tips=tips)
 
 
-def _content(runs: Runs, folder: Path) -> dict[str, Any]:
+def _content(runs: Runs, folder: Path):
     cues = cue_rows(runs)
     chosen = choose_cues(runs, cues)
     hours, manifest = hours_to_offer(chosen), runs.manifest
-    command = fault_free.fault_free_command(folder, manifest, hours) if hours else None
     return {
         "cues": cues,
         "choices": chosen,
         "tradeoff": cue_tradeoff(cues),
         "free_hours_wanted": hours,
         "free_recorded": bool((manifest.config.get("operator") or {}).get("file")),
-        "free_command": command,
+        "free_command": fault_free.fault_free_command(folder, manifest, hours) if hours else None,
     }
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -155,7 +155,7 @@ def deadline_chart(table: pd.DataFrame) -> Chart:
     )
 
 
-def _content(runs: Runs, folder: Path) -> dict[str, Any] | None:
+def _content(runs: Runs, folder: Path):
     try:
         table = explained.read_rows(folder / explained.DEADLINES, runs.manifest, "deadline")
     except StoreError as error:

@@ -9,7 +9,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -162,7 +162,7 @@ def _shown(alarms: list[ThresholdAlarms]) -> list[ThresholdAlarms]:
     return [level for k, level in enumerate(alarms) if few or k in places or level.quiet]
 
 
-def _bands(runs: Runs, number: int) -> tuple[CurveBand, CurveBand] | tuple[None, None]:
+def _bands(runs: Runs, number: int):
     # Returns bootstrap bands of the ROC curve and the precision-recall curve of a detector; (None,
     # None) if all runs have the same outcome, or all have the same fault.
     from ravenjax.stats.alarms.roc import precision_recall_band, roc_band
@@ -227,7 +227,7 @@ def _chart(
     return Chart(title, x_axis, y_axis, tuple(marks), HEIGHT)
 
 
-def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
+def _content(runs: Runs, _: Path):
     if not runs.manifest.detectors:
         return None
     detectors = detector_rows(runs)

@@ -94,8 +94,7 @@ class Sweep(NamedTuple):
 
 def summarize_sweep(runs: Runs) -> Sweep:
     """Return the inputs that a campaign varies, and the outcomes of its faults."""
-    faulty = runs.count("sample AND faulty") > 0
-    if faulty:
+    if runs.count("sample AND faulty"):
         measures, condition, unit = MEASURES, "sample AND faulty", "faults"
     else:
         measures, condition, unit = FREE_MEASURES, "sample", "runs"
@@ -182,8 +181,7 @@ def number_axis(title: str, values: np.ndarray, max_bins: int, endless: bool = F
         names = [compact_number(value) for value in distinct_values]
         bins = np.searchsorted(distinct_values, values[is_number])
     else:
-        wanted = max(MIN_BINS, round(math.sqrt(len(values) / RUNS_PER_BIN)))
-        bins = min(MAX_BINS, max_bins, wanted)
+        bins = min(MAX_BINS, max_bins, max(MIN_BINS, round(math.sqrt(len(values) / RUNS_PER_BIN))))
         edges = _bin_edges(distinct_values[0], distinct_values[-1], bins)
         names = [f"{compact_number(a)} to {compact_number(b)}" for a, b in pairwise(edges)]
         # The last bin includes its upper edge.
@@ -282,7 +280,7 @@ def explained_share(counts: PairCounts) -> float:
     return float(1 - within / freedom / (overall / (total - 1)))
 
 
-def _make_map(sweep: Sweep, name: str, ranked: list[PairCounts], sampled: bool) -> dict[str, Any]:
+def _make_map(sweep: Sweep, name: str, ranked: list[PairCounts], sampled: bool):
     # Returns the map of the two inputs that explain the outcome best.
     counts, pairs = ranked[0], []
     for pair in ranked[:2]:
@@ -290,9 +288,8 @@ def _make_map(sweep: Sweep, name: str, ranked: list[PairCounts], sampled: bool) 
             inputs = [axis.title for axis in (pair.up, pair.across) if axis.title]
             pairs.append({"inputs": inputs, "share": max(0.0, share)})
     rate_in: Callable[[int, int], Rate] = tables.wilson_share if sampled else share_of_cells
-    n, rates, panels = len(sweep.faults), [], []
-    across, up = counts.across, counts.up
-    axes = {"across": across.title, "up": up.title, "columns": across.labels}
+    n, rates, panels, up = len(sweep.faults), [], [], counts.up
+    axes = {"across": counts.across.title, "up": up.title, "columns": counts.across.labels}
     for measure, k in zip(sweep.measures, counts.k, strict=True):
         rates.append(measure._asdict() | {"rate": rate_in(int(k.sum()), n)})
         if 0 < k.sum() < n:

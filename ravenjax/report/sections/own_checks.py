@@ -88,7 +88,7 @@ def _false_alarms(runs: Runs) -> Iterator[ThresholdAlarms]:
         yield ThresholdAlarms(name, math.nan, column, count, rate, quiet=count == 0)
 
 
-def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
+def _content(runs: Runs, _: Path):
     if not runs.manifest.shape.own_checks or not runs.count("sample AND faulty"):
         return None
     return {"own_checks": own_check_rows(runs)}

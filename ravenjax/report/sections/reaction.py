@@ -8,9 +8,9 @@ react, or the parameter has its first value. A fault has a pair for each value o
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -222,7 +222,7 @@ def count_interruptions(runs: pd.DataFrame) -> list[Idle]:
     return result
 
 
-def _actions(runs: pd.DataFrame) -> list[tuple[int, str]]:
+def _actions(runs: pd.DataFrame):
     present = runs["action"].unique().tolist()
     return [(n, name) for n, name in enumerate(ACTIONS) if n and n in present]
 
@@ -234,7 +234,7 @@ def _crossed_names(frame: pd.DataFrame) -> list[str]:
     return [str(name) for name, count in counts.max().items() if count > 1]
 
 
-def _parts(pairs: Pairs) -> Iterator[tuple[str, Pairs]]:
+def _parts(pairs: Pairs):
     # Yields the parts of the table: all faults, each layer, each value of a crossed parameter.
     yield "all faults", pairs
     layers = pairs.with_["layer"].to_numpy()
@@ -276,11 +276,10 @@ def _mean(pairs: Pairs, column: str, faults: Units | None) -> Estimate:
 
 def compare_actions(runs: Runs) -> list[Difference]:
     """Return the comparisons of a campaign; none if it has no pairs."""
-    reacts = runs.manifest.shape.reacts
-    return compare_pairs(runs.once(sample_runs), runs.sampled) if reacts else []
+    return compare_pairs(runs.once(sample_runs), runs.sampled) if runs.manifest.shape.reacts else []
 
 
-def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
+def _content(runs: Runs, _: Path):
     if not runs.manifest.shape.reacts:
         return None
     sample, comparisons = runs.once(sample_runs), runs.once(compare_actions)
@@ -292,7 +291,7 @@ def _content(runs: Runs, _: Path) -> dict[str, Any] | None:
     }
 
 
-def _crossed(runs: Runs, _: Path) -> dict[str, Any] | None:
+def _crossed(runs: Runs, _: Path):
     config = runs.manifest.config
     crossed = [table.get("cross", ()) for table in (config, *config.get("group", ()))]
     if all(path.startswith("reaction.") for paths in crossed for path in paths):

@@ -26,6 +26,8 @@ from ravenjax.store.manifest import Manifest
 
 CAUSED = ("stopped", "flagged", "limited")
 
+Row = dict[str, Any]
+"""Named values, such as the row of a table."""
 _Interval = TypeVar("_Interval", Rate, Estimate)
 
 
@@ -99,7 +101,7 @@ def event_times(runs: Runs, event: str, where: str = UNINTENDED) -> EventTimes:
     return EventTimes(delays, *times, lead.lag.events)
 
 
-def headline_counts(runs: Runs, manifest: Manifest) -> dict[str, Any]:
+def headline_counts(runs: Runs, manifest: Manifest) -> Row:
     """Return the counts and rates on the first page, by name.
 
     They count distinct faults, by the first valid run of each in which nobody reacts. loss and
@@ -146,13 +148,13 @@ def headline_counts(runs: Runs, manifest: Manifest) -> dict[str, Any]:
     }
 
 
-def verdict_matrix(runs: Runs) -> list[dict[str, Any]]:
+def verdict_matrix(runs: Runs) -> list[Row]:
     """Return rows by RESPONSES. Cells are by hazard and cue, each a rate of all distinct faults."""
     cube = runs.cube
     return _matrix(cube.loc[cube["faulty"] & cube["sample"]], runs.sampled())
 
 
-def _matrix(cube: pd.DataFrame, sampled: bool) -> list[dict[str, Any]]:
+def _matrix(cube: pd.DataFrame, sampled: bool) -> list[Row]:
     # Returns the number of faults by response (rows), hazard and cue (cells).
     rate = wilson_share if sampled else share_of_cells
     cube = cube.loc[~cube["failed"]]
@@ -175,7 +177,7 @@ def _matrix(cube: pd.DataFrame, sampled: bool) -> list[dict[str, Any]]:
     return rows
 
 
-def jump_rows(runs: Runs) -> list[dict[str, Any]]:
+def jump_rows(runs: Runs) -> list[Row]:
     """Return one row per jump rule: the faults with such a jump, and which hazards they had."""
     outcomes = runs.manifest.config.get("outcomes") or {}
     step, large = outcomes.get("jump_step_mm", 0.1), outcomes.get("large_jump_mm", 1.0)
@@ -198,7 +200,7 @@ def _count(cube: pd.DataFrame) -> int:
     return int(cube["runs"].to_numpy().sum())
 
 
-def group_rows(runs: Runs) -> list[dict[str, Any]]:
+def group_rows(runs: Runs) -> list[Row]:
     """Return one row per group, those with most evading faults first: the rates of outcomes of its
     distinct faults, and their verdict matrix.
 
@@ -251,7 +253,7 @@ def event_delays(runs: Runs, event: str) -> tuple[Delays, int]:
     return by_name[""], runs.count(f"{condition} AND {early}")
 
 
-def check_rows(runs: Runs) -> list[dict[str, Any]]:
+def check_rows(runs: Runs) -> list[Row]:
     """Return one row per built-in check: faults in which it tripped, and its least margin."""
     manifest = runs.manifest
     user_defined = {check.name for check in manifest.shape.own_checks}
@@ -280,17 +282,16 @@ def check_rows(runs: Runs) -> list[dict[str, Any]]:
     return sorted(rows, key=lambda row: -row["tripped"].k)
 
 
-def cause_rows(runs: Runs) -> list[dict[str, Any]]:
+def cause_rows(runs: Runs) -> list[Row]:
     """Return for each check how often it stopped, flagged or limited, most frequent first."""
     counts = ", ".join(f"count(*) FILTER (response = '{name}')" for name in CAUSED)
-    rows = runs.table.rows(
-        f"SELECT response_cause::VARCHAR AS cause, {counts} FROM"
-        f" {runs.matching('sample AND faulty')} WHERE response <> 'silent' GROUP BY cause"
-        " ORDER BY count(*) DESC, cause"
-    )
     return [
         {"cause": cause or "not recorded", **dict(zip(CAUSED, numbers, strict=True))}
-        for cause, *numbers in rows
+        for cause, *numbers in runs.table.rows(
+            f"SELECT response_cause::VARCHAR AS cause, {counts} FROM"
+            f" {runs.matching('sample AND faulty')} WHERE response <> 'silent' GROUP BY cause"
+            " ORDER BY count(*) DESC, cause"
+        )
     ]
 
 
@@ -340,19 +341,18 @@ def replay_command(folder: Path, run_id: str) -> str:
     return f"ravenjax trace {shlex.quote(str(folder))} {run_id}"
 
 
-def failure_rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
+def failure_rows(runs: Runs, folder: Path) -> list[Row]:
     """Return runs without a valid outcome by cause and group, with one run to replay."""
-    groups = runs.table.rows(
-        'SELECT failed::VARCHAR AS cause, "group"::VARCHAR AS name, count(*), arg_min(run_id,'
-        f" row) FROM {RESULTS} WHERE failed <> '' GROUP BY cause, name ORDER BY cause, name"
-    )
     return [
         {"cause": cause, "group": group, "n": n, "command": replay_command(folder, run_id)}
-        for cause, group, n, run_id in groups
+        for cause, group, n, run_id in runs.table.rows(
+            'SELECT failed::VARCHAR AS cause, "group"::VARCHAR AS name, count(*), arg_min(run_id,'
+            f" row) FROM {RESULTS} WHERE failed <> '' GROUP BY cause, name ORDER BY cause, name"
+        )
     ]
 
 
-def _verdicts(runs: Runs, folder: Path) -> dict[str, Any]:
+def _verdicts(runs: Runs, folder: Path):
     manifest = runs.manifest
     return {
         "matrix_rows": verdict_matrix(runs),

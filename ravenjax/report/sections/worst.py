@@ -39,7 +39,7 @@ def worst_rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
     return kinds
 
 
-def _row(robot: Robot, row: dict[str, Any], distance: float, folder: Path) -> dict[str, Any]:
+def _row(robot: Robot, row: dict[str, Any], distance: float, folder: Path):
     # Returns one run of the table: fault, response, times after the first effect, command.
     active = row["first_active_ms"]
     return {
@@ -57,7 +57,7 @@ def _row(robot: Robot, row: dict[str, Any], distance: float, folder: Path) -> di
     }
 
 
-def _content(runs: Runs, folder: Path) -> dict[str, Any]:
+def _content(runs: Runs, folder: Path):
     worst = worst_rows(runs, folder)
     every_row = []
     for kind in worst:

@@ -52,6 +52,9 @@ class Segment(NamedTuple):
     pedal: float = 1.0
 
 
+Segments = Iterator[Segment]
+
+
 def minimum_jerk(fraction: np.ndarray) -> np.ndarray:
     """Return the progress 0..1 of a rest-to-rest move after a `fraction` 0..1 of its time."""
     # Not `**3`, whose last bit depends on the host
@@ -102,7 +105,7 @@ class _Path:
         """
         begin = self.pose
 
-        def pose(fraction: np.ndarray) -> np.ndarray:
+        def pose(fraction: np.ndarray):
             # Returns the poses [n, 10] at fractions [n] of the segment's time.
             progress = minimum_jerk(fraction)
             out = np.repeat(begin[None], len(progress), axis=0)
@@ -126,7 +129,7 @@ class _Path:
 
     # --- the named motions: endless chains of segments ---
 
-    def still(self) -> Iterator[Segment]:
+    def still(self) -> Segments:
         while True:
             yield self.dwell(1.0)
 
@@ -136,12 +139,12 @@ class _Path:
         tip = offset * np.array([0.012, 0.012, 0.008])
         return tip, self.rng.uniform(-1.0, 1.0, 3) * np.radians([12.0, 12.0, 40.0])
 
-    def reach(self) -> Iterator[Segment]:
+    def reach(self) -> Segments:
         while True:
             yield self.move(*self.anywhere(), pace=self.rng.uniform(0.5, 1.0))
             yield self.dwell(self.rng.uniform(0.05, 0.3))
 
-    def clutched(self) -> Iterator[Segment]:
+    def clutched(self) -> Segments:
         # Moves, then lifts the pedal and moves the hand back, again and again.
         while True:
             reach = self.move(*self.anywhere())
@@ -151,13 +154,13 @@ class _Path:
             yield self.release(0.6)
             yield self.dwell(0.4)  # the robot needs some cycles to enter pedal-down
 
-    def circle(self) -> Iterator[Segment]:
+    def circle(self) -> Segments:
         # Moves the tip on a circle of 8 mm radius, once in 2 s.
         radius, round_s, run_up_s = 0.008, 2.0, 1.0
         start = self.rng.uniform(0.0, 2.0 * math.pi)
         speed = 2.0 * math.pi / round_s
 
-        def at(phase: np.ndarray) -> np.ndarray:
+        def at(phase: np.ndarray):
             out = np.zeros((len(phase), len(_REST)))
             out[:, 0] = radius * (cos(start + phase) - cos(start))
             out[:, 1] = radius * (sin(start + phase) - sin(start))
@@ -169,7 +172,7 @@ class _Path:
         while True:
             yield Segment(round(round_s / TICK_S), lambda s: at(way / 2.0 + 2.0 * math.pi * s))
 
-    def palpate(self) -> Iterator[Segment]:
+    def palpate(self) -> Segments:
         # Presses the tissue at one place after the other, from side to side.
         side, direction = 0.0, 1.0
         while True:
@@ -183,7 +186,7 @@ class _Path:
             side += 0.004 * direction
             yield self.move((side, self.rng.uniform(-0.004, 0.004), -0.002), pace=0.8)
 
-    def peg_transfer(self) -> Iterator[Segment]:
+    def peg_transfer(self) -> Segments:
         # Moves an object from one peg to another peg, again and again.
         open_mrad, closed_mrad, lift = 0.0, 900.0, -0.010
         pegs = [(a, b) for a in (-0.010, 0.0, 0.010) for b in (-0.008, 0.008)]
@@ -202,7 +205,7 @@ class _Path:
             yield self.move((*pegs[target], lift))
             source = target
 
-    def suture(self) -> Iterator[Segment]:
+    def suture(self) -> Segments:
         # Sews: pierces, turns the needle through the tissue, pulls, moves on along the wound.
         open_mrad, closed_mrad = 300.0, 1100.0
         roll, radius = math.radians(100.0), 0.006
@@ -213,8 +216,7 @@ class _Path:
             yield self.move((entry, row, 0.0), pace=0.7)
             yield self.arc(radius, math.radians(150.0), roll)
             yield self.move(grasp=open_mrad)
-            above = (self.pose[0], row, -0.008)
-            yield self.move(above)
+            yield self.move((self.pose[0], row, -0.008))
             yield self.move((self.pose[0] + 0.003, row, 0.001), (0.0, 0.0, 0.0))
             yield self.move(grasp=closed_mrad)
             beside = (self.pose[0] - 0.006, row + 0.006, -0.012)
@@ -251,7 +253,7 @@ def generate_motion(
     )
 
 
-def _sample_chain(chain: Iterator[Segment], rows: int) -> tuple[np.ndarray, np.ndarray]:
+def _sample_chain(chain: Segments, rows: int):
     """Return poses [rows, 10] and pedal [rows] along a chain of segments, one row per tick.
 
     The motion begins after a rest of MOTION_S, with the pedal down from PEDAL_DOWN_S on.
@@ -268,7 +270,7 @@ def _sample_chain(chain: Iterator[Segment], rows: int) -> tuple[np.ndarray, np.n
     return np.concatenate(poses)[:rows], np.concatenate(pedals)[:rows]
 
 
-def _hand_motion(arm: ArmName, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _hand_motion(arm: ArmName, poses: np.ndarray):
     """Return hand positions [T, 3] um and quaternions [T, 4] in the arm's ITP frame."""
     axes = _axes()
     tip, turn = _product(poses[:, _TIP] + poses[:, _HAND], axes), _product(poses[:, _TURN], axes)

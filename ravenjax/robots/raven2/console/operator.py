@@ -169,7 +169,7 @@ def make_packet(
     sends no motion, so that the operator can reposition the hands.
     """
 
-    def row_at(index: Scalar, lag: Scalar | None, offset: PerArm[Vec]) -> MotionRow:
+    def row_at(index: Scalar, lag: Scalar | None, offset: PerArm[Vec]):
         row = look_up_row(motion, index if lag is None else index - lag)
         return replace(row, position=_sums(row.position, offset)) if offset else row
 
@@ -183,7 +183,7 @@ def make_packet(
     sequence, pedal = timing.index + 1, row.surgeon_mode > 0
     row, row_before, params = cast_to_real(setup, (row, row_before, replace(params, own=None)))
 
-    def increment(i: int, _: str) -> tuple[Vec, Vec, Scalar]:
+    def increment(i: int, _: str):
         """Return the increments since the row before, in the ITP frame (raven2 `local_io.cpp`)."""
         position = (row.position[i] * params.scale).map(to_int32)
         delta = position - (row_before.position[i] * params.scale).map(to_int32)
@@ -197,7 +197,7 @@ def make_packet(
             jnp.where(pedal, to_int32(row.grasp[i]) - to_int32(row_before.grasp[i]), 0),
         )
 
-    def absolute(i: int, arm: str) -> tuple[Vec, Vec, Scalar]:
+    def absolute(i: int, arm: str):
         """Return pose and jaw opening in frame 0 (raven2_sim `Real_Packet_Generator.py`)."""
         motion = mapping.position_from_itp(arm, row.position[i] * params.scale)
         position = params.start_position[i] + motion

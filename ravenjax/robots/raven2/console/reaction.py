@@ -97,11 +97,11 @@ def packet_deviation(
     row, before: rows of the motion in this packet and in the packet before, int32.
     """
 
-    def since(packet: Scalar) -> tuple[Scalar, Scalar]:
+    def since(packet: Scalar):
         rows = packet - state.acted_packet
         return rows, (state.acted >= 0) & (rows >= 0)
 
-    def lag(packet: Scalar) -> Scalar:
+    def lag(packet: Scalar):
         rows, is_acting = since(packet)
         rows_behind = lax.convert_element_type(rows, setup.precision.real) * (1.0 - params.slow_to)
         return jnp.where(is_acting & (params.action == SLOW), as_int(rows_behind), 0)
@@ -117,7 +117,7 @@ def feel_cue(
     pull_is_felt = reduce(or_, (force > params.felt_force for force in senses.force))
     correcting = (state.acted >= 0) & (params.action == CORRECT) & senses.pedal_down
 
-    def corrected(i: int, _: ArmName) -> Vec:
+    def corrected(i: int, _: ArmName):
         # Returns the motion of one tip in this tick that reduces its distance, m.
         error = senses.model_tip[i] - senses.off_plan[i] - senses.tip[i]
         distance = norm(error)

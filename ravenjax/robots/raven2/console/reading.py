@@ -182,6 +182,6 @@ class PacketReader:
         return f"a unit quaternion{of}"
 
 
-def _whole(value: float) -> tuple[int, float]:
+def _whole(value: float):
     whole = round(value)
     return whole, value - whole

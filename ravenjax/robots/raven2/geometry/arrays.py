@@ -154,8 +154,7 @@ def _check_numbers(name: str, value: ArrayLike, row: tuple[int, ...]) -> Array:
 def _require_rotations(matrices: Array) -> None:
     # Raises UserError for the first matrix that is no rotation.
     errors = np.abs(np.swapaxes(matrices, -1, -2) @ matrices - np.eye(3)).max(axis=(-1, -2))
-    mirrored = np.linalg.det(matrices) < 0
-    for index in np.argwhere((errors > ORTHONORMAL) | mirrored)[:1].tolist():
+    for index in np.argwhere((errors > ORTHONORMAL) | (np.linalg.det(matrices) < 0))[:1].tolist():
         error, problem = errors[tuple(index)], "is a reflection"
         if error > ORTHONORMAL:
             problem = f"has columns that are not orthonormal (off by {error:.2g})"

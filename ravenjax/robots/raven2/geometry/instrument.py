@@ -87,15 +87,13 @@ def _jaw_tip(
     return InstrumentPoint(at, (*columns, *jaws))
 
 
-def _jaw(chain: kinematics.ChainAxes, angle: Scalar) -> tuple[Vec, Vec]:
+def _jaw(chain: kinematics.ChainAxes, angle: Scalar):
     """Return the vector from jaw axis to jaw tip (m) at `angle` (rad), and its rate (m/rad)."""
     c, s = jnp.cos(angle) * JAW_LENGTH, jnp.sin(angle) * JAW_LENGTH
     return chain.x5 * c - chain.y4 * s, -(chain.x5 * s + chain.y4 * c)
 
 
-def _positioning_columns(
-    arm: str, chain: kinematics.ChainAxes, at: Vec, from_wrist: Vec
-) -> tuple[Vec, ...]:
+def _positioning_columns(arm: str, chain: kinematics.ChainAxes, at: Vec, from_wrist: Vec):
     """Return the Jacobian's columns of joints 1-5. from_wrist: vector from wrist to point, m."""
     flip = GEOMETRY[arm].flip
     return (

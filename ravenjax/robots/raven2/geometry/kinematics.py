@@ -65,11 +65,11 @@ def chain_of(arm: str, jpos: Vec) -> ChainAxes:
     c4, s4 = jnp.cos(jpos[3]), jnp.sin(jpos[3])
     c5, s5 = jnp.sin(jpos[4]), -jnp.cos(jpos[4])  # theta5 = wrist - 90 deg
 
-    def from_frame1(x: Scalar, y: Scalar, z: Scalar) -> Vec:
+    def from_frame1(x: Scalar, y: Scalar, z: Scalar):
         x0, y0 = c1 * x - s1 * y, s1 * x + c1 * y
         return Vec((x0, y0, z)) if flip > 0 else Vec((x0, -y0, -z))
 
-    def signed(x: Scalar) -> Scalar:
+    def signed(x: Scalar):
         return x if side > 0 else -x
 
     z2 = Vec((GM1 * s1, -GM1 * c1, GM2)) if flip > 0 else Vec((GM1 * s1, GM1 * c1, -GM2))
@@ -93,8 +93,7 @@ def forward_pose(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
     c6, s6 = jnp.cos(theta6), jnp.sin(theta6)
     x6 = chain.x5 * c6 - chain.y4 * s6
     y6 = -(chain.x5 * s6 + chain.y4 * c6)
-    z6 = -chain.y5
-    return Pose(chain.tip, transpose(Vec((x6, y6, z6))))
+    return Pose(chain.tip, transpose(Vec((x6, y6, -chain.y5))))
 
 
 def tip_jacobian(arm: str, jpos: Vec) -> Vec:
@@ -168,7 +167,7 @@ _Wrists = tuple[_Wrist, _Wrist]
 _Axes = tuple[Vec, Vec, Vec]
 
 
-def _wrists(arm: str, pose: Pose) -> tuple[_Wrists, _Axes]:
+def _wrists(arm: str, pose: Pose):
     # Returns both wrist positions from which the instrument reaches the pose, and the pose's axes.
     columns = pose.position, *zip(*pose.rotation, strict=True)
     if GEOMETRY[arm].flip > 0:
@@ -182,7 +181,7 @@ def _wrists(arm: str, pose: Pose) -> tuple[_Wrists, _Axes]:
     w = x6 * u[0] + y6 * u[1]
     offset = w * LW
 
-    def wrist(side: int) -> _Wrist:
+    def wrist(side: int):
         place = position + offset if side else position - offset
         insertion = jnp.sqrt(dot(place, place))
         ends = Vec((-u[0], u[1])) if side else Vec((u[0], -u[1]))
@@ -231,7 +230,7 @@ def _reach(arm: str, wrist: _Wrist, axes: _Axes, depth: Scalar) -> _Reach:
     )
 
 
-def _both_bends(arm: str, reach: _Reach) -> tuple[Theta, Theta]:
+def _both_bends(arm: str, reach: _Reach):
     """Return the DH variables of both bends of the elbow."""
     side, cos23 = GEOMETRY[arm].side, GEOMETRY[arm].cos23
     (x, y), (c2, s2), (part_e, part_m) = reach.axis, reach.bend, reach.roll
@@ -282,13 +281,13 @@ def _common_cost(measured: Theta, reach: _Reach) -> Scalar:
 
 def _nearer_bend(arm: str, measured: Theta, reach: _Reach) -> _Choice:
     # Returns the bend of the elbow that is nearer to the measured joints.
-    def nearest_turn(theta4: Scalar) -> Scalar:
+    def nearest_turn(theta4: Scalar):
         gap = measured.theta4 - theta4
         return jnp.where(
             gap > ROLLOVER, theta4 + 2 * PI, jnp.where(gap < -ROLLOVER, theta4 - 2 * PI, theta4)
         )
 
-    def bend_cost(theta: Theta) -> Scalar:
+    def bend_cost(theta: Theta):
         # Returns the part of the cost that differs between the bends.
         return (
             _square(measured.theta1 - theta.theta1)
@@ -311,23 +310,21 @@ def _nearest(first: _Choice, second: _Choice) -> _Choice:
 
 def _nearest_of_all(arm: str, measured: Theta, wrists: _Wrists, axes: _Axes) -> _Choice:
     # Returns the nearest of all eight solutions.
-    def of_side(wrist: _Wrist) -> _Choice:
+    def of_side(wrist: _Wrist):
         reaches = (_reach(arm, wrist, axes, depth) for depth in (False, True))
         return _nearest(*(_nearer_bend(arm, measured, reach) for reach in reaches))
 
     return _nearest(*map(of_side, wrists))
 
 
-def _likely_choice(
-    arm: str, measured: Theta, wrists: _Wrists, axes: _Axes
-) -> tuple[_Choice, Scalar]:
+def _likely_choice(arm: str, measured: Theta, wrists: _Wrists, axes: _Axes):
     """Return the solution that is probably nearest, and a lower bound of the cost of all others.
 
     Of each side, take the depth nearer to the measured d3, and then the side with nearer angles.
     The bound may be NaN.
     """
 
-    def nearer_depth(wrist: _Wrist) -> tuple[_Reach, Scalar]:
+    def nearer_depth(wrist: _Wrist):
         shallow, deep = (
             _depth_cost(measured, distance - D4) for distance in (-wrist.insertion, wrist.insertion)
         )

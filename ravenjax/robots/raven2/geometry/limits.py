@@ -42,6 +42,5 @@ def soft_limits(tool: str, software: str = "raven2") -> SoftLimits:
     fork = software == "fork2015"
     roll = FORK_ROLL_LIMIT if fork else instrument.limit_deg[0] * _DEG
     wrist = instrument.limit_deg[1] * _DEG
-    yaw_lower = None if fork else -instrument.limit_deg[2] * _DEG
-    lower = (*POSITIONING_LOWER, -roll, -wrist, yaw_lower)
+    lower = (*POSITIONING_LOWER, -roll, -wrist, None if fork else -instrument.limit_deg[2] * _DEG)
     return SoftLimits(lower, (*POSITIONING_UPPER, roll, wrist, None))

@@ -83,7 +83,7 @@ def quat_from_matrix(rotation: Vec) -> Vec:
     by_w = dx, dy, dz, 1.0 + trace
     not_x, above_y, above_x = m00 < m11, m11 < m22, m00 < m22
 
-    def choose(w: Scalar, x: Scalar, y: Scalar, z: Scalar) -> Scalar:
+    def choose(w: Scalar, x: Scalar, y: Scalar, z: Scalar):
         use_z = jnp.where(not_x, above_y, above_x)
         return jnp.where(trace > 0.0, w, jnp.where(use_z, z, jnp.where(not_x, y, x)))
 

@@ -91,7 +91,7 @@ def _dome(x: Scalar, y: Scalar) -> Scalar:
     return TISSUE_TOP - TISSUE_SAG[0] * (x * x) - TISSUE_SAG[1] * (y * y)
 
 
-def _course(x: Scalar) -> tuple[Scalar, Scalar]:
+def _course(x: Scalar):
     # Returns y of the vessel's axis at x, and its slope, from straight pieces.
     ends = itertools.pairwise(VESSEL_COURSE)
     pieces = [(x0, y0, (y1 - y0) / (x1 - x0)) for (x0, y0), (x1, y1) in ends]

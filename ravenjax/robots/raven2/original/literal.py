@@ -58,7 +58,7 @@ def inverse_matrix(m: Vec) -> Vec:
     The original also inverts rotations by cofactors. The transpose would differ in the last bits.
     """
 
-    def cofactor(r1: int, c1: int, r2: int, c2: int) -> Scalar:
+    def cofactor(r1: int, c1: int, r2: int, c2: int):
         return sub(mul(m[r1][c1], m[r2][c2]), mul(m[r1][c2], m[r2][c1]))
 
     rows = (
@@ -85,7 +85,7 @@ def quat_from_matrix(rotation: Vec) -> Vec:
     by_z, by_y = ~by_w & use_z, ~by_w & ~use_z & (m00 < m11)
     by_x = ~(by_w | by_z | by_y)
 
-    def choose(w: Scalar, x: Scalar, y: Scalar, z: Scalar) -> Scalar:
+    def choose(w: Scalar, x: Scalar, y: Scalar, z: Scalar):
         return jnp.where(by_w, w, jnp.where(by_z, z, jnp.where(by_y, y, x)))
 
     root = jnp.sqrt(choose(trace, m00 - m11 - m22, m11 - m22 - m00, m22 - m00 - m11) + 1.0)
@@ -139,7 +139,7 @@ def _wrapped(value: Scalar, turns: int) -> Scalar:
 def _dh_variables(arm: str, jpos: Vec) -> Vec:
     """Return the DH variables (6) of joints and yaw; as in the original, d3 is wrapped, too."""
 
-    def wrapped(x: Scalar) -> Scalar:
+    def wrapped(x: Scalar):
         far = jnp.abs(x) > (2 * _TURNS + 1) * PI
         return _wrapped(jnp.where(far, x - 2 * PI * jnp.round(x * (0.5 / PI)), x), _TURNS)
 
@@ -157,7 +157,7 @@ def _dh_row(alpha: float, theta: Scalar, d: Scalar = 0.0, a: float = 0.0) -> Tra
     return _dh_row_of(alpha, jnp.cos(theta), jnp.sin(theta), d, a)
 
 
-def _links123(arm: str, theta1: Scalar, theta2: Scalar, d3: Scalar) -> tuple[Transform, ...]:
+def _links123(arm: str, theta1: Scalar, theta2: Scalar, d3: Scalar):
     # Returns the transforms of shoulder, elbow and insertion.
     theta3 = GEOMETRY[arm].side * PI / 2
     return (
@@ -167,7 +167,7 @@ def _links123(arm: str, theta1: Scalar, theta2: Scalar, d3: Scalar) -> tuple[Tra
     )
 
 
-def _links45(theta4: Scalar, theta5: Scalar) -> tuple[Transform, ...]:
+def _links45(theta4: Scalar, theta5: Scalar):
     return _dh_row(0.0, theta4, D4), _dh_row(PI / 2, theta5)
 
 
@@ -208,7 +208,7 @@ def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> ki
     return kinematics.IK(jpos, angles[5], least, as_int(status))
 
 
-def _solutions(arm: str, tip: Transform) -> tuple[list[tuple[Vec, Scalar]], Scalar]:
+def _solutions(arm: str, tip: Transform):
     """Return the eight solutions (6 DH variables, validity), and whether the original stopped.
 
     If a wrist is at the remote centre, the original stops before the first angle, so all angles are

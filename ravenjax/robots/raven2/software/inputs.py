@@ -143,8 +143,7 @@ def parse_joints(given: Any, arms: int) -> list[list[float]]:
     """Return joints [arms, 7]: angles of at most one revolution, rad; travel of at most 1 m."""
     array = _array("jpos", given, [(arms, 7)], "iuf", "numbers in rad and m")
     for place, value in np.ndenumerate(array):
-        is_linear = JOINTS[place[1]] in LINEAR
-        low, high, unit, mistaken = _POSITIONS[is_linear]
+        low, high, unit, mistaken = _POSITIONS[JOINTS[place[1]] in LINEAR]
         if not low <= value <= high:
             raise UserError(
                 f"jpos{_index(place)} is {value}, expected {low:g}..{high:g} {unit}."
