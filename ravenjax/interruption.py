@@ -151,7 +151,7 @@ def ended_in_time(message: str, grace_s: float = GRACE_S) -> Iterator[None]:
         others.close()
 
 
-def _watch(ours: socket.socket, message: str, grace_s: float) -> None:
+def _watch(ours: socket.socket, message: str, grace_s: float):
     # Runs in a thread: ends the process if the main thread does not react to a signal in time.
     with ours:
         while received := ours.recv(1):

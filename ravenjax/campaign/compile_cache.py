@@ -149,7 +149,7 @@ class Objects(MutableMapping[str, bytes]):
     def __len__(self) -> int:
         return sum(1 for _ in self)
 
-    def _shrink(self) -> None:
+    def _shrink(self):
         """Delete the files that were used longest ago until the rest fits.
 
         Another process may do the same at the same time.

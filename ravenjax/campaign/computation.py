@@ -139,7 +139,7 @@ class Computation:
             rows, golden_runs = zip(*self.blocks(ranges), strict=True)
         return concatenate(rows), concatenate(golden_runs)
 
-    def _note_fault_free(self) -> None:
+    def _note_fault_free(self):
         # Adds notes about golden runs that stand still or have alarms, which may mislead.
         if not self._fault_free_outcomes:
             return
@@ -186,7 +186,7 @@ class Computation:
                     " so a fault does not cause it there: write another limit"
                 )
 
-    def _count(self, ticks: int) -> None:
+    def _count(self, ticks: int):
         """Count computed ticks. Raise CancelledError if the work was cancelled."""
         if self._ended:
             raise CancelledError

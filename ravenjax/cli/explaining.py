@@ -183,7 +183,7 @@ def explain(
     return None
 
 
-def _one_by_one(out_folder: Path, record: Manifest, explanation: Explained, as_json: bool) -> None:
+def _one_by_one(out_folder: Path, record: Manifest, explanation: Explained, as_json: bool):
     # Prints how the fault spread in each run, and writes a table and a figure per run.
     from ravenjax.report import downloads, wording
     from ravenjax.report.drawing import save_figure
@@ -214,7 +214,7 @@ def _one_by_one(out_folder: Path, record: Manifest, explanation: Explained, as_j
         console.emit_json(records)
 
 
-def _together(folder: Path, out_folder: Path, record: Manifest, as_json: bool) -> None:
+def _together(folder: Path, out_folder: Path, record: Manifest, as_json: bool):
     # Prints which signals transmitted the faults of all explained runs, and writes table and chart.
     from ravenjax.report import downloads, wording
     from ravenjax.report.data.runs import Runs

@@ -111,13 +111,13 @@ def _config(
     return of_raven(loading.load_campaign(campaign, [*replaced, *overrides])), False
 
 
-def _table(summary: MotionSummary, to: Console) -> None:
+def _table(summary: MotionSummary, to: Console):
     from ravenjax.store.motion.summary import table_rows
 
     console.print_table("Recorded operator", ("property", "value"), table_rows(summary), to)
 
 
-def _draw(file: Path, out: Path, courses, title: str) -> None:
+def _draw(file: Path, out: Path, courses, title: str):
     from ravenjax.report.run.motion_plot import motion_plot
 
     for path in motion_plot(courses, out, file.stem, f"{file.name}: {title}"):

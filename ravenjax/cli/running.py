@@ -211,7 +211,7 @@ def _count_faults(folder: Path, record: Manifest) -> tuple[dict[str, Any], dict[
         return tables.headline_counts(runs, record), counted
 
 
-def _summary(folder: Path, record: Manifest, head: dict[str, Any], counted: dict[str, int]) -> None:
+def _summary(folder: Path, record: Manifest, head: dict[str, Any], counted: dict[str, int]):
     # Prints the verdicts of a finished or interrupted campaign.
     from ravenjax.campaign.stop import decisions
     from ravenjax.cli import terminal

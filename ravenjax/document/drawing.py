@@ -137,7 +137,7 @@ def draw_chart(chart: Chart, axes: Axes, *, page: bool = False, longest: int = 1
     axes.patch.set_gid("hit")
 
 
-def _format_axis(axes: Axes, name: str, axis: ChartAxis, longest: int) -> None:
+def _format_axis(axes: Axes, name: str, axis: ChartAxis, longest: int):
     # Sets scale, limits and labels of one axis.
     drawn_axis = getattr(axes, f"{name}axis")
     if axis.log:

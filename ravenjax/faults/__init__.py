@@ -93,7 +93,7 @@ class Fault:
                     if not low <= number <= high:
                         raise UserError(f"{name} is {number}, expected {low} to {high}")
 
-    def _require_arguments(self) -> None:
+    def _require_arguments(self):
         # Raises UserError for an argument that is missing, or that the fault does not use.
         is_random = self.probability is not None
         needs = {

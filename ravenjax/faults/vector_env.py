@@ -62,7 +62,7 @@ class FaultyVectorEnv(VectorWrapper):
         changed = {"actions": changed_actions, "observations": changed_observations}
         return observations, reward, terminated, truncated, {**info, "faults": changed}
 
-    def _reset_faults(self, done) -> None:
+    def _reset_faults(self, done):
         self._states = {key: faults.reset(state, done) for key, state in self._states.items()}
 
     def _inject(self, side: str, signal) -> tuple[Any, list[Any]]:

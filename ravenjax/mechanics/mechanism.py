@@ -151,7 +151,7 @@ def _read_constraints(
     return tuple(constraints)
 
 
-def _require_supported(model: mujoco.MjModel) -> None:
+def _require_supported(model: mujoco.MjModel):
     # Raises UserError for a model with features that this module would ignore.
     hinges, slides = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
     touching = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT

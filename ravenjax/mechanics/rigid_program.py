@@ -189,7 +189,7 @@ def _mass_matrix(links: Sequence[Link], bodies: list[_Body]) -> Matrix:
     return inertia
 
 
-def _add_child(parent: _Body, child: _Body) -> None:
+def _add_child(parent: _Body, child: _Body):
     # Adds the child's mass, first and second moments to the parent, in the parent's frame.
     p = child.position
     moments = child.moments

@@ -127,7 +127,7 @@ def pseudo_inertia(mass: float, com: np.ndarray, central: np.ndarray) -> np.ndar
     return np.block([[moments, first], [first.T, np.array([[mass]])]])
 
 
-def _choose_frames(joints: list[_HomeJoint]) -> None:
+def _choose_frames(joints: list[_HomeJoint]):
     """Set the x axis and the origin of each link's frame, as the module's docstring describes."""
     for index, joint in enumerate(joints):
         parent = joints[joint.parent] if joint.parent >= 0 else None

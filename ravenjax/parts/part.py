@@ -274,7 +274,7 @@ class Part:
         dtype = {"float": width, "int": "int32", "bool": "bool"}[kind]
         return lax.convert_element_type(value, dtype)
 
-    def _require_ranges(self) -> None:
+    def _require_ranges(self):
         # Parameters of a user's file may be varied, so each needs a range.
         record = self.params()
         if record is None:

@@ -189,7 +189,7 @@ def _fault_key_sql(table: ResultTable) -> list[str]:
     return wording.fill_template("fault_keys.sql.j2", folders=types, names=names, quote=quote_name)
 
 
-def _create_judged_table(table: ResultTable, side: str, rules: Rules, key: str) -> None:
+def _create_judged_table(table: ResultTable, side: str, rules: Rules, key: str):
     """Create `judged_<side>`: each run's fault and outcome by its own campaign's rules.
 
     key: SQL that is equal for equal faults. Column `counts` is true for valid runs with a fault.

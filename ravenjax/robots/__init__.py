@@ -91,7 +91,7 @@ def _find_module(module: str, places: list[str]) -> tuple[ModuleSpec | None, Pat
     return top, Path(spec.origin) if spec and spec.origin else None
 
 
-def _agree(top: ModuleSpec, file: Path) -> None:
+def _agree(top: ModuleSpec, file: Path):
     """Raise UserError unless the user agrees to run a module.
 
     The agreement includes all Python files of the module's top package or, for a module without a

@@ -411,7 +411,7 @@ class Episode:
         if self.origin_ms is None or tick < self.origin_ms + ACTS_MS:
             self._unpreventable_mm[kind] = self._caused_mm[kind]
 
-    def _advance_origin(self, tick: int) -> None:
+    def _advance_origin(self, tick: int):
         if self.origin_ms is None or tick < self.origin_ms:
             self.origin_ms = tick
 
@@ -699,7 +699,7 @@ class Judge:
     def _activated_episode(self) -> Episode | None:
         return self._episode if self._episode and self._episode.is_activated else None
 
-    def _activate(self, tick: int, row: list[float], episode: Episode) -> None:
+    def _activate(self, tick: int, row: list[float], episode: Episode):
         # Begins to measure effects, because the hazard's fault acts for the first time.
         episode.struck_ms = tick
         self._slowdown.start_hazard()
@@ -733,7 +733,7 @@ class Judge:
                 if check.response in verdict.TOLD:
                     episode.record_first_sign(tick, check.name, ms)
 
-    def _report_alarm(self, tick: int, check: str, count: int, is_new_alarm: bool) -> None:
+    def _report_alarm(self, tick: int, check: str, count: int, is_new_alarm: bool):
         # Repeated alarms would fill the record, so their count waits until the next event is due.
         is_due = tick - self._last_report_tick[check] >= COUNT_EVERY_MS
         if not is_new_alarm and not is_due:
@@ -743,7 +743,7 @@ class Judge:
         self._unreported_counts.pop(check, None)
         self._record(tick, "alarm" if is_new_alarm else "alarm_count", check=check, count=count)
 
-    def _record_cue(self, tick: int, row: list[float]) -> None:
+    def _record_cue(self, tick: int, row: list[float]):
         # Records the start of each cue, per arm. The event's number is that of the hazard which
         # caused a cue; -1 if there is none, or if the golden run had the cue first.
         episode = self._activated_episode()
@@ -757,7 +757,7 @@ class Judge:
                 self._record(tick, "cue", number=number, arm=arm.name)
             arm.last_force_tick = tick
 
-    def _measure_effects(self, tick: int, row: list[float], episode: Episode) -> None:
+    def _measure_effects(self, tick: int, row: list[float], episode: Episode):
         # Updates the distances and depths that the hazard has caused.
         for arm in self._arms:
             is_seen = any(row[index] >= SEEN_MM for index in arm.seen_distances)
@@ -776,7 +776,7 @@ class Judge:
                 added_depth = min(unintended, depth - arm.depth_mm_at_activation)
                 episode.record_effect(tick, _DEPTH, added_depth)
 
-    def _detect_halt(self, tick: int, pedal_down: bool, episode: Episode) -> None:
+    def _detect_halt(self, tick: int, pedal_down: bool, episode: Episode):
         # Detects that the robot left pedal-down on its own, and measures how long it stood still.
         self._pedal_held_since_activation = self._pedal_held_since_activation and pedal_down
         if self._estop_pressed:
@@ -788,7 +788,7 @@ class Judge:
         if (halted, golden_halted) != (episode.halted_ms, episode.golden_halted_ms):
             episode.record_halt(tick, halted, golden_halted)
 
-    def _respond(self, tick: int, response: str, began_ms: int | None = None) -> None:
+    def _respond(self, tick: int, response: str, began_ms: int | None = None):
         if episode := self._activated_episode():
             episode.record_response(tick, response, began_ms)
 

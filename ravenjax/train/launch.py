@@ -265,7 +265,7 @@ def _with_new_folder(options: SessionOptions, say: Say) -> SessionOptions:
     return dataclasses.replace(options, folder=folder)
 
 
-def _remove_if_empty(folder: Path) -> None:
+def _remove_if_empty(folder: Path):
     with contextlib.suppress(OSError):
         folder.rmdir()
 

@@ -78,7 +78,7 @@ class Task:
             self._record(tick, "target", target=self.target)
         return self._events
 
-    def _step(self, frame: Frame, tips: Tips, tick: int) -> None:
+    def _step(self, frame: Frame, tips: Tips, tick: int):
         """Process one tick of this kind of task."""
 
     def restart(self) -> None:
@@ -121,14 +121,14 @@ class Task:
         # Returns the score, 0 to 1.
         return self.progress
 
-    def _advance(self, tick: int, share: float) -> None:
+    def _advance(self, tick: int, share: float):
         """Set the progress. A share of 1 ends the task."""
         self.progress = min(share, 1.0)
         if share >= 1.0:
             self.done, self.target = True, -1
             self._record(tick, "task_done")
 
-    def _record(self, tick: int, kind: str, **content) -> None:
+    def _record(self, tick: int, kind: str, **content):
         self._events.append({"tick": tick, "kind": kind, **content})
 
 
@@ -161,7 +161,7 @@ class PathTask(Task):
     def _arm(self) -> ArmName:
         return self._arms[(self._passed_points // POINTS) % len(self._arms)]
 
-    def _step(self, frame: Frame, tips: Tips, tick: int) -> None:
+    def _step(self, frame: Frame, tips: Tips, tick: int):
         # Measures the progress along the line, which counts only within the tolerance.
         tip, first = tips[self._arm], self._passed_points
         # The nearest of the next points, and how many points ahead it is. Points farther ahead are
@@ -248,7 +248,7 @@ class PegTask(Task):
     def _arm(self) -> ArmName:
         return self._arms[self.placed % len(self._arms)]
 
-    def _step(self, frame: Frame, tips: Tips, tick: int) -> None:
+    def _step(self, frame: Frame, tips: Tips, tick: int):
         # Jaws that close near the object hold it. Jaws that open release it.
         for arm, was_closed in self._closed.items():
             # The opening is the sum of the angles of both jaws, which are joints 5 and 6.
@@ -268,7 +268,7 @@ class PegTask(Task):
                 self.target = self.route[self.placed + 1]
                 self._record_object(tick)
 
-    def _release(self, tick: int) -> None:
+    def _release(self, tick: int):
         # Places an object that is within the tolerance of its peg, and drops another object.
         x, y, z = self.object
         self.held, peg = None, self.pegs[self.route[self.placed + 1]]
@@ -282,7 +282,7 @@ class PegTask(Task):
         self._record_object(tick)
         self._advance(tick, self.placed / self.settings.transfers)
 
-    def _record_object(self, tick: int) -> None:
+    def _record_object(self, tick: int):
         self._record(tick, "object", held=self.held or "", at=round_point(self.object))
 
     def restart(self) -> None:
@@ -350,7 +350,7 @@ class ReachTask(Task):
                 return points[-1]
         return max(points, key=lambda point: math.dist(point, last_point))
 
-    def _step(self, frame: Frame, tips: Tips, tick: int) -> None:
+    def _step(self, frame: Frame, tips: Tips, tick: int):
         # A target is reached when the tip has stayed within the tolerance for `dwell_ms`.
         arm, point = self.targets[self.target]
         if math.dist(tips[arm], point) > self.settings.tolerance_mm / 1e3:
@@ -403,7 +403,7 @@ class LevelsTask(Task):
         self._rounds_ms: list[list[int]] = [[] for _ in settings.level]
         self._round = self._make_round(0)
 
-    def _step(self, frame: Frame, tips: Tips, tick: int) -> None:
+    def _step(self, frame: Frame, tips: Tips, tick: int):
         if self._published_target < 0:
             self._record_level(tick)
         # A round is a task of its own, whose events are ignored.
@@ -420,7 +420,7 @@ class LevelsTask(Task):
         arms = tuple(level.arms or workspace.arms)
         return ReachTask(level, workspace._replace(arms=arms, seed=workspace.seed + number))
 
-    def _end_round(self, tick: int) -> None:
+    def _end_round(self, tick: int):
         # Ends a round, and the level after enough rounds in a row within the time.
         level, rounds_needed = self._level, self.settings.in_a_row
         duration_ms = tick - (self._round_start or 0)
@@ -436,7 +436,7 @@ class LevelsTask(Task):
             self._round = self._make_round(self._level)
             self._record_level(tick, duration_ms, in_time)
 
-    def _record_level(self, tick: int, took_ms: int | None = None, in_time: bool = False) -> None:
+    def _record_level(self, tick: int, took_ms: int | None = None, in_time: bool = False):
         # Records the level and the last round; took_ms None: there was no round before.
         level = self.settings.level[self._level]
         self._record(

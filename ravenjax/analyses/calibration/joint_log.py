@@ -251,7 +251,7 @@ def _joints(
     return np.where(missing, home, desired), np.where(missing, np.nan, measured)
 
 
-def _require_possible(samples: Samples, name: str, joints: np.ndarray) -> None:
+def _require_possible(samples: Samples, name: str, joints: np.ndarray):
     """Raise UserError for joint positions [n, 7] that no Raven-II can have.
 
     The message names the unit that the column probably has.

@@ -265,7 +265,7 @@ def _operation_table(
     return table
 
 
-def _require_different(sources: Sequence[Path], tables: Sequence[pd.DataFrame]) -> None:
+def _require_different(sources: Sequence[Path], tables: Sequence[pd.DataFrame]):
     # Raises UserError if two sources contain operations of the same operators.
     source_of_origin: dict[str, Path] = {}
     for source, table in zip(sources, tables, strict=True):
@@ -278,7 +278,7 @@ def _require_different(sources: Sequence[Path], tables: Sequence[pd.DataFrame]) 
         source_of_origin[origin] = source
 
 
-def _require_length(source: Path, seconds: float, record: dict[str, Any]) -> None:
+def _require_length(source: Path, seconds: float, record: dict[str, Any]):
     # Raises UserError if the operations are not as long as the operations of the calibration.
     expected = record["promise"]["operation_s"]
     if abs(seconds - expected) > 1e-6:

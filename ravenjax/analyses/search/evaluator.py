@@ -131,7 +131,7 @@ class Evaluator:
         table = parts.concatenate_parts(self._tables).iloc[stored_rows]
         return schema.conform_table(table.assign(index=numbers, pair=numbers), self.shape)
 
-    def _compute_runs(self, rows: pd.DataFrame) -> None:
+    def _compute_runs(self, rows: pd.DataFrame):
         # Computes the runs as a campaign does, and stores each finished part in the journal.
         ready = self._plan_rows(rows)
         size, tables = parts.rows_of_a_part(ready.runs), []
@@ -149,7 +149,7 @@ class Evaluator:
                 self.progress.count_part(len(done.rows), done.failures)
         self._add_runs(ready.rows["run_id"].to_numpy(), tables)
 
-    def _add_runs(self, ids: np.ndarray, tables: Sequence[pa.Table]) -> None:
+    def _add_runs(self, ids: np.ndarray, tables: Sequence[pa.Table]):
         # Adds computed runs to the known runs. ids: run ids of all rows of the tables.
         self._tables += tables
         self._computed = self._computed.append(pd.Index(ids))

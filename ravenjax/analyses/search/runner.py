@@ -170,7 +170,7 @@ def _write_search(out: Path, record: dict[str, Any]) -> list[str]:
     return [line[2:] for line in text.splitlines() if line.startswith("- ")]
 
 
-def _write_json(path: Path, record: dict[str, Any]) -> None:
+def _write_json(path: Path, record: dict[str, Any]):
     files.write_text(path, json.dumps(files.json_values(record), indent=1) + "\n")
 
 

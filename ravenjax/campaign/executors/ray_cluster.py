@@ -108,7 +108,7 @@ class Worker:
         return plan, next(memory_windows.assemble_parts(ranges, blocks))
 
 
-def _require_same(here: dict[str, str], there: dict[str, str]) -> None:
+def _require_same(here: dict[str, str], there: dict[str, str]):
     # Results must not depend on the machine, so other versions or devices are refused.
     different = [
         f"{name}: {here.get(name)} on the worker, {there.get(name)} on the machine of the command"
@@ -156,7 +156,7 @@ class Ray:
             if joins:
                 ray.shutdown()
 
-    def _run(self, ray, work: Work, chunks: Sequence[range]) -> None:
+    def _run(self, ray, work: Work, chunks: Sequence[range]):
         gpu, progress = work.engine.name == "cuda", work.progress
         cores, tasks = _cores_and_tasks(ray.cluster_resources(), ray.nodes(), self.workers, gpu)
         progress.status.workers = tasks
@@ -230,7 +230,7 @@ class Ray:
             raise _refusal(lost, delivered)
 
 
-def _require_answer(address: str) -> None:
+def _require_answer(address: str):
     """Raise UserError if the cluster's first machine does not answer."""
     host, _, port = address.rpartition(":")
     # Ray itself would end this process a minute later, without a message about the results.
@@ -256,7 +256,7 @@ def _refusal(lost: Mapping[range, str], delivered: int) -> UserError:
     )
 
 
-def _join(ray, address: str | None) -> None:
+def _join(ray, address: str | None):
     """Join the cluster at that address, or start one on this machine.
 
     Raises UserError if the address does not answer.

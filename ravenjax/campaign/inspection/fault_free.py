@@ -90,7 +90,7 @@ def extend_fault_free(
     return available
 
 
-def _require(record: Manifest, hours: float) -> None:
+def _require(record: Manifest, hours: float):
     # Checks the number of hours, and that the result has the current code and a motion that varies.
     if not (math.isfinite(hours) and hours > 0):
         raise UserError(f"HOURS is {hours:g}, expected a number above 0, such as 7.4")

@@ -75,7 +75,7 @@ def tidy_schema(node: Any) -> None:
             table["description"] = " ".join(text.split())
 
 
-def _restrict_words(node, words) -> None:
+def _restrict_words(node, words):
     # Restricts every text value in a schema to these words, in place.
     for table in _tables(node):
         if table.get("type") == "string":
@@ -153,7 +153,7 @@ _REST: Schema = {"anyOf": [{"$ref": "#/$defs/ParameterValue"}, {"$ref": "#/$defs
 # --- groups that name hazards
 
 
-def _allow_hazards_in_groups(schema_of_file: Schema, names: list[str]) -> None:
+def _allow_hazards_in_groups(schema_of_file: Schema, names: list[str]):
     """Let a group name hazards of the library instead of faults, in place.
 
     Such a group may contain only the keys in `expansion.KEYS`.

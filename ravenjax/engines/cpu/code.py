@@ -75,7 +75,7 @@ class LaneGroup:
             buffers = (self._inputs, self.state, self._prologue)
             self._call("lane_begin", *(row_address(buffer, v) for buffer in buffers))
 
-    def _call(self, name: str, *arguments: int) -> None:
+    def _call(self, name: str, *arguments: int):
         # Collects a call of the compiled function `name`: its number, its arguments, then zeros.
         index = list(ARGUMENTS).index(name)
         self._calls.append((index, *arguments, *(0,) * (CALL_WORDS - 1 - len(arguments))))
@@ -237,9 +237,7 @@ class VectorCode:
         """[width, words]: indices of the 32-bit words of each lane's state."""
         return np.stack([self.kernel.state.words(lane) for lane in range(self.width)])
 
-    def _start_from_snapshots(
-        self, group: LaneGroup, course: LaneCourse, golden_run: Trunk
-    ) -> None:
+    def _start_from_snapshots(self, group: LaneGroup, course: LaneCourse, golden_run: Trunk):
         # Sets the states of a group's lanes from the snapshots of their golden run.
         if course.first:
             snapshot = golden_run.group[course.first // golden_run.every]

@@ -184,25 +184,25 @@ class _LlvmModule(LoopPrinting[Place]):
 
     # --- functions ---
 
-    def _function(self, name: str, printer: LlvmPrinter) -> None:
+    def _function(self, name: str, printer: LlvmPrinter):
         # Adds a function without a loop, whose body is the lines of the printer.
         body = "\n".join(f"  {line}" for line in printer.lines)
         head = f"define void @{name}({_noalias_parameters(name)}) #0"
         self.functions.append(f"{head} {{\nentry:\n{body}\n  ret void\n}}\n")
         self.declared |= printer.declared
 
-    def _loop(self, name: str, printer: LlvmPrinter, steps: dict[str, str]) -> None:
+    def _loop(self, name: str, printer: LlvmPrinter, steps: dict[str, str]):
         """Add a function that repeats its body. steps: bytes by which each pointer advances."""
         self.functions.append(repeat_lines(name, _noalias_parameters(name), printer, steps, " #0"))
         self.declared |= printer.declared
 
-    def _shared_begin(self) -> None:
+    def _shared_begin(self):
         printer = LlvmPrinter(1, self.features)
         inputs = self.buffers.group_inputs.places("%inputs")
         self.print_begin(printer, inputs, self._group_state_places())
         self._function("shared_begin", printer)
 
-    def _shared_run(self) -> None:
+    def _shared_run(self):
         # Prints the loop over ticks for the numbers that all lanes of a group share.
         printer = LlvmPrinter(1, self.features, "again")
         split, buffers, state = self.split, self.buffers, self._group_state_places()
@@ -224,7 +224,7 @@ class _LlvmModule(LoopPrinting[Place]):
                 tick_values[i] = printer.op(f"add i32 %first, {now}")
         return tick_values
 
-    def _lane_begin(self) -> None:
+    def _lane_begin(self):
         # Prints the first state of the lanes, and the numbers that are constant in time.
         printer = LlvmPrinter(self.width, self.features)
         inputs, state = self.buffers.inputs.places("%inputs"), self._lane_state_places()
@@ -234,7 +234,7 @@ class _LlvmModule(LoopPrinting[Place]):
         printer.run(self.step, self.split.prologue, sources, list(held.items()))
         self._function("lane_begin", printer)
 
-    def _lane_run(self) -> None:
+    def _lane_run(self):
         # Prints the loop over ticks of one vector of lanes.
         printer = LlvmPrinter(self.width, self.features, "again")
         split, buffers, state = self.split, self.buffers, self._lane_state_places()
@@ -252,7 +252,7 @@ class _LlvmModule(LoopPrinting[Place]):
         steps = {"in": "%in_stride", "row": str(buffers.row.bytes), "out": "%out_stride"}
         self._loop("lane_run", printer, steps)
 
-    def _lane_finish(self) -> None:
+    def _lane_finish(self):
         # Prints the results of the lanes from their last state.
         printer, buffers = LlvmPrinter(self.width, self.features), self.buffers
         state = self._lane_state_places() | self._group_state_places("%group", splat=True)

@@ -136,7 +136,7 @@ class LlvmPrinter(Printing[Place]):
             return value
         return self.op(f"icmp ne {self._vector_of('i32')} {value}, {self._constant('int32', 0)}")
 
-    def _store(self, dtype: str, value: str, place: Place) -> None:
+    def _store(self, dtype: str, value: str, place: Place):
         # Stores one number per lane. In memory, a truth value is an int32, all bits set or none.
         if dtype == "bool":
             value = self.op(f"sext {self.type('bool')} {value} to {self._vector_of('i32')}")

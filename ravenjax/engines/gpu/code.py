@@ -174,7 +174,7 @@ class _Run:
                 session.finish(finished[k])
                 progress(course.lane_ticks(self.places, first, first + count))
 
-    def _begin(self) -> None:
+    def _begin(self):
         # Initialises the groups, then the lanes, then the lanes that start from snapshots.
         session, code, course = self.session, self.code, self.course
         if course.group_state is None:
@@ -189,7 +189,7 @@ class _Run:
             starts = session.upload(course.snapshot.view(np.uint32))
             session.launch(code.functions["lane_branch"], *where, snapshots, starts, self.state)
 
-    def _store_snapshot(self, what: str, words: int, stream, state, row: int) -> None:
+    def _store_snapshot(self, what: str, words: int, stream, state, row: int):
         """Copy the state of the "group" or the "lane" to its snapshots, if snapshots are made."""
         if self.snapshots and words:
             self.session.launch(
@@ -197,7 +197,7 @@ class _Run:
                 *(-(-words // WARP), WARP, stream, state, self.snapshots[what], row),
             )
 
-    def _launch_for_groups(self, name: str, *arguments: object) -> None:
+    def _launch_for_groups(self, name: str, *arguments: object):
         # Launches a kernel with one thread per group, on the stream of rows.
         where = -(-self.groups // WARP), WARP, self.session.urgent
         self.session.launch(self.code.functions[name], *where, *arguments)
@@ -216,7 +216,7 @@ class _Run:
         self._launch_for_groups("shared_run", *buffers, self.groups, first, count)
         return self.session.mark(urgent)
 
-    def _read_outputs(self, first: int, count: int) -> None:
+    def _read_outputs(self, first: int, count: int):
         # Copies the outputs of `count` ticks from the device, for the thread of each lane.
         assert self.lanes.out is not None
         block = np.empty((count, self.code.source.outputs, self.total), np.uint32)

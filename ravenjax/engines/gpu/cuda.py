@@ -53,7 +53,7 @@ class CudaPrinter(Printing[str]):
     def _load(self, dtype: str, place: str) -> str:
         return self._new(dtype, _TEXTS["words"][dtype][0].format(place))
 
-    def _store(self, dtype: str, value: str, place: str) -> None:
+    def _store(self, dtype: str, value: str, place: str):
         self.line(f"{place} = {_TEXTS['words'][dtype][1].format(value)};")
 
     def _operation(self, program: Program, i: int, inputs: list[str]) -> str:

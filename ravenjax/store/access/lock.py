@@ -67,7 +67,7 @@ def hold_lock(folder: Path) -> Iterator[None]:
                 _put(file, "")
 
 
-def _put(file, text: str) -> None:
+def _put(file, text: str):
     file.seek(0)
     file.truncate()
     file.write(text)

@@ -87,7 +87,7 @@ def _folders(out: Path, shards: Sequence[Path]) -> list[Path]:
     return [*own, *places.values()]
 
 
-def _require_same(first: Path, one: Manifest, other: Path, two: Manifest) -> None:
+def _require_same(first: Path, one: Manifest, other: Path, two: Manifest):
     # Refuses a folder of another campaign, or with other code, or of a device that matters.
     device = one.device if one.engine in PORTABLE else two.device
     alike = two.model_copy(update={"shard": one.shard, "device": device})
@@ -175,7 +175,7 @@ def _link_or_copy(source: PartSource, out: Path, config_hash: str) -> str:
     return "copied"
 
 
-def _require_own(out: Path, sources: list[PartSource]) -> None:
+def _require_own(out: Path, sources: list[PartSource]):
     # Raises StoreError if the output folder contains parts that do not belong to the merged result.
     own = {source.part.file for source in sources}
     foreign = [path for path in parts.part_files(out / PARTS) if path.name not in own]

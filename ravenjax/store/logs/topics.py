@@ -241,11 +241,11 @@ class LogWriter:
             self._writer.add_metadata(METADATA, dict(metadata))
         self._writer.finish()
 
-    def _add(self, topic: str, stamp_ns: int, data: bytes, number: int) -> None:
+    def _add(self, topic: str, stamp_ns: int, data: bytes, number: int):
         channel = self._channels[topic]
         self._writer.add_message(channel, stamp_ns, data, stamp_ns, number)
 
-    def _register(self, topic: Topic) -> None:
+    def _register(self, topic: Topic):
         # Adds a topic, and the definition of its message type, to the file.
         if topic.schema not in self._schemas:
             self._schemas[topic.schema] = self._writer.register_schema(

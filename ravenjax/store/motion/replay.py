@@ -255,7 +255,7 @@ def _window(recording: HandRecording) -> tuple[int, int]:
     return begin, end
 
 
-def _require_covered(recording: HandRecording, begin: int, end: int) -> None:
+def _require_covered(recording: HandRecording, begin: int, end: int):
     # Interpolation over a gap or jump would replay a motion that no operator made.
     first, last, path = begin * TICK_S, (end - 1) * TICK_S, recording.path
     jumps = [
@@ -287,7 +287,7 @@ def _require_covered(recording: HandRecording, begin: int, end: int) -> None:
 
 def _require_inside(
     recording: HandRecording, reachable: ArmReach, begin: int, end: int, bounds: Bounds
-) -> None:
+):
     # Raises UserError if the arm cannot reach all poses of the part; it lists reachable parts.
     if (bad := reachable.first_bad(begin, end)) is None:
         return
@@ -325,7 +325,7 @@ def _longest_first(
     return resampling.spans_in_seconds(sorted(spans, key=lambda span: span[0] - span[1]))
 
 
-def _require_moving(recording: HandRecording, begin: int, end: int, rows: np.ndarray) -> None:
+def _require_moving(recording: HandRecording, begin: int, end: int, rows: np.ndarray):
     # Most faults have no effect while nothing moves, so a campaign would show too little harm.
     span = f"from {begin * TICK_S:.3f} to {end * TICK_S:.3f} s"
     if not len(rows):

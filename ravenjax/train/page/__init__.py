@@ -144,7 +144,7 @@ def run_when_told(session: Connection, listening: socket.socket) -> None:
         importlib.import_module(page).serve_page(options, listening, session)
 
 
-def _ask_to_wait(listening: socket.socket, text: str) -> None:
+def _ask_to_wait(listening: socket.socket, text: str):
     # Answers one browser, which then asks again after a second.
     visitor, _ = listening.accept()
     with visitor, contextlib.suppress(OSError):

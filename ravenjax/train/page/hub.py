@@ -101,7 +101,7 @@ class Inbox:
         self._check_session(name, content)
         return content
 
-    def _check_session(self, name: str, content: Json) -> None:
+    def _check_session(self, name: str, content: Json):
         # Refuses a message with numbers or names that this session does not have.
         for arm in content.get("arms", ()):
             if arm not in self.arms:
@@ -311,7 +311,7 @@ class Hub:
         shown = filter(self._visibility[client.role].shows_event, events)
         return [{key: value for key, value in event.items() if key != "row"} for event in shown]
 
-    def _remove(self, client: Client) -> None:
+    def _remove(self, client: Client):
         # Removes a window. If it was the operator's, its pedal goes up and its seat is free.
         if client not in self.clients:
             return
@@ -323,7 +323,7 @@ class Hub:
             self._forward(LEFT_COMMAND)
             self._announce_seat()
 
-    def _drop_earlier_connection(self, window: str) -> None:
+    def _drop_earlier_connection(self, window: str):
         """Drop the earlier connection of a window that connects again. It may have failed
         unnoticed.
         """
@@ -343,7 +343,7 @@ class Hub:
     def _seat_is_free(self) -> bool:
         return not (self._scripted or self._has("operator"))
 
-    def _greet(self, client: Client) -> None:
+    def _greet(self, client: Client):
         # Sends a new page all that it needs to draw the session.
         places = {
             name: [place.start, place.stop - place.start]
@@ -368,12 +368,12 @@ class Hub:
             }
         )
 
-    def _announce_seat(self) -> None:
+    def _announce_seat(self):
         for client in self.clients:
             if client.role == "watcher":
                 client.send_soon({"type": "seat", "free": self._seat_is_free()})
 
-    def _receive(self, client: Client, message: str | bytes) -> None:
+    def _receive(self, client: Client, message: str | bytes):
         # Checks a window's message, and carries it out or forwards it to the session.
         if not client.admits():
             return
@@ -389,7 +389,7 @@ class Hub:
         else:
             self._forward(command)
 
-    def _change_role(self, client: Client, command: Command) -> None:
+    def _change_role(self, client: Client, command: Command):
         # Gives a window the role that it requests, or passes other requests to the page.
         match command["do"]:
             case "instruct":
@@ -404,7 +404,7 @@ class Hub:
             case _:
                 self._on_page(client, command)
 
-    def _forward(self, command: Command) -> None:
+    def _forward(self, command: Command):
         put_json(self._commands, command)
         if command["type"] == "input" and command != self._last_input:
             self._last_input = command

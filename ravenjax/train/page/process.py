@@ -371,7 +371,7 @@ class Page:
         for ring in self._rings:
             ring.close()
 
-    def _forward(self) -> None:
+    def _forward(self):
         # Forwards new events and rows of the session to the browsers. Of several rows they get the
         # last.
         call_soon = self._server.loop.call_soon_threadsafe
@@ -404,7 +404,7 @@ class Page:
             out[i, 2:] = closing_point(arm, tip_pose(arm, joints)[0].tolist(), joints)
         return out
 
-    def _draw(self) -> None:
+    def _draw(self):
         # Draws the scene as in the newest frame, if any window shows the scene.
         if self._frames.written and self._server.watching:
             _, rows = self._frames.read(self._frames.written - 1)
@@ -412,7 +412,7 @@ class Page:
                 row = with_tips(self._layout, rows[-1].view(np.float32))
                 self._scene.update(Frame(self._layout, row))
 
-    def _speed_up(self) -> None:
+    def _speed_up(self):
         # Shows frames at the shortest interval for a while, because the operator's input changed.
         self._fast_until = time.monotonic() + FAST_S
         self._changed.set()

@@ -156,7 +156,7 @@ class TaskShapes:
                 node.visible = goal < 0 or goal - SHOWN_REACHED <= number <= goal + 1
             node.scale, node.color = scale, colour
 
-    def _draw_ring(self, goal: int, tips: dict[str, np.ndarray]) -> None:
+    def _draw_ring(self, goal: int, tips: dict[str, np.ndarray]):
         """Draw a ring around the goal. Its radius is the distance of the nearest tip among the arms
         that may reach the goal, within `RING_M`.
         """
@@ -256,7 +256,7 @@ class RobotFigure:
         for node in self._nodes.values():
             node.visible = visible
 
-    def _place(self) -> None:
+    def _place(self):
         mujoco.mj_kinematics(self._model, self._data)
         for body, node in self._nodes.items():
             node.position, node.wxyz = self._data.xpos[body], self._data.xquat[body]
@@ -357,7 +357,7 @@ def describe_field(arms: Arms) -> Json:
     }
 
 
-def _point(arrow, tip: np.ndarray, along: np.ndarray) -> None:
+def _point(arrow, tip: np.ndarray, along: np.ndarray):
     arrow.visible = bool(np.abs(along).max() > 1e-6)
     if arrow.visible:
         arrow.points = np.array([[tip, tip + along]], np.float32)
@@ -406,7 +406,7 @@ class Windows:
             _look_from(handle, name)
 
 
-def _look_from(client: viser.ClientHandle, name: str) -> None:
+def _look_from(client: viser.ClientHandle, name: str):
     place, focus, fov = view_pose(name)
     with client.atomic():
         client.camera.position, client.camera.look_at = place, focus

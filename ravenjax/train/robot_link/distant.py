@@ -125,12 +125,12 @@ class DistantRobot:
     def press_estop(self, row: int) -> None:
         self.remote.order({"order": "estop"})
 
-    def _assume_rest(self) -> None:
+    def _assume_rest(self):
         self._set_report(self._resting_numbers)
         # Whether the last report had a stop by this check. Each new stop counts as a trip.
         self._was_stopped = {"soft_estop": True, "estop": True}
 
-    def _set_report(self, numbers: Sequence[Any]) -> None:
+    def _set_report(self, numbers: Sequence[Any]):
         for place, number in zip(tree.tree_leaves(self._reported), numbers, strict=True):
             place[0] = number
 
@@ -150,7 +150,7 @@ class DistantRobot:
         checksum = (mode + self._sequence + sum(delta) + 2**31) % 2**32 - 2**31
         return FIELDS.pack(self._sequence, 0, 0, *delta, *quat, 0, 0, *grasp, mode, checksum)
 
-    def _use_report(self, report: JointReport) -> None:
+    def _use_report(self, report: JointReport):
         # Uses the robot's report as the state of this tick. Counts new stops and trips of checks.
         report.fill(self._frame)
         frame, arms = self._frame, self.arms
@@ -177,13 +177,13 @@ class DistantRobot:
         counts = [count for key, count in self._outcomes.items() if key.endswith("_count")]
         frame["trips"] = sum(counts)
 
-    def _record_trips(self, check: str, count: int, first_ms: int) -> None:
+    def _record_trips(self, check: str, count: int, first_ms: int):
         """Raise a check's count to at least `count`, and keep the time of its first trip."""
         key = f"check_{check}_count"
         self._outcomes[key] = max(self._outcomes.get(key, 0), min(count, _MAX_TRIPS))
         self._outcomes.setdefault(f"check_{check}_first_ms", first_ms)
 
-    def _lose_reports(self) -> None:
+    def _lose_reports(self):
         # Treats the robot as stopped, because no reports arrive.
         for name in ("runlevel", "surgeon_mode", "plc_runlevel", "fault_active", "live"):
             self._frame[name] = 0

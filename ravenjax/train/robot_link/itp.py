@@ -150,7 +150,7 @@ class Gate:
         tables = dict(zip(self.arms, zip(*reading, strict=True), strict=True))
         return increments_of(bool(fields[robot.MODE]), tables, "itp"), TAKEN
 
-    def _record_misfit(self, fields: Sequence, misfit: Misfit) -> None:
+    def _record_misfit(self, fields: Sequence, misfit: Misfit):
         """Store a packet that does not fit the profile. Report once which bundled profile fits
         these packets, or, if they are a large share, that none fits.
         """

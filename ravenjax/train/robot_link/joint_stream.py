@@ -247,7 +247,7 @@ class RobotLink:
             self._read_reports()
         return self.report
 
-    def _read_reports(self) -> None:
+    def _read_reports(self):
         """Read the reports that have arrived."""
 
     def order(self, content: Json) -> None:
@@ -261,7 +261,7 @@ class RobotLink:
     def close(self) -> None:
         self._console.close()
 
-    def _store_report(self, report: JointReport) -> None:
+    def _store_report(self, report: JointReport):
         self.report, self._arrived_ms = report, self.clock() * 1e-6
 
 
@@ -323,7 +323,7 @@ class RemoteRobot(RobotLink):
         super().close()
         self._stream.close()
 
-    def _read_reports(self) -> None:
+    def _read_reports(self):
         try:
             for line in self._stream.read():
                 self._process_line(line)
@@ -332,7 +332,7 @@ class RemoteRobot(RobotLink):
         self._stream.send()
         self.lost = self.lost or self._stream.is_closed
 
-    def _process_line(self, line: bytes) -> None:
+    def _process_line(self, line: bytes):
         """Read a report, an answer or a greeting. Raises ValueError if a line is none of these.
         Reports are ignored while the answer to an order "reset" is awaited.
         """

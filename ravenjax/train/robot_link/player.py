@@ -115,13 +115,13 @@ def play_packets(
         )
 
 
-def _send(port: socket.socket, datagram: bytes) -> None:
+def _send(port: socket.socket, datagram: bytes):
     # The kernel reports that an earlier packet was refused.
     with contextlib.suppress(ConnectionRefusedError):
         port.send(datagram)
 
 
-def _await_force(port: socket.socket, packet: bytes, stop: Sequence) -> None:
+def _await_force(port: socket.socket, packet: bytes, stop: Sequence):
     """Send the packet repeatedly until a force packet arrives, for at most `REPEAT_S`."""
     end = time.monotonic() + REPEAT_S
     while time.monotonic() < end and not stop:

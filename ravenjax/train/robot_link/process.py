@@ -110,7 +110,7 @@ class PacketSession:
         self.ticks += 1
         return []
 
-    def _obey(self, command: Command) -> None:
+    def _obey(self, command: Command):
         # Carries out the order of a listener, or the end.
         match command["do"]:
             case "arm":

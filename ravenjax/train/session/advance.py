@@ -294,7 +294,7 @@ class Session:
             console_arbiter.REASONS["homing"] if self.frame.number("runlevel") == INIT else ""
         )
 
-    def _command(self, command: Command) -> None:
+    def _command(self, command: Command):
         # Carries out a command: of the hands, of a console's seat, of operator or instructor.
         console = console_arbiter.console_of(command)
         match command.get("type"):
@@ -322,7 +322,7 @@ class Session:
             case "instructor":
                 self._instructor(command)
 
-    def _operator(self, command: Command) -> None:
+    def _operator(self, command: Command):
         # Carries out a command of type "operator". If the operator gave it, it is a response, too.
         sender = command.get("by", "operator")
         if sender == "operator":
@@ -349,7 +349,7 @@ class Session:
             case "note":
                 self._add_event("note", text=str(command.get("text", ""))[:500])
 
-    def _instructor(self, command: Command) -> None:
+    def _instructor(self, command: Command):
         # Carries out a command of type "instructor". Pause, reset and disarm interrupt a hazard.
         match command["do"]:
             case "arm":
@@ -374,7 +374,7 @@ class Session:
             case "cue":
                 self.cue_on = self.judge.cue_on = bool(command.get("on"))
 
-    def _release_pedal(self, why: str, by_operator: bool = False) -> None:
+    def _release_pedal(self, why: str, by_operator: bool = False):
         """Treat the pedal as up until the operator has lifted it. why: for the event. by_operator:
         the operator has handed the console over or left it.
         """
@@ -385,12 +385,12 @@ class Session:
         else:
             self.judge.lift_pedal(self.ticks, why)
 
-    def _start(self, cause: str) -> None:
+    def _start(self, cause: str):
         if self.started is None:
             self.started = self.ticks
             self._add_event("started", by=cause)
 
-    def _drive(self, hand: hands.Hands) -> None:
+    def _drive(self, hand: hands.Hands):
         # Writes this tick's motion into the motion tables, [columns, ticks]. The last column is the
         # pedal. In a trial, the hand moves the virtual robot, and the driven robot rests.
         tick, motion = self.robot.next_tick, self.robot.motion
@@ -411,7 +411,7 @@ class Session:
         else:
             row[:] = hand.columns
 
-    def _rehearse(self) -> None:
+    def _rehearse(self):
         """Begin a trial: the virtual robot follows the hand, and the driven robot rests. Do nothing
         if the driven robot is in another process, because its state cannot be copied.
         """
@@ -430,7 +430,7 @@ class Session:
         self.judge.begin_trial(self.ticks)
         self.view = protocol.VIRTUAL
 
-    def _record_trial(self) -> None:
+    def _record_trial(self):
         """Add an event for each new alarm or stop of the virtual robot's checks."""
         trips = float(self.virtual.row[self._trips_place])
         # Reading the checks takes as long as a tick, so it is not done in each tick.
@@ -454,7 +454,7 @@ class Session:
         self.robot.stand_by()
         return True
 
-    def _restart(self, why: str) -> None:
+    def _restart(self, why: str):
         # Homes the robot. Its hazard ends, and no pedal counts until it was lifted.
         self._read_checks()
         self.arbiter.require_lifts(why, self.ticks)
@@ -465,7 +465,7 @@ class Session:
         self.task.restart()
         self.phase, self.view = protocol.READY, protocol.REAL
 
-    def _publish(self, hand: hands.Hands | None = None) -> None:
+    def _publish(self, hand: hands.Hands | None = None):
         """Fill the frame. Without `hand`, the channels of hands and robots keep their values."""
         row, task = self.frame.row, self.task
         if hand is not None:
@@ -483,7 +483,7 @@ class Session:
             *(self.director.hazard_number, task.target, task.progress, self.cue_on),
         )
 
-    def _update(self) -> None:
+    def _update(self):
         # Updates task, judge and phase after the robot's tick.
         frame = self.frame
         # A distant robot may stop reporting; its state is then unknown.
@@ -524,22 +524,22 @@ class Session:
         self._trips_read, self._reading_tick = trips, self.ticks
         return self.robot.outcomes(), self.robot.golden_outcomes()
 
-    def _read_checks(self) -> None:
+    def _read_checks(self):
         """Let the judge read the trips before the robot or the golden run restarts."""
         if outcomes := self._new_outcomes():
             self.judge.read_checks(*outcomes)
 
-    def _end(self, reason: str) -> None:
+    def _end(self, reason: str):
         if self.phase != protocol.OVER:
             self._read_checks()
             self.judge.close(self.ticks, reason)
             self.phase, self.ended = protocol.OVER, reason
             self._add_event("end", reason=reason)
 
-    def _add_event(self, kind: str, **content) -> None:
+    def _add_event(self, kind: str, **content):
         self._record(self.ticks, kind, **content)
 
-    def _record(self, tick: int, kind: str, **content) -> None:
+    def _record(self, tick: int, kind: str, **content):
         self._events.append({"tick": tick, "kind": kind, **content})
 
     def _new_hands(self) -> hands.Hands:

@@ -219,14 +219,14 @@ class ConsoleArbiter:
         self._lift_causes = dict.fromkeys(CONSOLES, cause)
         self.pedal_down = False
 
-    def _hand_over(self, console: str, sender: str, tick: int) -> None:
+    def _hand_over(self, console: str, sender: str, tick: int):
         # Gives the seat to a console. sender: who caused this, for the event.
         self.owner, self.pedal_down = console, False
         # A console that has just got the seat does not count as silent.
         self._message_ticks[console] = tick
         self._record(tick, "owner", console=console, by=sender)
 
-    def _require_lift(self, console: str, cause: str, tick: int) -> None:
+    def _require_lift(self, console: str, cause: str, tick: int):
         if console in self._ready:
             self._ready.discard(console)
             self._lift_causes[console] = cause

@@ -268,14 +268,14 @@ class SimulatedRobot:
         self._outputs[:] = other._outputs
         self.next_tick = other.next_tick
 
-    def _realign(self) -> None:
+    def _realign(self):
         """Start the golden run at the robot's state: a past hazard may have separated them."""
         self._robot.change(
             lambda state: replace(state, monitor=monitor.realign_golden(state.monitor))
         )
         self._golden.restore(self._robot.snapshot())
 
-    def _set_golden_differs(self, differs: bool) -> None:
+    def _set_golden_differs(self, differs: bool):
         self._golden_differs = differs
         # Compiled code reads -1, all bits set, as True.
         self._golden_differs_input[0] = -int(differs)
@@ -319,7 +319,7 @@ class SimulatedRobot:
         values |= {"trigger": TRIGGER_CODES["time"], "start": self.next_tick, "duration": 100}
         self._set_fault(self.blueprint.fault_slots, values)
 
-    def _set_fault(self, slot: int, values: Json | None) -> None:
+    def _set_fault(self, slot: int, values: Json | None):
         """Set a slot's fault (values None: no fault), and reset the state of the slot."""
         first = self._first_fault_input + slot * len(_FIELDS)
         # Without a fault, all fields are 0 but the period, which the tick divides by.

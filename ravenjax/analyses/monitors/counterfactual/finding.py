@@ -180,7 +180,7 @@ def find_checks(
     )
 
 
-def _require_cover(evidence: Evidence, indices: list[int]) -> None:
+def _require_cover(evidence: Evidence, indices: list[int]):
     """Raise UserError if a half has no faults, or if the selected set `indices` is empty."""
     halves = {"select": evidence.selection_half, "test": evidence.test_half}
     for task, rows in halves.items():

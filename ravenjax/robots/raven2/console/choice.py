@@ -101,7 +101,7 @@ class ProfileChoice:
                 )
         return ""
 
-    def _restart(self) -> None:
+    def _restart(self):
         # Forgets all evidence about the profiles.
         names = [reader.profile.name for reader in self.readers]
         self._misfits = dict.fromkeys(names, 0)

@@ -133,7 +133,7 @@ class UserFiles:
         self._crossed: dict[str, Any] = {"tick": tick}
         self._stops: list[Scalar] = []
 
-    def _store(self, field: str, place: int, item) -> None:
+    def _store(self, field: str, place: int, item):
         items = list(getattr(self.state, field))
         items[place] = item
         self.state = replace(self.state, **{field: tuple(items)})

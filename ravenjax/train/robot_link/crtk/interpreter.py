@@ -320,11 +320,11 @@ class OperatingState:
         elif now_ms - self._down_ms > REFUSED_MS:
             self._release("refused")
 
-    def _press(self, now_ms: float) -> None:
+    def _press(self, now_ms: float):
         self.pedal, self._has_servo_commands, self._down_before_clutch = True, False, False
         self._down_ms = now_ms
 
-    def _release(self, why: str) -> None:
+    def _release(self, why: str):
         if self.pedal:
             self.why = why
         self.pedal = self._down_before_clutch = self._restarting = False
@@ -394,7 +394,7 @@ class Interpreter:
             if reason := self._follow_command(self._arms[owner], word, message, now_ms):
                 self._refuse_once(f"{word}: {reason}")
 
-    def _report_rival(self, wants_pedal: bool) -> None:
+    def _report_rival(self, wants_pedal: bool):
         """Report if an operator wants the pedal down, but another console drives."""
         if wants_pedal and not self.state.pedal and self.state.other_drives:
             self._report_refusal(REASONS["rival"])
@@ -435,7 +435,7 @@ class Interpreter:
         arm.goal, arm.move = joints, None
         return ""
 
-    def _refuse_once(self, reason: str) -> None:
+    def _refuse_once(self, reason: str):
         if reason not in self.reasons:
             self.reasons.add(reason)
             self._report_refusal(reason)

@@ -70,7 +70,7 @@ class RosRobot(RobotLink):
             message = types.message(messages.STRING, types.header(time.time_ns()), word)
             self._transport.publish("state_command", message)
 
-    def _read_reports(self) -> None:
+    def _read_reports(self):
         """Read the messages that have arrived. If ROS fails, the robot counts as stopped."""
         try:
             arrivals = self._transport.poll()
@@ -87,7 +87,7 @@ class RosRobot(RobotLink):
             else:
                 self._store_message(name, message)
 
-    def _store_raven_state(self, message) -> None:
+    def _store_raven_state(self, message):
         # Stores the state of all arms, then the report. Angles arrive in degrees.
         # Versions of the message name the DAC counts differently, or lack them.
         counts = getattr(message, "dac_val", getattr(message, "current_cmd", np.zeros(16)))
@@ -104,7 +104,7 @@ class RosRobot(RobotLink):
             self._channels[f"{arm}/position"] = (1e-6 * position_um).tolist()
         self._finish_report(message.hdr, int(message.runlevel), int(message.last_seq))
 
-    def _store_message(self, name: str, message) -> None:
+    def _store_message(self, name: str, message):
         # Stores one message. Motor positions are computed, because CRTK does not send them.
         alias, _, word = name.partition("/")
         arm = self._arms[alias]
@@ -130,7 +130,7 @@ class RosRobot(RobotLink):
         if not self._missing and (was_missing or is_last):
             self._finish_report(message.header, min(self._levels.values()), 0)
 
-    def _finish_report(self, header, runlevel: int, last_seq: int) -> None:
+    def _finish_report(self, header, runlevel: int, last_seq: int):
         # Stores the channels as the report of one tick. Ticks count from the first report.
         stamp_ns = messages.stamp_ns(header)
         self._first_stamp_ns = self._first_stamp_ns or stamp_ns
