@@ -114,7 +114,7 @@ def count_failure_modes(source: Source) -> pd.DataFrame:
     failed = {row["name"]: row["failed"] for row in tables.group_rows(runs)}
     modes = modes.assign(
         library_hazards=[" ".join(naming.hazards_of(group)) for group in modes["group"]],
-        library_titles=modes["group"].map(naming.titles_of),
+        library_titles=[naming.titles_of(group, runs.robot) for group in modes["group"]],
         local_effect=[
             f"{layer}: {EFFECTS[effect].meaning}" if effect in EFFECTS else layer
             for layer, effect in zip(modes["layer"], modes["effect"], strict=True)

@@ -335,7 +335,7 @@ def test_a_period_that_no_arm_can_have_is_refused(folder, step_ms, tick_ms):
 def test_coverage_names_deadlines_only_if_the_robot_declares_actions(folder, capsys):
     (folder / "plain.py").write_text(
         "from pathlib import Path\nfrom ravenjax.robots.mjcf import read_robot\n"
-        "from ravenjax.robots.mjcf.campaign import Config, Params, prepare, series\n"
+        "from ravenjax.robots.mjcf.campaign import Config, Params, prepare\n"
         "ROBOT = read_robot(Path(__file__).with_name('arm.xml'), __name__, __name__)\n"
     )
     write_campaign(folder / "arm.toml", "arm.xml")
