@@ -31,7 +31,7 @@ BAND_OPACITY, FAINT_OPACITY, MANY_BANDS = 0.16, 0.07, 3
 """Opacity of a band, and its opacity in a chart with more than MANY_BANDS bands."""
 LETTERS_PER_PX = 0.05
 """Letters of a name beside an axis per px of the width. Longer names are truncated."""
-PX_PER_INCH, LETTERS, NAME = 100, 14, 2.3
+PX_PER_INCH, LETTERS_PER_INCH, LEGEND_ENTRY_INCHES = 100, 14, 2.3
 """In print: px of a chart's height and letters of a title per inch; inches of a legend's name."""
 PRINTED = 0.6
 """Size of dots and lines in print, relative to their size on a page."""
@@ -103,11 +103,13 @@ def print_figure(
         for axes in grid.flat[len(charts) :]:
             axes.set_visible(False)
         if title:
-            lines = (textwrap.fill(line, int(LETTERS * width)) for line in title.splitlines())
+            letters = int(LETTERS_PER_INCH * width)
+            lines = (textwrap.fill(line, letters) for line in title.splitlines())
             figure.suptitle("\n".join(lines), x=0.01, ha="left", fontsize=10)
         if series:
             place = "outside lower center"
-            figure.legend(series.values(), series, loc=place, ncols=int(width / NAME), fontsize=8)
+            columns = int(width / LEGEND_ENTRY_INCHES)
+            figure.legend(series.values(), series, loc=place, ncols=columns, fontsize=8)
     return figure
 
 

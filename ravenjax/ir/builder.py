@@ -39,7 +39,7 @@ class Builder:
         return len(self.tables) - 1
 
     def constant(self, dtype: str, value: Any) -> int:
-        """Return the number of a constant."""
+        """Return the number of an operation that gives this constant; it is added only once."""
         i = self._write(Operation("constant", dtype, (), to_bits(dtype, value)))
         if i not in self.constants:
             self.constants[i] = self.operations[i].value

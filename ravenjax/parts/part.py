@@ -227,7 +227,9 @@ class Part:
         return None if function is None else function(*arguments)
 
     def _check_keys(self, name: str, like: Mapping[str, InPlace], values, width: str):
-        # Checks a dict of new numbers that the user's `step` returns for signals of `view`.
+        # Checks a dict of new numbers that the user's `step` returns for signals of `view`. Returns
+        # those that differ from `view`. like: signals that the dict may contain. width: dtype of
+        # floats.
         keys = ", ".join(like)
         if not isinstance(values, dict):
             expected = f"expected a dict with some of the keys {keys}"

@@ -104,13 +104,16 @@ def question_plan(config: CampaignConfig) -> Plan:
 
 
 def describe_program(config: CampaignConfig) -> dict[str, Any]:
-    """Return the JSON object of a campaign, with the keys of the module's docstring.
+    """Return what a page needs to repeat a campaign's runs, as a JSON object: programs and tables.
+
+    The module's docstring explains the keys.
 
     Raise UserError for a campaign with noise or without a fault.
     """
     ready = question_plan(config)
     program = ready.program
     printable = traced.printable_program(program)
+    # One lane is enough to trace the tick.
     tick = traced.trace_tick(printable, Block(*ready.lanes([0], 1), None), ready.columns)
     actions, action_programs = _action_programs(ready)
     return {

@@ -132,9 +132,11 @@ class Evaluator:
         return schema.conform_table(table.assign(index=numbers, pair=numbers), self.shape)
 
     def _compute_runs(self, rows: pd.DataFrame):
-        # Computes the runs as a campaign does, and stores each finished part in the journal.
+        # Computes the runs as a campaign does, and stores each finished part in the journal. A part
+        # is a chunk of consecutive rows. The engine computes it in smaller blocks.
         ready = self._plan_rows(rows)
-        size, tables = parts.rows_of_a_part(ready.runs), []
+        size = parts.rows_of_a_part(ready.runs)
+        tables = []
         starts = range(0, ready.runs, size)
         chunks = [range(start, min(start + size, ready.runs)) for start in starts]
         computation = self._computation_of(ready)

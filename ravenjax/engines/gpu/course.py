@@ -39,9 +39,9 @@ def place_lanes(group: np.ndarray, threads: int) -> Places:
     sorted_group = group[order]
     thread_of_sorted = starts[sorted_group] + np.arange(len(group)) - lanes_before[sorted_group]
     threads_in_total = -(-int(warps.sum()) * WARP // threads) * threads
-    # The maximum so far is the lane of the last thread that has its own lane.
     sorted_lane = np.zeros(threads_in_total, np.int64)
     sorted_lane[thread_of_sorted] = np.arange(len(group))
+    # A thread without its own lane has 0 here. The running maximum gives it the lane before.
     lane = order[np.maximum.accumulate(sorted_lane)]
     thread = np.empty(len(group), np.int64)
     thread[order] = thread_of_sorted

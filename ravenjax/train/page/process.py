@@ -391,9 +391,9 @@ class Page:
                 call_soon(self._hub.show, row, self._extras(frames))
 
     def _extras(self, frames: np.ndarray) -> np.ndarray:
-        """Return float32 [arms, 5]: greatest error_mm and force of these frames, then the desired
-        tip of the last frame, m, in the arm's frame 0. With the greatest values, a peak of one
-        millisecond stays visible.
+        """Return float32 [arms, 5]: the greatest error_mm and force in these rows, then the desired
+        tip in the last row, m, in the arm's coordinate frame 0. With the greatest values, a peak of
+        one millisecond stays visible.
         """
         out = np.zeros((len(self._layout.arms), 5), np.float32)
         for i, arm in enumerate(self._layout.arms):

@@ -38,7 +38,9 @@ from ravenjax.vocabulary.parts import OwnSource
 
 
 def _packets(raw) -> Any:
-    """Return a distribution of packets: its name, or its shares. Raises ValueError."""
+    """Check how many cycles packets last: the name of a distribution, or the shares of packets that
+    last 1, 2, 3, .. cycles. Other types are refused later. Raises ValueError.
+    """
     names = ", ".join(map(repr, packets.CHOICES))
     if isinstance(raw, str) and raw not in packets.CHOICES:
         raise ValueError(

@@ -1,9 +1,9 @@
-"""Chooses which of several profiles a console's packets have, while the packets arrive.
+"""Finds out which of several packet formats (profiles) a console uses, while its packets arrive.
 
-A profile is ruled out in two cases. More packets break its rules than a stream may lose by chance.
-Or its jaw increments add up to more than the jaw's whole travel while another profile has no
-complaint. Until one profile is left, only values that all remaining profiles read in the same way
-cause motion. The choice is final.
+A profile is ruled out in two cases. More packets break its rules than a network loses by chance. Or
+its jaw increments add up to more than the jaw's whole travel, and the packets break no rule of
+another profile. Until one profile is left, only values that all remaining profiles read in the same
+way cause motion. The choice is final.
 """
 
 from collections.abc import Collection, Sequence

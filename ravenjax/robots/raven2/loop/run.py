@@ -170,12 +170,14 @@ _CHECKS = resources.read_tables(__file__, "checks.toml")
 
 
 def name_signals(setup: RavenSetup, signals: TickSignals) -> dict[str, Any]:
-    """Return every signal by its name, and rotations as quaternions and as rows of numbers."""
+    """Return every signal by its name. Rotations of tips are added as quaternions and as the nine
+    numbers of the matrix, row by row.
+    """
     out = dict(vars(signals))
     for name in ("pos", "pos_d"):
-        poses = [getattr(arm, name).rotation for arm in signals.control.arms]
-        out[f"{name}_quaternion"] = [quat_from_matrix(widen_numbers(setup, pose)) for pose in poses]
-        out[f"{name}_matrix"] = [[x for row in pose for x in row] for pose in poses]
+        matrices = [getattr(arm, name).rotation for arm in signals.control.arms]
+        out[f"{name}_quaternion"] = [quat_from_matrix(widen_numbers(setup, m)) for m in matrices]
+        out[f"{name}_matrix"] = [[x for row in m for x in row] for m in matrices]
     return out
 
 
