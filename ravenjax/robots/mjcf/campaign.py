@@ -83,7 +83,7 @@ class Config(CampaignConfig):
         """See `CampaignConfig.complaints`."""
         yield from super().complaints()
         for number, detector in enumerate(self.detector):
-            if detector.kind != "own":
+            if detector.file is None:
                 yield ("detector", number, "kind"), "an arm runs detectors with a file only"
         # A campaign without faults lists parameters.
         for joint in self._without_gain("motor") if any(g.fault for g in self.group) else ():
