@@ -54,9 +54,15 @@ def of_config(config: CampaignConfig) -> Iterator[str]:
     ):
         for value in np.ravel(values):
             if value >= largest:
-                yield f"{key}: {value:g} mm is never reached: tips are at most {largest:g} mm apart"
+                yield (
+                    f"{key}: {value:g} mm is never reached: two positions of the tip are at most"
+                    f" {largest:g} mm apart"
+                )
             elif value <= lowest:
-                yield f"{key}: {value:g} mm is always exceeded: {lowest:g} mm even without a fault"
+                yield (
+                    f"{key}: {value:g} mm is always exceeded: without a fault the moving tip is"
+                    f" already {lowest:g} mm away from the nominal model"
+                )
     for kind, parts in (("detector", config.detector), ("check", config.check)):
         for number, part in enumerate(parts):
             key = f"{kind}[{number}]"
@@ -78,7 +84,7 @@ def of_config(config: CampaignConfig) -> Iterator[str]:
         if (first := cues.index(cue)) < number:
             yield f"haptics: set {number} is the same as set {first}"
         if not cue.cap or not (cue.kp or cue.kd):
-            yield f"haptics: set {number} has cap 0, or no spring and damper, so it has no force"
+            yield f"haptics: set {number} has cap 0, or no spring and damper, so its force is 0"
     if (limit := config.campaign.limit) is not None and limit >= design.count_rows(config):
         yield f"campaign.limit: {limit} limits nothing, because the campaign has no more runs"
     if config.stop is not None:
@@ -135,7 +141,10 @@ def _of_parameters(plan: Plan) -> Iterator[str]:
         elif (fault_free & ~unchanged).any():
             varied.append(f"{path} (the robot's: {float(usual[0]):g})")
     if idle:
-        yield f"parameters.{list_names(idle, NAMED)}: no effect, this is already the robot's value"
+        yield (
+            f"parameters.{list_names(idle, NAMED)}: this is already the robot's value, so the"
+            " setting has no effect"
+        )
     if varied:
         yield (
             f"parameters.{list_names(varied, NAMED)}: differs from the robot's value in runs"
@@ -191,7 +200,11 @@ def _of_faults(plan: Plan) -> OfRuns:
         *_beyond_range(plan),
         ("start_ms", there & ~opens, "the fault does not begin before the end of the run"),
         ("start_ms", early, f"the fault ends before the robot is in pedal-down, at {down} ms"),
-        ("duration_ms", beyond > 0, f"{cut} are after the end of the run, which cuts it short"),
+        (
+            "duration_ms",
+            beyond > 0,
+            f"{cut} are after the end of the run, which cuts the fault short",
+        ),
         ("every_ms", single, "the fault is not repeated before the end of the run"),
         ("value", there & _idle(plan), "changes the signal by at most one count, or not at all"),
         ("site", unread[faults["code"]], "nothing in the robot reads this signal"),
@@ -321,4 +334,7 @@ def find_copies(plan: Plan) -> np.ndarray:
 def _of_copies(plan: Plan) -> Iterator[str]:
     # Yields a notice if runs have the same inputs as others.
     if plan.runs <= MOST_COMPARED and (count := int(find_copies(plan).sum())):
-        yield f"group: {count} of {plan.runs} runs have inputs of an earlier run and do not count"
+        yield (
+            f"group: {count} of {plan.runs} runs have the same inputs as an earlier run, so they"
+            " have the same outcome; equal runs count once"
+        )

@@ -130,6 +130,11 @@ def make_plan(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
         )
     loading.check_parameters(config, known_parameters(robot.params, robot.setup))
     setup, campaign = robot.setup, config.campaign
+    if setup.period_ms != config.robot.period_ms:
+        raise UserError(
+            f"robot {config.robot.name!r}: its setup has period_ms {setup.period_ms}, expected"
+            f" {config.robot.period_ms}, as ROBOT declares"
+        )
     values = _filled(varied, robot.params, setup)
     for path, purpose in robot.keys.items():
         values[path] = run_id.stream_keys(table.shared_ids(rows), purpose)
@@ -144,7 +149,7 @@ def make_plan(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
         operator=robot.operator,
         columns=tuple(np.ascontiguousarray(column) for column in robot.columns),
         keys=robot.keys,
-        faults=table.fault_arrays(rows, injection, robot.setup.period_ms),
+        faults=table.fault_arrays(rows, injection, setup.period_ms),
         varied=values,
         golden=number_golden_runs(values, len(rows)),
     )

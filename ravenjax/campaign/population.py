@@ -28,7 +28,10 @@ def with_population(raw: dict[str, Any], where: Where, source: Path | None) -> d
         raise where.error([(key or ("parameters", KEY), message)]) from None
 
     if not isinstance(own[KEY], str):
-        refuse(f"got {format_value(own[KEY])}, expected the path of a robot's file")
+        refuse(
+            f"got {format_value(own[KEY])}, expected the path of a file that"
+            " `ravenjax calibrate` wrote"
+        )
     path = Path(own[KEY]) if source is None else source.parent / own[KEY]
     if not path.is_file():
         refuse(f"found no file {path}; `ravenjax calibrate LOG` writes such a file")

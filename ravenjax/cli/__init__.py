@@ -57,7 +57,7 @@ def main(tokens: list[str] | None = None) -> int:
     trusted = [consent.EVERYWHERE] if "--trust" in words else []
     # Otherwise MuJoCo starts a process that looks for a display.
     os.environ.setdefault("MUJOCO_GL", "disable")
-    # Otherwise it tells a user who has no home folder where it keeps its fonts.
+    # Without a home folder, matplotlib would print where it stores its fonts.
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     try:
         for text in (*words, os.getcwd()):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ravenjax import robots
 from ravenjax.cli import console
-from ravenjax.cli.console import Json, Listing, Overrides
+from ravenjax.cli.console import AsJson, Listing, Overrides
 from ravenjax.vocabulary.sites import PARAMETER
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ravenjax.vocabulary.sites import Channel, Site
 
 
-def campaigns(*, as_json: Json = False) -> None:
+def campaigns(*, as_json: AsJson = False) -> None:
     """List the bundled campaigns, searches and training scenarios."""
     from ravenjax.analyses.search.file import loading as searches
     from ravenjax.bundled import resources
@@ -37,7 +37,9 @@ def campaigns(*, as_json: Json = False) -> None:
     console.print_tables(listings, as_json)
 
 
-def faults(word: str | None = None, *, robot: str = robots.DEFAULT, as_json: Json = False) -> None:
+def faults(
+    word: str | None = None, *, robot: str = robots.DEFAULT, as_json: AsJson = False
+) -> None:
     """List layers, fault sites and channels, effects, triggers, and the hazard library.
 
     Args:
@@ -111,7 +113,7 @@ def parameters(
     path: str = "",
     robot: str | None = None,
     overrides: Overrides = None,
-    as_json: Json = False,
+    as_json: AsJson = False,
 ) -> None:
     """List the parameters that a campaign may vary, with default, range and meaning.
 

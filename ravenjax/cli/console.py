@@ -43,7 +43,7 @@ Words = Annotated[list[str] | None, Parameter(consume_multiple=True, negative=""
 Switch = Annotated[bool, Parameter(negative="")]
 Engine = Annotated[str, Parameter(help="auto, cuda, simd, xla or mjx")]
 SameEngine = Annotated[str, Parameter(help="auto is the engine that computed the campaign")]
-Folder = Annotated[Path, Parameter(help="Result folder that `ravenjax run` wrote.")]
+ResultFolder = Annotated[Path, Parameter(help="Result folder that `ravenjax run` wrote.")]
 RunIds = Annotated[
     str, Parameter(help="The run_id of each run, its first letters, or the run's index.")
 ]
@@ -51,7 +51,7 @@ Ranking = Annotated[
     str, Parameter(help="order of worst runs: unintended, loss, report, tissue, cue or response")
 ]
 
-Json = Annotated[bool, Parameter(name="--json", negative="", help="print only JSON")]
+AsJson = Annotated[bool, Parameter(name="--json", negative="", help="print only JSON")]
 
 
 class Listing(NamedTuple):

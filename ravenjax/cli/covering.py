@@ -9,20 +9,20 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from ravenjax.cli import console
-from ravenjax.cli.console import Count, Folder, Json, Listing, Switch
+from ravenjax.cli.console import AsJson, Count, Listing, ResultFolder, Switch
 
 HEADINGS = ("run", "site", "fault from, ms", "harm from, ms", "detected, ms", "detected")
 """Headings of the list of harmful runs."""
 
 
 def coverage(
-    folder: Folder,
+    folder: ResultFolder,
     *,
     of: Annotated[str | None, Parameter(name="--runs")] = None,
     pairs: Switch = False,
     most: Count = None,
     out: Path | None = None,
-    as_json: Json = False,
+    as_json: AsJson = False,
 ) -> None:
     """Measure which share of the harmful faults each check detects: its diagnostic coverage.
 

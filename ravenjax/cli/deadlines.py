@@ -1,11 +1,15 @@
 """The command `ravenjax deadline`: the last time at which an action prevents harm."""
 
 from ravenjax.cli import console
-from ravenjax.cli.console import Folder, Json, SameEngine
+from ravenjax.cli.console import AsJson, ResultFolder, SameEngine
 
 
 def deadline(
-    folder: Folder, *, group: str | None = None, engine: SameEngine = "auto", as_json: Json = False
+    folder: ResultFolder,
+    *,
+    group: str | None = None,
+    engine: SameEngine = "auto",
+    as_json: AsJson = False,
 ) -> None:
     """Find the point of no return of each harmful fault: the last time at which an action prevents
     the harm.

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ravenjax.cli import console
-from ravenjax.cli.console import Folder, Json, Ranking, RunIds, SameEngine
+from ravenjax.cli.console import AsJson, Ranking, ResultFolder, RunIds, SameEngine
 
 if TYPE_CHECKING:
     from ravenjax.campaign.inspection.explain import Explained
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 
 def trace(
-    folder: Folder,
+    folder: ResultFolder,
     *run_ids: RunIds,
     worst: int | None = None,
     by: Ranking = "unintended",
     out: Path | None = None,
     engine: SameEngine = "auto",
-    as_json: Json = False,
+    as_json: AsJson = False,
 ) -> None:
     """Compute single runs of a result again and write their time series: MCAP, CSV and a plot.
 
@@ -121,14 +121,14 @@ def _write(out_folder: Path, record: Manifest, again: Replay, events: list[dict]
 
 
 def explain(
-    folder: Folder,
+    folder: ResultFolder,
     *run_ids: RunIds,
     worst: int | None = None,
     by: Ranking = "unintended",
     group: str | None = None,
     out: Path | None = None,
     engine: SameEngine = "auto",
-    as_json: Json = False,
+    as_json: AsJson = False,
 ) -> None:
     """Explain how a fault became a failure: which signal differed first, and where a check could
     have detected the fault.

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from ravenjax.cli import console
-from ravenjax.cli.console import Json, Words
+from ravenjax.cli.console import AsJson, Words
 from ravenjax.errors import UserError
 
 Kind = Literal["campaign", "search", "scenario"]
@@ -20,7 +20,7 @@ def explore(
     *sources: str,
     out: Annotated[Path | None, Parameter(name=("--out", "-o"))] = None,
     gallery: Path | None = None,
-    as_json: Json = False,
+    as_json: AsJson = False,
 ) -> None:
     """Write an HTML page that simulates faults of a campaign in any browser.
 
@@ -68,7 +68,7 @@ def export(
     level: str | None = None,
     parameter_set: str = "power_consistent",
     cpu: Literal["portable", "native"] = "portable",
-    as_json: Json = False,
+    as_json: AsJson = False,
 ) -> None:
     """Write the control software and the virtual robot as a C library.
 

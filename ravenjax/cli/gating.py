@@ -6,18 +6,18 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from ravenjax.cli import console
-from ravenjax.cli.console import Folder, Json
+from ravenjax.cli.console import AsJson, ResultFolder
 
 
 def gate(
-    first: Folder,
+    first: ResultFolder,
     second: Path,
     *,
     margin: Annotated[list[str], Parameter(negative=())],
     most: int = 10,
     markdown: Path | None = None,
     junit: Path | None = None,
-    as_json: Json = False,
+    as_json: AsJson = False,
 ) -> int:
     """Judge whether a change of the robot, a check or the software made results worse.
 

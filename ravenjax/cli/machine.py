@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from ravenjax.cli import console
-from ravenjax.cli.console import Engine, Json, Listing, Switch, load_module
+from ravenjax.cli.console import AsJson, Engine, Listing, Switch, load_module
 
 TableName = Literal["engines", "shell", "cores", "devices", "peers"]
 
@@ -50,7 +50,7 @@ def reproduce(
     out: Path = Path("results/reproduce"),
     engine: Engine = "auto",
     keep: Path | None = None,
-    as_json: Json = False,
+    as_json: AsJson = False,
 ) -> None:
     """Repeat a published experiment, or run a study, and compare the results with the publication.
 
@@ -78,7 +78,7 @@ def evidence(
     check: Path | None = None,
     xlsx: Switch = False,
     credibility: Path | None = None,
-    as_json: Json = False,
+    as_json: AsJson = False,
 ) -> int:
     """Write evidence for a risk file: failure modes, hazards, unsafe control actions, an argument.
 
@@ -98,7 +98,7 @@ def evidence(
     return commands.evidence(folders, out, check, xlsx, credibility, as_json)
 
 
-def doctor(*, realtime: Switch = False, seconds: float = 60.0, as_json: Json = False) -> int:
+def doctor(*, realtime: Switch = False, seconds: float = 60.0, as_json: AsJson = False) -> int:
     """Check this installation: versions, devices, CPU, memory, and a test of each part.
 
     Args:

@@ -11,7 +11,7 @@ from pathlib import Path
 from cyclopts import App
 
 from ravenjax.cli import console
-from ravenjax.cli.console import Engine, Json, Listing, Overrides, Switch, Words
+from ravenjax.cli.console import AsJson, Engine, Listing, Overrides, Switch, Words
 
 monitor = App(
     name="monitor",
@@ -35,7 +35,7 @@ def calibrate(
     seed: int = 0,
     engine: Engine = "auto",
     overrides: Overrides = None,
-    as_json: Json = False,
+    as_json: AsJson = False,
 ) -> None:
     """Calibrate a monitor: find thresholds with at most a given rate of false alarms.
 
@@ -91,7 +91,7 @@ def operate(
     robots: int | None = None,
     engine: Engine = "auto",
     overrides: Overrides = None,
-    as_json: Json = False,
+    as_json: AsJson = False,
 ) -> None:
     """Simulate new fault-free operations for `ravenjax monitor check`.
 
@@ -118,7 +118,7 @@ def operate(
 
 @monitor.command
 def check(
-    folder: Path, *sources: Path, level: float = 0.05, seed: int = 0, as_json: Json = False
+    folder: Path, *sources: Path, level: float = 0.05, seed: int = 0, as_json: AsJson = False
 ) -> int:
     """Test whether the calibration of a monitor is valid for new fault-free operations.
 
@@ -145,7 +145,7 @@ def check(
 
 
 @monitor.command
-def signals(file: Path | None = None, *, as_json: Json = False) -> None:
+def signals(file: Path | None = None, *, as_json: AsJson = False) -> None:
     """List the signals that a monitor can use.
 
     Args:
@@ -177,7 +177,7 @@ def counterfactual(
     confirm: Switch = False,
     engine: Engine = "auto",
     overrides: Overrides = None,
-    as_json: Json = False,
+    as_json: AsJson = False,
 ) -> None:
     """Select a few additional checks that would detect the faults that evade the robot's checks,
     and estimate their false alarms.

@@ -6,10 +6,10 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from ravenjax.cli import console
-from ravenjax.cli.console import Folder, Json, Listing, SameEngine
+from ravenjax.cli.console import AsJson, Listing, ResultFolder, SameEngine
 
 
-def report(folder: Folder, *, figures: Path | None = None) -> None:
+def report(folder: ResultFolder, *, figures: Path | None = None) -> None:
     """Write report.html into a result folder.
 
     Args:
@@ -24,12 +24,12 @@ def report(folder: Folder, *, figures: Path | None = None) -> None:
 
 
 def verify(
-    folder: Folder,
+    folder: ResultFolder,
     *,
     sample: int = 64,
     engine: SameEngine = "auto",
     seed: int = 0,
-    as_json: Json = False,
+    as_json: AsJson = False,
 ) -> int:
     """Verify a result folder: checksums, rows, values, and a random sample of runs computed again.
 
@@ -104,7 +104,7 @@ def write_report(folder: Path, prints: bool = True) -> Path:
     return path
 
 
-def compare(first: Folder, second: Path, *, most: int = 10, as_json: Json = False) -> None:
+def compare(first: ResultFolder, second: Path, *, most: int = 10, as_json: AsJson = False) -> None:
     """Compare two results run by run: configuration, outcomes, rates, and the runs that changed
     most.
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from ravenjax import interruption
 from ravenjax.cli import console
-from ravenjax.cli.console import Count, Engine, Folder, Json, Overrides
+from ravenjax.cli.console import AsJson, Count, Engine, Overrides, ResultFolder
 from ravenjax.cli.motion import show_operator
 from ravenjax.cli.results import write_report
 
@@ -38,7 +38,7 @@ def run(
     ray_address: str | None = None,
     shard: str | None = None,
     report: bool = True,
-    as_json: Json = False,
+    as_json: AsJson = False,
 ) -> None:
     """Run a campaign, or continue it in an existing result folder.
 
@@ -111,7 +111,7 @@ def check(
     out: Path | None = None,
     engine: Engine = "auto",
     limit: Count = None,
-    as_json: Json = False,
+    as_json: AsJson = False,
 ) -> None:
     """Show what a campaign file would run: runs, groups, faults, operator, cues, time and memory.
 
@@ -149,12 +149,12 @@ def check(
 
 
 def fault_free(
-    folder: Folder,
+    folder: ResultFolder,
     hours: float,
     *,
     engine: str = "auto",
     report: bool = True,
-    as_json: Json = False,
+    as_json: AsJson = False,
 ) -> None:
     """Simulate fault-free motion of a campaign's robot, to measure false alarms per hour.
 
@@ -250,7 +250,7 @@ def search(
     out: Path | None = None,
     engine: Engine = "auto",
     overrides: Overrides = None,
-    as_json: Json = False,
+    as_json: AsJson = False,
 ) -> None:
     """Search for the smallest harmful fault, the inputs that matter most, or the probability of a
     rare event.

@@ -13,7 +13,7 @@ from ravenjax.cli import console
 from ravenjax.cli.console import Overrides, Switch, load_module
 
 Crtk = Literal["ros1", "ros2"] | None
-Profile = Annotated[str, Parameter("--console")]
+ConsoleProfile = Annotated[str, Parameter("--console")]
 Seed = Annotated[int | None, Parameter(validator=validators.Number(gte=0, lt=2**31))]
 Port = Annotated[int, Parameter(validator=validators.Number(gte=0, lte=65535))]
 
@@ -43,7 +43,7 @@ def train(
     token: str | None = None,
     instructor_token: str | None = None,
     itp_port: int | None = None,
-    console_profile: Profile = "raven",
+    console_profile: ConsoleProfile = "raven",
     console_host: str | None = None,
     robot: str | None = None,
     crtk: Crtk = None,
@@ -156,7 +156,7 @@ def robot(
     joint_port: Port = 36002,
     token: str | None = None,
     console_host: str | None = None,
-    console_profile: Profile = "raven",
+    console_profile: ConsoleProfile = "raven",
     crtk: Crtk = None,
 ) -> None:
     """Run the control software and the virtual robot as a process that any ITP console can move.
@@ -188,7 +188,9 @@ def robot(
     process.run_robot(chosen, options, seed, joint_port, console.print_text)
 
 
-def play(packets: Path, *, to: str = "127.0.0.1:36000", console_profile: Profile = "auto") -> None:
+def play(
+    packets: Path, *, to: str = "127.0.0.1:36000", console_profile: ConsoleProfile = "auto"
+) -> None:
     """Send recorded packets of a console to a robot or a session, at the recorded times.
 
     Before the first packet the pedal is up for 0.4 s, because a robot accepts a pressed pedal only

@@ -137,8 +137,7 @@ def all_hazards(robot: Robot = robots.USUAL) -> tuple[Hazard, ...]:
     for table in _layer_tables(robot.hazards):
         for row in table["hazard"]:
             cases = [
-                case
-                | {"fault": [one | {"declared": robot.sites[one["site"]]} for one in case["fault"]]}
+                case | {"fault": [f | {"declared": robot.sites[f["site"]]} for f in case["fault"]]}
                 for case in row.get("case", ())
             ]
             hazards.append(Hazard.model_validate(row | {"layer": table["layer"], "case": cases}))

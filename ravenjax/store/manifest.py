@@ -244,7 +244,7 @@ class _Harm(_Named):
 
 
 class _Tables(_Inner):
-    """The forms of a campaign's tables on which reports depend. All else may be anything."""
+    """Types of the keys of a stored campaign that commands read. Other keys may have any type."""
 
     campaign: Nested = {}
     operator: Nested = {}

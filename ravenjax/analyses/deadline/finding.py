@@ -25,6 +25,7 @@ from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import UNINTENDED, Runs
 from ravenjax.report.run import chain
 from ravenjax.store import manifest
+from ravenjax.vocabulary import seams
 from ravenjax.vocabulary.effects import TRIGGER_CODES
 from ravenjax.vocabulary.reactions import NONE
 
@@ -209,7 +210,7 @@ def find_deadlines(
     actor, explainer = Actor.of_folder(folder, engine), Explainer.of_folder(folder, engine)
     report(f"{len(rows)} harmful runs that are compared with their golden runs")
     explanations = explainer.explain(rows)
-    leaves = [name for name in explanations.ticks if str(name).startswith(chain.LEAVES)]
+    leaves = [name for name in explanations.ticks if str(name).startswith(seams.LEAVES)]
     faults = pd.DataFrame(
         {
             "run": explanations.results["run_id"],

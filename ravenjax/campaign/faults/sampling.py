@@ -68,38 +68,41 @@ def _draws(
     # Draws positions [rows] on each axis. Axes of kind `together` use the same random numbers.
     names = [axis.kind if axis.kind == "together" else key for key, axis in axes.items()]
     dimensions = {name: number for number, name in enumerate(dict.fromkeys(names))}
-    unit = _unit(design, rows, len(dimensions), rng)
+    unit = _draw_points(design, rows, len(dimensions), rng)
     return {
         key: axis.places(unit[:, dimensions[name]])
         for (key, axis), name in zip(axes.items(), names, strict=True)
     }
 
 
-def _unit(design: str, rows: int, dimensions: int, rng: np.random.Generator) -> np.ndarray:
-    # Draws points of the unit cube, float [rows, dimensions].
+def _draw_points(design: str, rows: int, dimensions: int, rng: np.random.Generator) -> np.ndarray:
+    # Draws points of the unit cube, float [rows, dimensions]. As in SciPy, designs other than
+    # `random` use a new generator, spawned from `rng`.
     if design == "random" or dimensions == 0:
         return rng.random((rows, dimensions))
     if design == "lhs":
-        own = rng.spawn(1)[0]
-        within = own.random((rows, dimensions))
-        cells = own.permuted(np.tile(np.arange(1, rows + 1), (dimensions, 1)), axis=1)
-        return (cells.T - within) / rows
+        # Each dimension has one point in each of `rows` cells, at a random place within the cell.
+        spawned = rng.spawn(1)[0]
+        distances = spawned.random((rows, dimensions))
+        cells = spawned.permuted(np.tile(np.arange(1, rows + 1), (dimensions, 1)), axis=1)
+        return (cells.T - distances) / rows
     table = resources.read_tables(__file__, "sobol.toml")["directions"][:dimensions]
     if dimensions > len(table):
         from scipy.stats import qmc
 
         # SciPy warns of any number of points that is not a power of two.
         return qmc.Sobol(dimensions, rng=rng).random(1 << (rows - 1).bit_length())[:rows]
-    own = rng.spawn(1)[0]
-    # Sobol points with a random shift, and directions scrambled by triangular matrices of bits.
-    size, kind = (dimensions, 30), np.uint32
-    value = kind(1) << np.arange(30, dtype=kind)
-    shift = own.integers(2, size=size, dtype=kind) @ value
-    lower = np.tril(own.integers(2, size=(*size, 30), dtype=kind)) | np.eye(30, dtype=kind)
-    bits = np.array(table, kind)[..., None] // value[::-1] % 2
-    scrambled = bits @ lower.swapaxes(1, 2) % 2 @ value[::-1]
-    # A point differs from the point before it by one direction: the lowest bit of its number.
-    number = np.arange(1, rows)
-    lowest = np.bitwise_count((number & -number) - 1)
-    points = np.bitwise_xor.accumulate(np.c_[shift, scrambled[:, lowest]], axis=1)
+    spawned = rng.spawn(1)[0]
+    # Sobol points, as whole numbers of 30 bits: a random first point, and directions that are
+    # scrambled by random triangular matrices of bits.
+    size, dtype = (dimensions, 30), np.uint32
+    bit_values = dtype(1) << np.arange(30, dtype=dtype)
+    first = spawned.integers(2, size=size, dtype=dtype) @ bit_values
+    matrices = np.tril(spawned.integers(2, size=(*size, 30), dtype=dtype)) | np.eye(30, dtype=dtype)
+    bits = np.array(table, dtype)[..., None] // bit_values[::-1] % 2
+    directions = bits @ matrices.swapaxes(1, 2) % 2 @ bit_values[::-1]
+    # A point differs from the point before it by one direction: the lowest set bit of its number.
+    numbers = np.arange(1, rows)
+    lowest_bits = np.bitwise_count((numbers & -numbers) - 1)
+    points = np.bitwise_xor.accumulate(np.c_[first, directions[:, lowest_bits]], axis=1)
     return points.T / 2.0**30

@@ -36,7 +36,8 @@ class CampaignConfig(Section):
     parameters: Parameters = Field(default_factory=dict)
     """path = value, list or distribution; from = a file of robots"""
     cross: Cross = Field(default_factory=dict)
-    """path = list: every run is repeated with each value and equal random numbers"""
+    """path = list: every run is repeated with each value and equal random numbers, for paired
+    comparisons"""
     haptics: sections.Haptics = sections.Haptics()
     detector: tuple[sections.Detector, ...] = ()
     """detectors, which observe the runs"""

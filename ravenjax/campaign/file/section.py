@@ -70,7 +70,7 @@ class Section(BaseModel, metaclass=_SectionClass):
 
 
 def toml_value(value: Any) -> Any:
-    """Convert a value to types of TOML: arrays, tuples and ranges to lists; keys that are None go.
+    """Convert a value to types of TOML: arrays, tuples, ranges to lists. Omit keys that are None.
 
     Other values are returned unchanged. A later check refuses them.
     """

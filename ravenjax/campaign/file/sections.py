@@ -198,7 +198,8 @@ class Detector(Section):
             own_part.require_identifier(self.name)
         if self.kind != "steps" and self.fusion != ("all",):
             raise ValueError(
-                f"fusion = {list(self.fusion)} needs kind 'steps', got kind {self.kind or 'file'!r}"
+                f"fusion = {list(self.fusion)} needs kind 'steps', got kind"
+                f" {self.kind or 'file'!r}: remove fusion"
             )
         return self
 

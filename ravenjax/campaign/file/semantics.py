@@ -155,8 +155,8 @@ def _place(
     elif site.name == "network":
         for effect, name in _combinations((fault.effect, fault.channels(site)), paired):
             if effect in network and name != (acts_on := NETWORK_EFFECTS[effect].channel):
-                why = f"got {name!r}, but effect {effect!r} acts on {acts_on!r}: remove the key"
-                yield "channel", why
+                why = f"got {name!r}, but effect {effect!r} acts on {acts_on!r}: remove the key, or"
+                yield "channel", f"{why} write another effect for {name!r}, such as 'overwrite'"
                 return
 
 

@@ -15,16 +15,8 @@ import pandas as pd
 
 from ravenjax.outcomes import verdict
 from ravenjax.report import wording
+from ravenjax.vocabulary import seams
 from ravenjax.vocabulary.robot import Robot
-from ravenjax.vocabulary.seams import (
-    DIFFERS,
-    GOLDEN_NEAR,
-    LEAVES,
-    NEAR,
-    NEAR_MS,
-    Crossing,
-    list_crossings,
-)
 
 Columns = Mapping[str, Any]
 """Columns of a table as arrays [runs], or numbers of one run."""
@@ -116,14 +108,14 @@ def list_signals(ticks: Columns, robot: Robot, arms: Iterable[str]) -> list[Sign
     ticks: columns of the table of explained runs, as arrays [runs] or numbers of one run.
     """
     runs = np.size(ticks["run_id"])
-    by_signal: dict[str, list[Crossing]] = {}
-    for crossing in list_crossings(robot.seams, arms):
+    by_signal: dict[str, list[seams.Crossing]] = {}
+    for crossing in seams.list_crossings(robot.seams, arms):
         by_signal.setdefault(crossing.signal, []).append(crossing)
     signals = []
     for name, crossings in by_signal.items():
         differs, leaves = (
             _stack_columns(ticks, [f"{prefix}{crossing.name}" for crossing in crossings], runs)
-            for prefix in (DIFFERS, LEAVES)
+            for prefix in (seams.DIFFERS, seams.LEAVES)
         )
         seam = crossings[0].seam
         signals.append(
@@ -136,7 +128,7 @@ def list_signals(ticks: Columns, robot: Robot, arms: Iterable[str]) -> list[Sign
                 first_differing=_replace_never(differs).argmin(axis=0),
                 first_leaving=_replace_never(leaves).argmin(axis=0),
                 channels=tuple(crossing.channel.name for crossing in crossings),
-                has_range=any(f"{LEAVES}{crossing.name}" in ticks for crossing in crossings),
+                has_range=any(f"{seams.LEAVES}{crossing.name}" in ticks for crossing in crossings),
             )
         )
     return signals
@@ -220,12 +212,13 @@ def _make_link(signal: SignalTicks, harm: int) -> ChainLink:
 def _list_near_checks(row: Columns, ticks: Columns, robot: Robot) -> list[NearCheck]:
     # Returns the checks that tripped, or came nearer to their limit than in the golden run.
     near = []
-    names = [column.removeprefix(NEAR) for column in ticks if str(column).startswith(NEAR)]
-    for name in names:
-        margin, golden = float(ticks[f"{NEAR}{name}"]), float(ticks[f"{GOLDEN_NEAR}{name}"])
+    columns = [column for column in ticks if str(column).startswith(seams.NEAR)]
+    for column in columns:
+        name = column.removeprefix(seams.NEAR)
+        margin, golden = float(ticks[column]), float(ticks[f"{seams.GOLDEN_NEAR}{name}"])
         tripped, check = int(row[f"check_{name}_first_ms"]), robot.check(name)
         if (math.isfinite(margin) and margin < golden) or tripped >= 0:
-            ms = int(ticks[f"{NEAR_MS}{name}"])
+            ms = int(ticks[f"{seams.NEAR_MS}{name}"])
             near.append(NearCheck(name, check.unit, margin, golden, ms, tripped, check.does))
     return near
 

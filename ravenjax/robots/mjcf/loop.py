@@ -250,9 +250,9 @@ def _move(
     stiffness, damping = (gain.map(mul, left) for gain in gains)
     after = step(arm.mechanism, *before, force, damping)
     for _ in range(arm.steps - 1):
-        way, faster = map(minus, after, before)
-        less = plus(stiffness.map(mul, way), damping.map(mul, faster))
-        after = step(arm.mechanism, *after, minus(force, less), damping)
+        position_change, velocity_change = map(minus, after, before)
+        lost_force = plus(stiffness.map(mul, position_change), damping.map(mul, velocity_change))
+        after = step(arm.mechanism, *after, minus(force, lost_force), damping)
     return after
 
 

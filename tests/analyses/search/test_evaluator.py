@@ -99,7 +99,7 @@ def test_unit_points_become_the_values_that_a_sampled_design_draws():
     names = ("fault0_value", "fault0_start_ms", "fault0_duration_ms", "plant.friction_scale")
     assert template.labels == names
     rng = np.random.default_rng([5, zlib.crc32(b"dac")])
-    unit = sampling._unit("sobol", 32, 4, rng)
+    unit = sampling._draw_points("sobol", 32, 4, rng)
     case = np.zeros(32, int)
     rows = plan.make_plan(template.campaign(case, template.values(case, unit))).rows
     assert rows["run_id"].tolist() == table["run_id"].tolist()

@@ -247,5 +247,5 @@ def complaint(config):
 def test_points_are_those_of_scipy(design, rows, dimensions):
     ours, theirs = (np.random.default_rng(5) for _ in range(2))
     expected = naive_design.unit(design, rows, dimensions, theirs)
-    np.testing.assert_array_equal(sampling._unit(design, rows, dimensions, ours), expected)
+    np.testing.assert_array_equal(sampling._draw_points(design, rows, dimensions, ours), expected)
     assert ours.spawn(1)[0].random() == theirs.spawn(1)[0].random()
