@@ -1,13 +1,13 @@
 """Computes confidence intervals of a rate k/n.
 
 Use Wilson's interval for display. Use Clopper and Pearson's for guarantees, because it never covers
-less than promised. Both come from statsmodels' proportion_confint (Brown, Cai, DasGupta,
-Statistical Science 16, 2001). They assume that the n trials are independent. Repeats of a
-deterministic run are not independent, so count distinct faults, or resample clusters
-(`bootstrap.units`).
+less than promised (Brown, Cai, DasGupta, Statistical Science 16, 2001). Both assume that the n
+trials are independent. Repeats of a deterministic run are not independent, so count distinct
+faults, or resample clusters (`bootstrap.units`).
 """
 
 import math
+import statistics
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -93,13 +93,19 @@ def rate_bounds(
     `alpha`: 1 - confidence. With a `half_width`, the bounds are those of `anytime_bounds`. If k is
     0 the lower bound is 0, and if k is n the upper bound is 1.
     """
-    from statsmodels.stats.proportion import proportion_confint  # slow to import
-
     with np.errstate(all="ignore"):
-        if half_width is None:
-            low, high = proportion_confint(k, n, alpha, method)
-        else:
+        if half_width is not None:
             low, high = anytime_bounds(k, n, alpha, half_width)
+        elif method == "wilson":
+            # A command that ends with a rate would wait 0.45 s for the import of statsmodels.
+            z = statistics.NormalDist().inv_cdf(1 - alpha / 2)
+            centre = (k + z**2 / 2) / (n + z**2)
+            half = z * np.sqrt(k * (n - k) / n + z**2 / 4) / (n + z**2)
+            low, high = centre - half, centre + half
+        else:
+            from statsmodels.stats.proportion import proportion_confint
+
+            low, high = proportion_confint(k, n, alpha, method)
     low = np.where(n == 0, np.nan, np.where(k == 0, 0.0, low))
     return low, np.where(n == 0, np.nan, np.where(k == n, 1.0, high))
 
@@ -157,11 +163,5 @@ def rate_difference(k1: int, n1: int, k2: int, n2: int) -> Estimate:
     10). Runs of the same faults are not independent: use `paired`. Raises ValueError on impossible
     counts.
     """
-    from statsmodels.stats.proportion import confint_proportions_2indep  # slow to import
-
     first, second = rates_with_intervals([k1, k2], [n1, n2])
-    if not first.n or not second.n:
-        return Estimate()
-    counts = (first.k, first.n, second.k, second.n)
-    low, high = confint_proportions_2indep(*counts, "newcomb", "diff", ALPHA)
-    return Estimate(first.value - second.value, float(low), float(high))
+    return independent_difference(Estimate(*first[2:]), Estimate(*second[2:]))

@@ -182,7 +182,7 @@ def edge(name):
         ("one row", "Of 1 distinct fault of this design"),
         ("all failed", "No run with a fault gave a valid outcome."),
         ("none evades", "none made the live robot move more than 3 mm off its course"),
-        ("nothing happens", "No fault had an effect."),
+        ("nothing happens", "No fault changed a single bit of a run with a valid outcome."),
     ],
 )
 def test_edge_cases_have_a_page(name, told):

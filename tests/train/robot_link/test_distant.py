@@ -93,7 +93,7 @@ def test_a_robot_that_enters_its_e_stop_has_tripped_a_check(driven):
     places, *_, far = driven
     far.remote.stale = False
     robot = far.remote.robot
-    robot.press(robot.blueprint.plan.runs - 1)
+    robot.press_estop(robot.blueprint.plan.runs - 1)
     for _ in range(200):
         far.motion[:, far.next_tick] = far.motion[:, far.next_tick - 1]
         far.step()
