@@ -20,7 +20,7 @@ PRINTING = ("simd", "cuda")
 """Engines that generate code for the traced tick themselves. The others leave this to XLA."""
 SIZES = {"cuda": (4096, 65_536, 811_008), "simd": (16, 256, 4096, 16_384)}
 """Runs of a batch, by engine."""
-XLA_SIZES = {"cpu": (1024,), "gpu": (65_536, 524_288)}
+XLA_SIZES = {"cpu": (8192,), "gpu": (65_536, 524_288)}
 """Runs of a batch of `xla` and `mjx`, by JAX's backend. XLA needs 10 to 60 s to compile each."""
 _FREE = ("neg", "bitcast", "constant", "input")
 """Operations without a cost: they become part of others, or disappear."""

@@ -94,7 +94,7 @@ def measure_mjx_step(
     from mujoco import mjx
 
     on_cpu = jax.default_backend() == "cpu"
-    batches = batches or ((1024,) if on_cpu else tuple(4**n for n in range(5, 10)))
+    batches = batches or ((256, 1024) if on_cpu else tuple(4**n for n in range(5, 10)))
     arm = make_arm()
     model = mjx.put_model(arm, impl=implementation)
     first = mjx.make_data(arm, impl=implementation)

@@ -29,9 +29,12 @@ MAX_SEGMENT = 1000
 SERIES_BYTES = 2**30
 """Device memory of a segment's series in bytes, once for the golden runs and once for the lanes."""
 SMALL_LANES = 256
-"""Lanes of a block on a CPU core, whose second-level cache then holds the state.
+"""Lanes of a block of few rows, such as golden runs. On a CPU also of others, if runs are few."""
+CPU_LANES = 2**12
+"""Largest number of lanes of a block on a CPU core.
 
-Also the lanes of a block of few rows, such as golden runs, on an accelerator.
+A tick has some hundred compiled loops. Their fixed cost takes half of the time of a block of 256
+lanes, and a fifth with 2048 (analysis/engines/README.md).
 """
 ACCELERATOR_LANES = 2**19
 """Largest number of lanes of a block on each accelerator.
@@ -67,7 +70,11 @@ def _choose_lanes(runs: int, cores: int) -> int:
         fitting = memory // LANE_BYTES // LANE_MULTIPLE * LANE_MULTIPLE
         share, limit = runs, min(ACCELERATOR_LANES, fitting) * len(devices)
         multiple = LANE_MULTIPLE * len(devices)
-    return min(limit, -(-share // multiple) * multiple)
+    elif share >= 4 * SMALL_LANES:
+        # Blocks of equal size, because a smaller one computes as many lanes. A second size of block
+        # has to be compiled, which is too slow for fewer runs.
+        limit = -(-share // -(-share // CPU_LANES))
+    return -(-min(limit, share) // multiple) * multiple
 
 
 def _place(array, axis: int = 0) -> Any:
