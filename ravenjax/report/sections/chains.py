@@ -14,7 +14,7 @@ from ravenjax.errors import StoreError
 from ravenjax.report import wording
 from ravenjax.report.data import pair_intervals
 from ravenjax.report.data.facts import FACTS
-from ravenjax.report.data.runs import Runs
+from ravenjax.report.data.runs import HARMFUL_EVADING, Runs
 from ravenjax.report.drawing import save_panels
 from ravenjax.report.run import chain, chain_words
 from ravenjax.report.sections import robots
@@ -140,9 +140,6 @@ def _explain_worst_runs(runs: Runs, ticks: pd.DataFrame):
         words, timeline = chain_words.chain_sentences(link), chain_words.chain_timeline(link)
         worst.append({"chain": link, "sentences": words, "timeline": timeline})
     return worst
-
-
-HARMFUL_EVADING = "sample AND faulty AND evaded AND unintended_ms >= 0"
 
 
 class Carrier(NamedTuple):
