@@ -81,8 +81,7 @@ class Lead(NamedTuple):
         The result is NaN if fewer runs had an alarm. A bound is NaN if it is unknown.
         """
         # A lead is the negative of a lag.
-        lag = self.lag.quantile_interval(fraction)
-        return Estimate(-lag.value, -lag.high, -lag.low)
+        return self.lag.quantile_interval(fraction).negated
 
 
 def incidence_curve(delays: Delays) -> Incidence:
@@ -102,14 +101,14 @@ def lead_time(lags: Delays) -> Lead:
 
 
 def delay_quantile(
-    delay: ArrayLike, happened: ArrayLike, fraction: float, run_units: Units
+    delay: ArrayLike, happened: ArrayLike, fraction: float, run_units: Units | None
 ) -> Estimate:
     """Return the time until which `fraction` of the runs had the event, with an interval by
     resampling units.
 
     delay: time to the event or to the end of the run, perhaps negative [n]. happened: bool, the
-    event happened [n]. run_units: the units of the runs. A bound is NaN if too few resamples reach
-    the fraction, or if there are too few units.
+    event happened [n]. run_units: the units of the runs; None: nothing was drawn. A bound is NaN if
+    too few resamples reach the fraction, or for fewer than `units.MIN_UNITS` units.
     """
     times, occurred = np.asarray(delay, float), np.asarray(happened).astype(bool)
     if not len(times):
@@ -122,7 +121,13 @@ def delay_quantile(
         reached = 1 - _share_without_event(weight, occurred, order) >= fraction - 1e-9
         return np.where(reached.any(axis=1), times[order][reached.argmax(axis=1)], np.nan)
 
-    return units.statistic_band(quantiles, run_units)
+    value = float(quantiles(np.ones((1, len(times))))[0])
+    if run_units is None or run_units.count < units.MIN_UNITS:
+        return Estimate(value)
+    # Resamples that never reach the fraction (NaN) are sorted last.
+    samples = np.sort(run_units.resample_statistic(quantiles, units.RESAMPLES, 0))
+    low, high = (float(samples[round(share * len(samples))]) for share in (0.025, 0.975))
+    return Estimate(value, low, high)
 
 
 def _curve(delays: Delays, start: float) -> Incidence:

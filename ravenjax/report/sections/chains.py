@@ -19,7 +19,6 @@ from ravenjax.report.drawing import save_panels
 from ravenjax.report.run import chain, chain_words
 from ravenjax.report.sections import robots
 from ravenjax.stats import latency
-from ravenjax.stats.bootstrap import units
 from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.store.access import explained
 from ravenjax.store.access.query import RESULTS
@@ -200,10 +199,8 @@ def summarize_chains(runs: Runs, ticks: pd.DataFrame) -> Propagation:
     def median(values: np.ndarray):
         """Return the median of the values above 0."""
         positive = values > 0
-        times, is_observed = values[positive], np.ones(int(positive.sum()), bool)
-        one_unit = units.group_units(np.zeros(len(times), int))
-        times_drawn = one_unit if drawn is None else drawn.where(positive)
-        return latency.delay_quantile(times, is_observed, 0.5, times_drawn)
+        times_drawn = None if drawn is None else drawn.where(positive)
+        return latency.delay_quantile(values[positive], positive[positive], 0.5, times_drawn)
 
     harm = faults["harm"].to_numpy(np.int64)
     seams = _join_arms(rows, runs.manifest)
