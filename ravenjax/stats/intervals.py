@@ -52,8 +52,8 @@ def clopper_pearson(k: int, n: int) -> Rate:
         return rate
     from statsmodels.stats.proportion import proportion_confint  # slow to import
 
-    low, high = proportion_confint(k, n, ALPHA, "beta")
-    return rate._replace(low=float(low), high=float(high))
+    low, high = np.asarray(proportion_confint(k, n, ALPHA, "beta"), float).tolist()
+    return rate._replace(low=low, high=high)
 
 
 def share_of_cells(k: int, n: int) -> Rate:
