@@ -165,7 +165,7 @@ def _shown(alarms: list[ThresholdAlarms]) -> list[ThresholdAlarms]:
 def _bands(runs: Runs, number: int):
     # Returns bootstrap bands of the ROC curve and the precision-recall curve of a detector; (None,
     # None) if all runs have the same outcome, or all have the same fault.
-    from ravenjax.stats.alarms.roc import precision_recall_band, roc_band
+    from ravenjax.stats.alarms.roc import curve_bands
 
     score = f"detector{number}_score"
     sample = runs.drawn(f'{score} AS score, unintended, "distinct" AS cell', SCORED, MOST_DRAWN)
@@ -173,14 +173,10 @@ def _bands(runs: Runs, number: int):
     if min(len(np.unique(unintended)), len(np.unique(cell))) < 2:
         return None, None
     resamples = int(np.clip(DRAWS // len(values), 100, 400))
-    roc = roc_band(values, unintended, cell, grid=GRID, resamples=resamples)
-    recall = precision_recall_band(values, unintended, cell, grid=GRID[1:], resamples=resamples)
-    return (roc, recall) if runs.sampled() else (_without_band(roc), _without_band(recall))
-
-
-def _without_band(band: CurveBand) -> CurveBand:
-    curve, area = tables.without_interval(band.curve), tables.without_interval(band.area)
-    return CurveBand(band.grid, curve, area)
+    bands = curve_bands(values, unintended, cell, grid=GRID, resamples=resamples)
+    if runs.sampled():
+        return bands
+    return [CurveBand(x, *map(tables.without_interval, estimates)) for x, *estimates in bands]
 
 
 def roc_chart(rows: Sequence[DetectorRow]) -> Chart | None:
