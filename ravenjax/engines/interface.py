@@ -37,6 +37,7 @@ class Loop(Protocol):
 
     def init(self, setup: Any, params: Any) -> Any:
         """Return the state before the first tick."""
+        ...
 
     def advance(
         self, setup: Any, params: Any, faults: Any, state: Any, now: Any, motion: Any, golden: Any
@@ -47,18 +48,22 @@ class Loop(Protocol):
         since the run began. motion: columns of the operator's motion, each a 1-D array. golden:
         reference series of the golden run in this tick.
         """
+        ...
 
     def series_length(self, setup: Any) -> int:
         """Return the number of numbers in the reference series."""
+        ...
 
     def outcomes(self, setup: Any, params: Any, state: Any) -> dict[str, Any]:
         """Return the outcomes of the run so far: columns of the result table before the verdict.
 
         Times, with names that end in `_ms`, are in ticks.
         """
+        ...
 
     def make_injector(self, setup: Any, faults: Any, state: Any, clock: Any) -> Any:
         """Return the `ravenjax.faults.injection.Injector` of a tick. state: with open windows."""
+        ...
 
     def name_signals(self, setup: Any, signals: Any) -> Mapping[str, Any]:
         """Return every signal by its name, for time series and comparisons.
@@ -66,6 +71,7 @@ class Loop(Protocol):
         There are at least fault_active (bool of each slot), live (bool), and detectors
         (`stages.detectors.DetectorsState`).
         """
+        ...
 
 
 @dataclasses.dataclass(frozen=True)
@@ -206,12 +212,15 @@ class Kernel(Protocol):
 
     def size(self, rows: int) -> int:
         """Return the number of lanes of a block for `rows` runs, 1 to `lanes`."""
+        ...
 
     def prepare(self, block: Block, motion: Motion) -> None:
         """Trace and compile for blocks and motions of these types, unless this was done before."""
+        ...
 
     def run(self, block: Block, motion: Motion, progress: Progress | None = None) -> BlockResult:
         """Run one block. May be called from several threads."""
+        ...
 
 
 class BranchingKernel(Kernel, Protocol):
@@ -226,6 +235,7 @@ class BranchingKernel(Kernel, Protocol):
         `Block.trunks`). block: `size(1)` equal lanes without faults, with the reference series of
         their golden run. ends: int [ends], ascending. Outcomes: each [ends].
         """
+        ...
 
 
 class Engine(Protocol):
@@ -234,20 +244,25 @@ class Engine(Protocol):
     @property
     def name(self) -> str:
         """Name of the engine, for `--engine`."""
+        ...
 
     @property
     def device(self) -> str:
         """Device of the engine, in words."""
+        ...
 
     @property
     def threads(self) -> int:
         """Number of blocks that run in parallel."""
+        ...
 
     def compile(self, program: TickProgram, runs: int) -> Kernel:
         """Return the kernel of `program`, with blocks sized for a campaign of `runs` runs."""
+        ...
 
     def tracer(self, program: TickProgram, lanes: int) -> Tracer:
         """Return a tracer of single blocks of `lanes` lanes, compiled once for any campaign."""
+        ...
 
 
 @dataclasses.dataclass(frozen=True)

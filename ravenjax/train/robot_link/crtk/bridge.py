@@ -131,7 +131,8 @@ def newest_row(rows: Ring, frame: Frame) -> RobotRow | None:
         return None
     frame.row[:], *clocks = newest[-1].view(_row_type(frame.layout))[0]
     frame.copy_numbers()
-    return RobotRow(frame, *map(int, clocks), first + len(newest) - 1)
+    stamp_ns, clock_ns, last_command = map(int, clocks)
+    return RobotRow(frame, stamp_ns, clock_ns, last_command, first + len(newest) - 1)
 
 
 def run_bridge(robot: Connection) -> None:
