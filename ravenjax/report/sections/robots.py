@@ -51,7 +51,7 @@ def robot_rates(runs: Runs) -> list[RobotRate]:
         )
         if sum(n for _, n in rows) >= MIN_FAULTS:
             per_unit = one_unit.rate_per_unit([k for k, _ in rows], [n for _, n in rows])
-            result.append(RobotRate(name, per_unit.rate, per_unit.units, per_unit.deviation))
+            result.append(RobotRate(name, *per_unit))
     return result
 
 
