@@ -33,7 +33,6 @@ def write_figures(folder: Path, out: Path) -> list[Path]:
     They are verdicts, time_to_know, roc (only with detectors) and tradeoff. A figure without runs
     is left out. Raises StoreError if results cannot be read, or `out` cannot be written.
     """
-    folder, out = Path(folder), Path(out)
     manifest = manifests.read_manifest(folder)
     require_writable(out)
     paths = []
