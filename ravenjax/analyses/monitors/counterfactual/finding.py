@@ -140,8 +140,7 @@ def find_checks(
 
         def run_motions(use: str, checks: list[Candidate], folder: Path) -> observation.FreeMotion:
             # Runs the fault-free motions that are reserved for one use, with these detectors.
-            numbers = observation.motions_by_use(use, schedule.motions)
-            return observation.run_motions(raw, schedule, numbers, checks, folder, motion_engine)
+            return observation.run_motions(raw, schedule, use, checks, folder, motion_engine)
 
         on_stage(
             f"scales of the candidates: a quarter of {schedule.motions} fault-free motions of"

@@ -96,26 +96,22 @@ def require_rate(per_hour: float, schedule: MotionSchedule) -> None:
         )
 
 
-def motions_by_use(use: str, motions: int) -> list[int]:
-    """Return the numbers of the motions with the use `use`, out of `motions` motions."""
-    return [number for number in range(motions) if _USES[number % len(_USES)] == use]
-
-
 def run_motions(
     raw: Nested,
     schedule: MotionSchedule,
-    numbers: Sequence[int],
+    use: str,
     candidates: Sequence[Candidate],
     folder: Path,
     engine: str,
 ) -> FreeMotion:
-    """Simulate the fault-free motions with these numbers, with all candidates as detectors.
+    """Simulate the fault-free motions with this use, with all candidates as detectors.
 
     The files of the detectors are written to `folder`. Raise UserError if the robot is never live.
     """
     endless = fault_free.fault_free_campaigns(raw, schedule.seconds)
     campaigns = [campaign for _, campaign in itertools.islice(endless, schedule.motions)]
     tables = detector_tables(candidates, (1.0,), folder)
+    numbers = [n for n in range(schedule.motions) if _USES[n % len(_USES)] == use]
 
     def simulate(number: int) -> tuple[np.ndarray, np.ndarray]:
         # Returns scores [runs, candidates] and hours [runs] of one motion; 0 for a failed run.
