@@ -119,7 +119,7 @@ def require_runnable(config: CampaignConfig, design: OperationDesign) -> None:
 class OperationRunner:
     """Computes operations of a campaign. The code is compiled once."""
 
-    def __init__(self, config: CampaignConfig, design: OperationDesign, engine: str = "auto"):
+    def __init__(self, config: CampaignConfig, design: OperationDesign, engine: str):
         """Choose an engine. Raise UserError for a campaign that cannot run without faults."""
         require_runnable(config, design)
         self.config, self.design = fault_free_campaign(config, design), design

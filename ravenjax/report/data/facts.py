@@ -38,9 +38,9 @@ FACTS = "facts"
 class Choices(NamedTuple):
     """Choices of a campaign that affect how its runs are judged."""
 
-    rules: Rules = Rules()  # rules that define the outcomes
+    rules: Rules  # rules that define the outcomes
     # Operator's action at a cue, an index into ACTIONS, for runs whose parameters do not set it.
-    action: int = 0
+    action: int
     robot: Robot = robots.USUAL
     end_ms: int = 3_600_000  # length of each run
 

@@ -64,7 +64,7 @@ def test_shift(calibration_scores: np.ndarray, new_scores: np.ndarray, seed: int
     )
 
 
-def p_values(calibration_scores: np.ndarray, new_scores: np.ndarray, seed: int = 0) -> np.ndarray:
+def p_values(calibration_scores: np.ndarray, new_scores: np.ndarray, seed: int) -> np.ndarray:
     """Return the conformal p-value of each new score, [new scores], in their order of arrival.
 
     A score is compared with the calibration scores and with earlier new scores. Under the null

@@ -71,7 +71,7 @@ def lead_packets(first: bytes) -> list[bytes]:
 
 
 def play_packets(
-    datagrams: Sequence[bytes], arrival_s: np.ndarray, address: tuple[str, int], say: Say = print
+    datagrams: Sequence[bytes], arrival_s: np.ndarray, address: tuple[str, int], say: Say
 ) -> Played:
     """Send recorded packets to a robot until the end, or Ctrl-C. Return what was sent and received.
     arrival_s: time of each packet after the first. Raises UserError if the address is invalid or
