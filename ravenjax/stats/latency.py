@@ -63,41 +63,13 @@ class Incidence(NamedTuple):
         return Estimate(self.quantile(fraction), low, high)
 
 
-class Lead(NamedTuple):
-    """Lead time of an alarm before the harm, over all harmful runs.
-
-    lag: incidence of the alarm over the time of the alarm minus that of the harm (negative: before
-    the harm). Runs without an alarm are censored at their end. before: rate of harmful runs with an
-    alarm before the harm.
-    """
-
-    lag: Incidence
-    before: Rate
-
-    def quantile(self, fraction: float) -> Estimate:
-        """Return the lead time that this fraction of the harmful runs had or exceeded, with its
-        interval. It is negative for an alarm after the harm.
-
-        The result is NaN if fewer runs had an alarm. A bound is NaN if it is unknown.
-        """
-        # A lead is the negative of a lag.
-        return self.lag.quantile_interval(fraction).negated
-
-
-def incidence_curve(delays: Delays) -> Incidence:
-    """Return the incidence over time, with a pointwise 95 % band (Greenwood, log(-log))."""
-    return _curve(delays, 0.0)
-
-
-def lead_time(lags: Delays) -> Lead:
-    """Return the lead time of an alarm before the harm.
+def rate_before(lags: Delays) -> Rate:
+    """Return the rate of harmful runs with an alarm before the harm.
 
     `lags`: alarm minus harm of all harmful runs. Runs without an alarm are censored, with the end
     of the run minus the harm. So a detector cannot look better because it misses faults.
     """
-    start = float(lags.time.min(initial=0))
-    before = int(lags.count[lags.occurred & (lags.time < 0)].sum())
-    return Lead(_curve(lags, start), wilson_interval(before, lags.n))
+    return wilson_interval(int(lags.count[lags.occurred & (lags.time < 0)].sum()), lags.n)
 
 
 def delay_quantile(
@@ -130,12 +102,16 @@ def delay_quantile(
     return Estimate(value, low, high)
 
 
-def _curve(delays: Delays, start: float) -> Incidence:
-    # Returns the share of runs with the event over time, from the time `start`, with its band. The
-    # formulas are as in scipy.stats.ecdf, which cannot use counts of equal delays.
+def incidence_curve(delays: Delays) -> Incidence:
+    """Return the incidence over time, with a pointwise 95 % band (Greenwood, log(-log)).
+
+    The incidence of lags gives the lead times of an alarm before the harm: a lead is the negative
+    of a lag, see `Estimate.negated`.
+    """
+    # The formulas are as in scipy.stats.ecdf, which cannot use counts of equal delays.
     from scipy.special import ndtri
 
-    events = int(delays.count[delays.occurred].sum())
+    events, start = int(delays.count[delays.occurred].sum()), float(delays.time.min(initial=0))
     if not events:
         zero = np.zeros(1)
         return Incidence(np.full(1, start), zero, zero, zero, 0, delays.n)
