@@ -86,22 +86,18 @@ def test_a_look_at_campaigns_needs_no_tick(tokens):
     assert not {"jax", "mujoco", "duckdb"} & set(probed(*tokens)["modules"])
 
 
+def run_probed(file: Path, out: Path) -> dict:
+    words = f"run {file} --no-report --engine simd --out {out}"
+    return probed(*words.split(), cache=file.parent / "cache")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("design", ["lhs", "sobol", "random"])
 def test_a_campaign_whose_trace_is_kept_imports_no_jax(tmp_path, design):
     def run(name: str, **values: float) -> dict:
         file = tmp_path / f"{name}.toml"
         file.write_text(CAMPAIGN.format(design=design, **values))
-        tokens = (
-            "run",
-            str(file),
-            "--no-report",
-            "--engine",
-            "simd",
-            "--out",
-            str(tmp_path / name),
-        )
-        return probed(*tokens, cache=tmp_path / "cache")
+        return run_probed(file, tmp_path / name)
 
     run("cold", most=4000, heaviest=1.1)
     warm = run("warm", most=9000, heaviest=1.2)
@@ -118,14 +114,5 @@ def test_a_detector_whose_trace_is_kept_needs_no_jax(tmp_path):
     own = '[[detector]]\nname = "mine"\nfile = "mine.py"\n'
     file.write_text(CAMPAIGN.format(design="random", most=4000, heaviest=1.1) + own)
     for name in ("cold", "warm"):
-        tokens = (
-            "run",
-            str(file),
-            "--no-report",
-            "--engine",
-            "simd",
-            "--out",
-            str(tmp_path / name),
-        )
-        modules = probed(*tokens, cache=tmp_path / "cache")["modules"]
+        modules = run_probed(file, tmp_path / name)["modules"]
     assert not {"jax", "jaxlib"} & set(modules)

@@ -83,11 +83,13 @@ def paired_risk_difference(first: Clusters, second: Clusters) -> Estimate:
     clusters' differences.
 
     With one row per cluster and condition, the interval is Bonett and Price's
-    (`paired.rate_difference`), else Student's over the clusters. The result is NaN for fewer than 2
-    clusters, and has no interval if all differences are equal.
+    (`paired.difference_of_counts`), else Student's over the clusters. The result is NaN for fewer
+    than 2 clusters, and has no interval if all differences are equal.
     """
     if all(len(one) == 1 for one in [*first, *second]):
-        return paired.rate_difference([one[0] for one in first], [one[0] for one in second])
+        pairs = [(bool(one[0]), bool(other[0])) for one, other in zip(first, second, strict=True)]
+        only = (sum(pair == kind for pair in pairs) for kind in ((True, False), (False, True)))
+        return paired.difference_of_counts(*only, len(pairs))
     return mean_difference(first, second, is_paired=True)
 
 

@@ -103,7 +103,7 @@ def parse_margin(text: str) -> Margin:
     return margin
 
 
-def judge_folders(first: Path, second: Path, margins: Sequence[Margin], most: int = 10) -> Gate:
+def judge_folders(first: Path, second: Path, margins: Sequence[Margin], most: int) -> Gate:
     """Compare the results in folder `second` with the results in folder `first`, and judge the
     change of each margin's event. most: largest number of changed runs to list.
 

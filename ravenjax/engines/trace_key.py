@@ -22,8 +22,8 @@ Objects = MutableMapping[str, bytes]
 Code = TypeVar("Code")
 
 _PACKAGE = Path(__file__).resolve().parents[1]
-_FLOORS = ("engines", "stages", "faults", "parts", "vocabulary", "robots")
-_MATHEMATICS = ("ir", "mechanics", "numbers")
+_FOLDERS = ("engines", "stages", "faults", "parts", "vocabulary", "robots")
+_FOLDERS += ("ir", "mechanics", "numbers")
 _PACKAGES = ("ravenjax", "jax", "jaxlib", "mujoco", "numpy")
 
 
@@ -66,7 +66,7 @@ def hash_files() -> str:
     """Return the sha256 of all files on which generated code depends: source files and models."""
     files = [
         path
-        for folder in _FLOORS + _MATHEMATICS
+        for folder in _FOLDERS
         for suffix in ("py", "j2", "toml")
         for path in sorted((_PACKAGE / folder).rglob(f"*.{suffix}"))
     ]

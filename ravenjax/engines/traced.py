@@ -219,9 +219,9 @@ def motion_tables(motion: Motion) -> np.ndarray:
 
 
 def lane_inputs(program: TickProgram, block: Block) -> list[np.ndarray]:
-    """Return a lane's inputs, each [lanes]: varied parameters, faults, and its end if any."""
-    varied = [np.asarray(block.varied[path]) for path in program.varied]
-    return [*varied, *map(np.asarray, tree.tree_leaves(block.faults)), *lane_ends(program, block)]
+    """Return the inputs of printed code, each [lanes]: varied parameters, then faults."""
+    varied = [block.varied[path] for path in program.varied]
+    return [np.asarray(column) for column in (*varied, *tree.tree_leaves(block.faults))]
 
 
 def lane_ends(program: TickProgram, block: Block) -> tuple[np.ndarray, ...]:

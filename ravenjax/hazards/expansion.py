@@ -115,7 +115,7 @@ def select_hazards(words: Any, robot: Robot = robots.USUAL) -> list[Hazard]:
     return [row for row in library.all_hazards(robot) if row.id in ids]
 
 
-def hazard_words(robot: Robot = robots.USUAL) -> list[str]:
+def hazard_words(robot: Robot) -> list[str]:
     """Return the words that `hazards` may have: "all", layers, and ids that can be simulated."""
     rows = [row for row in library.all_hazards(robot) if row.runnable]
     return [ALL, *dict.fromkeys(row.layer for row in rows), *(row.id for row in rows)]

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from ravenjax import robots
 from ravenjax.bundled import resources
 from ravenjax.hazards import library
 from ravenjax.hazards.library import Hazard, LibraryFault
@@ -44,7 +43,7 @@ def list_hazards_of_site(site: str, robot: Robot) -> list[Hazard]:
     ]
 
 
-def layer_table(robot: Robot = robots.USUAL) -> list[tuple[str, ...]]:
+def layer_table(robot: Robot) -> list[tuple[str, ...]]:
     """Return one row per layer of the loop: name, description, sites, and number of hazards."""
     return [
         (

@@ -27,7 +27,6 @@ def build_report(folder: Path) -> Path:
 
     Raises StoreError if the folder holds no readable result.
     """
-    folder = Path(folder)
     manifest = manifests.read_manifest(folder)
     with contextlib.closing(Runs.open(folder, manifest)) as runs:
         text = render_report(runs, manifest, folder)

@@ -33,7 +33,6 @@ def write_figures(folder: Path, out: Path) -> list[Path]:
     They are verdicts, time_to_know, roc (only with detectors) and tradeoff. A figure without runs
     is left out. Raises StoreError if results cannot be read, or `out` cannot be written.
     """
-    folder, out = Path(folder), Path(out)
     manifest = manifests.read_manifest(folder)
     require_writable(out)
     paths = []
@@ -48,7 +47,7 @@ def write_figures(folder: Path, out: Path) -> list[Path]:
 
 CHARTS: dict[str, Callable[[Runs], Chart | None]] = {
     "time_to_know": lambda runs: time_to_know.incidence_curves(runs)[0],
-    "roc": lambda runs: detectors.roc_chart(detectors.detector_rows(runs)),
+    "roc": lambda runs: detectors.curve_chart(detectors.detector_rows(runs), "roc"),
     "tradeoff": lambda runs: cues.cue_tradeoff(cues.cue_rows(runs)),
 }
 """Charts that are figures, by the name of their file; None if there is nothing to draw."""

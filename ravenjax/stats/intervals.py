@@ -8,13 +8,11 @@ faults, or resample clusters (`bootstrap.units`).
 
 import math
 import statistics
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-Method = Literal["wilson", "beta"]
-"""Names in proportion_confint; beta is the exact interval of Clopper and Pearson."""
 ALPHA = 1 - 0.95
 """Default probability that an interval does not contain the true value."""
 
@@ -36,6 +34,11 @@ class Estimate(NamedTuple):
     low: Any = math.nan
     high: Any = math.nan
 
+    @property
+    def negated(self) -> "Estimate":
+        """The estimate of the opposite number, whose interval has the bounds exchanged."""
+        return Estimate(-self.value, -self.high, -self.low)
+
 
 def wilson_interval(k: int, n: int) -> Rate:
     """Return a rate with its 95 % Wilson score interval. Raises ValueError unless 0 <= k <= n."""
@@ -44,7 +47,13 @@ def wilson_interval(k: int, n: int) -> Rate:
 
 def clopper_pearson(k: int, n: int) -> Rate:
     """Return a rate with its exact 95 % interval. Raises ValueError unless 0 <= k <= n."""
-    return rates_with_intervals([k], [n], method="beta")[0]
+    rate = wilson_interval(k, n)
+    if not n:
+        return rate
+    from statsmodels.stats.proportion import proportion_confint  # slow to import
+
+    low, high = np.asarray(proportion_confint(k, n, ALPHA, "beta"), float).tolist()
+    return rate._replace(low=low, high=high)
 
 
 def share_of_cells(k: int, n: int) -> Rate:
@@ -55,15 +64,11 @@ def share_of_cells(k: int, n: int) -> Rate:
 
 
 def rates_with_intervals(
-    k: ArrayLike,
-    n: ArrayLike,
-    confidence: float = 0.95,
-    method: Method = "wilson",
-    half_width: float | None = None,
+    k: ArrayLike, n: ArrayLike, confidence: float = 0.95, half_width: float | None = None
 ) -> list[Rate]:
     """Return rates k[i] of n[i] with their intervals, computed in one vectorised call.
 
-    method, half_width: as of `rate_bounds`. k and n are whole numbers of one shape [m] or a number
+    half_width: as of `rate_bounds`. k and n are whole numbers of one shape [m] or a number
     each. Raises ValueError unless 0 <= k <= n and 0 < confidence < 1.
     """
     hits, trials = np.broadcast_arrays(np.atleast_1d(k).astype(int), np.atleast_1d(n).astype(int))
@@ -72,7 +77,7 @@ def rates_with_intervals(
         raise ValueError(
             f"a rate needs 0 <= k <= n, got k = {hits[outside[0]]}, n = {trials[outside[0]]}"
         )
-    low, high = rate_bounds(hits, trials, alpha_of(confidence), method, half_width)
+    low, high = rate_bounds(hits, trials, alpha_of(confidence), half_width)
     with np.errstate(invalid="ignore"):
         value = hits / trials
     columns = [column.tolist() for column in (hits, trials, value, low, high)]
@@ -81,14 +86,10 @@ def rates_with_intervals(
 
 
 def rate_bounds(
-    k: np.ndarray,
-    n: np.ndarray,
-    alpha: float = ALPHA,
-    method: Method = "wilson",
-    half_width: float | None = None,
+    k: np.ndarray, n: np.ndarray, alpha: float = ALPHA, half_width: float | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return lower and upper bounds [m] of the rates k/n, NaN if n is 0. k may be a fraction, such
-    as an expected count.
+    """Return lower and upper Wilson bounds [m] of the rates k/n, NaN if n is 0. k may be a
+    fraction, such as an expected count.
 
     `alpha`: 1 - confidence. With a `half_width`, the bounds are those of `anytime_bounds`. If k is
     0 the lower bound is 0, and if k is n the upper bound is 1.
@@ -96,16 +97,12 @@ def rate_bounds(
     with np.errstate(all="ignore"):
         if half_width is not None:
             low, high = anytime_bounds(k, n, alpha, half_width)
-        elif method == "wilson":
+        else:
             # A command that ends with a rate would wait 0.45 s for the import of statsmodels.
             z = statistics.NormalDist().inv_cdf(1 - alpha / 2)
             centre = (k + z**2 / 2) / (n + z**2)
             half = z * np.sqrt(k * (n - k) / n + z**2 / 4) / (n + z**2)
             low, high = centre - half, centre + half
-        else:
-            from statsmodels.stats.proportion import proportion_confint
-
-            low, high = proportion_confint(k, n, alpha, method)
     low = np.where(n == 0, np.nan, np.where(k == 0, 0.0, low))
     return low, np.where(n == 0, np.nan, np.where(k == n, 1.0, high))
 

@@ -63,53 +63,24 @@ class Incidence(NamedTuple):
         return Estimate(self.quantile(fraction), low, high)
 
 
-class Lead(NamedTuple):
-    """Lead time of an alarm before the harm, over all harmful runs.
-
-    lag: incidence of the alarm over the time of the alarm minus that of the harm (negative: before
-    the harm). Runs without an alarm are censored at their end. before: rate of harmful runs with an
-    alarm before the harm.
-    """
-
-    lag: Incidence
-    before: Rate
-
-    def quantile(self, fraction: float) -> Estimate:
-        """Return the lead time that this fraction of the harmful runs had or exceeded, with its
-        interval. It is negative for an alarm after the harm.
-
-        The result is NaN if fewer runs had an alarm. A bound is NaN if it is unknown.
-        """
-        # A lead is the negative of a lag.
-        lag = self.lag.quantile_interval(fraction)
-        return Estimate(-lag.value, -lag.high, -lag.low)
-
-
-def incidence_curve(delays: Delays) -> Incidence:
-    """Return the incidence over time, with a pointwise 95 % band (Greenwood, log(-log))."""
-    return _curve(delays, 0.0)
-
-
-def lead_time(lags: Delays) -> Lead:
-    """Return the lead time of an alarm before the harm.
+def rate_before(lags: Delays) -> Rate:
+    """Return the rate of harmful runs with an alarm before the harm.
 
     `lags`: alarm minus harm of all harmful runs. Runs without an alarm are censored, with the end
     of the run minus the harm. So a detector cannot look better because it misses faults.
     """
-    start = float(lags.time.min(initial=0))
-    before = int(lags.count[lags.occurred & (lags.time < 0)].sum())
-    return Lead(_curve(lags, start), wilson_interval(before, lags.n))
+    return wilson_interval(int(lags.count[lags.occurred & (lags.time < 0)].sum()), lags.n)
 
 
 def delay_quantile(
-    delay: ArrayLike, happened: ArrayLike, fraction: float, run_units: Units
+    delay: ArrayLike, happened: ArrayLike, fraction: float, run_units: Units | None
 ) -> Estimate:
     """Return the time until which `fraction` of the runs had the event, with an interval by
     resampling units.
 
     delay: time to the event or to the end of the run, perhaps negative [n]. happened: bool, the
-    event happened [n]. run_units: the units of the runs. A bound is NaN if too few resamples reach
-    the fraction, or if there are too few units.
+    event happened [n]. run_units: the units of the runs; None: nothing was drawn. A bound is NaN if
+    too few resamples reach the fraction, or for fewer than `units.MIN_UNITS` units.
     """
     times, occurred = np.asarray(delay, float), np.asarray(happened).astype(bool)
     if not len(times):
@@ -122,15 +93,25 @@ def delay_quantile(
         reached = 1 - _share_without_event(weight, occurred, order) >= fraction - 1e-9
         return np.where(reached.any(axis=1), times[order][reached.argmax(axis=1)], np.nan)
 
-    return units.statistic_band(quantiles, run_units)
+    value = float(quantiles(np.ones((1, len(times))))[0])
+    if run_units is None or run_units.count < units.MIN_UNITS:
+        return Estimate(value)
+    # Resamples that never reach the fraction (NaN) are sorted last.
+    samples = np.sort(run_units.resample_statistic(quantiles, units.RESAMPLES, 0))
+    low, high = (float(samples[round(share * len(samples))]) for share in (0.025, 0.975))
+    return Estimate(value, low, high)
 
 
-def _curve(delays: Delays, start: float) -> Incidence:
-    # Returns the share of runs with the event over time, from the time `start`, with its band. The
-    # formulas are as in scipy.stats.ecdf, which cannot use counts of equal delays.
+def incidence_curve(delays: Delays) -> Incidence:
+    """Return the incidence over time, with a pointwise 95 % band (Greenwood, log(-log)).
+
+    The incidence of lags gives the lead times of an alarm before the harm: a lead is the negative
+    of a lag, see `Estimate.negated`.
+    """
+    # The formulas are as in scipy.stats.ecdf, which cannot use counts of equal delays.
     from scipy.special import ndtri
 
-    events = int(delays.count[delays.occurred].sum())
+    events, start = int(delays.count[delays.occurred].sum()), float(delays.time.min(initial=0))
     if not events:
         zero = np.zeros(1)
         return Incidence(np.full(1, start), zero, zero, zero, 0, delays.n)

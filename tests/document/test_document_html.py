@@ -38,14 +38,8 @@ def test_one_page():
     assert '<th scope="row">jumps | all</th>\n<td>3</td>' in page
     assert "<script>alert" not in page
     assert not re.search(r'(src|href)="(?!#|data:)', page) and "@import" not in page
-
-
-def test_drawings_stand_in_the_page_and_keep_their_own_ids():
-    page = html.from_markdown(MARKDOWN, {"one.svg": DRAWING})
-    assert (
-        'aria-label="A caption &amp; more"' in page
-        and "<!DOCTYPE svg>" not in page
-        and "<metadata>" not in page
-    )
+    # Drawings are inside the page and keep their own ids.
+    assert 'aria-label="A caption &amp; more"' in page
+    assert "<!DOCTYPE svg>" not in page and "<metadata>" not in page
     assert 'id="one-a"' in page and 'xlink:href="#one-a"' in page and "url(#one-a)" in page
     assert "<p>Not there</p>" in page and "two.svg" not in page

@@ -96,12 +96,10 @@ def test_rates_and_their_differences(found):
             )
         assert (rate.first.k, rate.second.k) == (hits[0].sum(), hits[1].sum()), rate.name
         assert rate.first.n == rate.second.n == len(table)
-        wanted = paired.rate_difference(hits[1], hits[0])
+        only = (hits[1] & ~hits[0]).sum(), (hits[0] & ~hits[1]).sum()
+        wanted = paired.difference_of_counts(*only, len(table))
         np.testing.assert_allclose(rate.difference, wanted, err_msg=rate.name)
-        assert (rate.first_only, rate.second_only) == (
-            (hits[0] & ~hits[1]).sum(),
-            (hits[1] & ~hits[0]).sum(),
-        )
+        assert (rate.second_only, rate.first_only) == only
 
 
 def test_the_most_changed_runs_come_first(found):

@@ -16,7 +16,6 @@ from ravenjax.campaign.stop import decisions
 from ravenjax.errors import StoreError
 from ravenjax.outcomes.events import Rules, name_harm
 from ravenjax.report import page, wording
-from ravenjax.report.data import facts
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import tables
 from ravenjax.stats.intervals import wilson_interval
@@ -96,8 +95,8 @@ def test_windows_on_the_clock_of_the_pedal_that_never_close_are_one_fault():
     rows = FRAME.loc[[FAULTY.index[0]] * 4].reset_index(drop=True)
     rows = rows.assign(pair=range(4), pedal_down_ms=1500, halted_ms=300, fault0_start_ms=1000)
     rows = rows.assign(fault0_trigger="pedal", fault0_duration_ms=[799, 800, 900, -1])
-    distinct = facts.derive_facts(rows, facts.recorded_choices(MANIFEST))["distinct"]
-    assert distinct.tolist() == [0, 1, 1, 1]
+    distinct = Runs.of(rows, MANIFEST).table.rows('SELECT "distinct" FROM facts ORDER BY row')
+    assert distinct == [(0,), (1,), (1,), (1,)]
 
 
 def test_a_harm_of_ones_own_is_named_but_the_words_of_the_user_stay():

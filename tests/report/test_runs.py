@@ -10,7 +10,6 @@ import reacting_results as reacting
 import synthetic_results as synthetic
 
 from ravenjax.report import page
-from ravenjax.report.data import facts as run_facts
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import answers, detectors
 from ravenjax.report.sections import reaction as pairs
@@ -20,7 +19,7 @@ from ravenjax.store.folder import ResultFolder
 FRAME = synthetic.frame(3000)
 MANIFEST = synthetic.manifest(3000)
 RUNS = Runs.of(FRAME, MANIFEST)
-FACTS = run_facts.derive_facts(FRAME, run_facts.recorded_choices(MANIFEST))
+FACTS = RUNS.table.frame("SELECT * FROM facts ORDER BY row")
 
 
 def test_facts_of_a_folder_are_those_of_its_table(tmp_path):
@@ -31,10 +30,10 @@ def test_facts_of_a_folder_are_those_of_its_table(tmp_path):
     stored = schema.conform_table(
         FRAME, MANIFEST.shape
     ).to_pandas()  # in the precision of the table
-    told = run_facts.derive_facts(stored, run_facts.recorded_choices(MANIFEST))
+    told = Runs.of(stored, MANIFEST).table.frame("SELECT * FROM facts ORDER BY row")
     found = runs.table.frame("SELECT * FROM facts ORDER BY row")
     runs.close()
-    for name in told.columns.drop("run_id"):
+    for name in told:
         one, other = (part[name].astype(str).fillna("none") for part in (found, told))
         assert (one == other).all(), name
     assert list(tmp_path.glob(".query*")) == []
@@ -47,7 +46,7 @@ def test_drawn_rows_are_the_same_each_time_about_as_many_as_asked_and_fair():
     assert one["unintended"].mean() == pytest.approx(FACTS["unintended"].mean(), abs=0.05)
     assert len(RUNS.drawn("row", "true", 3000)) == 3000
     moved = RUNS.drawn("results.run_id", "unintended", 10**9)
-    assert moved["run_id"].tolist() == FACTS.loc[FACTS["unintended"], "run_id"].tolist()
+    assert moved["run_id"].tolist() == FRAME.loc[FACTS["unintended"], "run_id"].tolist()
 
 
 def test_distinct_faults_however_often_they_were_run():

@@ -15,7 +15,7 @@ from ravenjax.stats.alarms.choice import (
     unbeaten_choices,
 )
 from ravenjax.stats.alarms.false_alarms import alarm_rate
-from ravenjax.stats.comparison.paired import rate_difference
+from ravenjax.stats.comparison.paired import difference_of_counts
 
 
 def alarms(missed, count, hours):
@@ -40,7 +40,7 @@ def nested(hazards, *shares):
 def test_intervals_are_those_of_pairs_and_of_exact_rates():
     missed = nested(200, 0.05, 0.1)
     counts = alarms(missed, [3, 0], 2.0)
-    pair = rate_difference(missed[:, 1], missed[:, 0])
+    pair = difference_of_counts(10, 0, 200)
     estimate = missed_difference(counts)
     assert [part[1, 0] for part in estimate] == pytest.approx(list(pair))
     assert [part[0] for part in false_rates(counts)] == pytest.approx(list(alarm_rate(3, 2.0)[2:]))

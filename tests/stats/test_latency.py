@@ -24,11 +24,11 @@ def incidence(delay, came):
     )
 
 
-def lead_time(alarm, harm, end):
+def lag_delays(alarm, harm, end):
     alarm, harm = np.asarray(alarm), np.asarray(harm)
     harmed, came = ~np.isnan(harm), ~np.isnan(alarm)
     lag = np.where(came, alarm, end)[harmed] - harm[harmed]
-    return latency.lead_time(Delays(lag, came[harmed], np.ones(len(lag), int)))
+    return Delays(lag, came[harmed], np.ones(len(lag), int))
 
 
 def test_textbook_median_interval():
@@ -43,17 +43,13 @@ def test_lead_by_hand():
     #        early  late  never  no harm  at once
     alarm = [10.0, 60.0, nan, 5.0, 30.0]
     harm = [40.0, 50.0, 20.0, nan, 30.0]
-    lead = lead_time(alarm, harm, 100)
-    assert (lead.lag.n, lead.lag.events) == (4, 3) and lead.before == wilson_interval(1, 4)
-    assert lead.lag.time.tolist() == [-30, -30, 0, 10, 80][: len(lead.lag.time)]
-    assert (
-        lead.quantile(0.25).value == 30
-        and lead.quantile(0.5).value == 0
-        and lead.quantile(0.75).value == -10
-    )
-    assert np.isnan(
-        lead.quantile(0.9).value
-    )  # a quarter never had an alarm while they were watched
+    delays = lag_delays(alarm, harm, 100)
+    lags = latency.incidence_curve(delays)
+    assert (lags.n, lags.events) == (4, 3) and latency.rate_before(delays) == wilson_interval(1, 4)
+    assert lags.time.tolist() == [-30, -30, 0, 10, 80]
+    assert [lags.quantile(share) for share in (0.25, 0.5, 0.75)] == [-30, 0, 10]
+    # A quarter never had an alarm while they were watched.
+    assert np.isnan(lags.quantile(0.9))
 
 
 def test_lead_of_a_detector_that_misses_is_not_flattered():
@@ -61,9 +57,13 @@ def test_lead_of_a_detector_that_misses_is_not_flattered():
     harm = random.uniform(200, 400, 4000)
     alarm = harm - random.normal(20, 30, 4000)
     missed = random.random(4000) < 0.3
-    lead = lead_time(np.where(missed | (alarm > 500), np.nan, alarm), harm, 500)
-    assert lead.before.value == pytest.approx(0.7 * 0.7475, abs=0.025)  # Phi(20 / 30) = 0.7475
-    known = lead.quantile(0.35)  # half of those that alarm
+    delays = lag_delays(np.where(missed | (alarm > 500), np.nan, alarm), harm, 500)
+    assert latency.rate_before(delays).value == pytest.approx(
+        0.7 * 0.7475, abs=0.025
+    )  # Phi(20 / 30) = 0.7475
+    known = (
+        latency.incidence_curve(delays).quantile_interval(0.35).negated
+    )  # half of those that alarm
     assert known.value == pytest.approx(20, abs=4) and known.low < 20 < known.high
 
 
@@ -91,5 +91,4 @@ def test_counted_delays_give_the_curve_of_scipy(runs):
 
 def test_without_runs():
     assert latency.incidence_curve(latency.NO_DELAYS).n == 0
-    assert latency.lead_time(latency.NO_DELAYS).lag.n == 0
     assert np.isnan(latency.incidence_curve(latency.NO_DELAYS).quantile(0.5))

@@ -14,7 +14,7 @@ from sklearn.metrics import (
     roc_curve,
 )
 
-from ravenjax.stats.alarms.roc import precision_recall_band, roc_band
+from ravenjax.stats.alarms.roc import curve_bands
 
 SEPARATION = 1.2
 AUC = norm.cdf(SEPARATION / math.sqrt(2))
@@ -31,11 +31,10 @@ def test_bands_start_from_scikit_learns_values():
     score = score.round(1)  # ties
     score[:9] = -np.inf
     places = np.unique(score, return_inverse=True)[1]
-    band = roc_band(score, positive, np.arange(300), resamples=50)
+    band, pr = curve_bands(score, positive, np.arange(300), resamples=50)
     assert band.area.value == pytest.approx(roc_auc_score(positive, places))
     fpr, tpr, _ = roc_curve(positive, places)
     assert band.curve.value == pytest.approx(np.interp(band.grid, fpr, tpr))
-    pr = precision_recall_band(score, positive, np.arange(300), resamples=50)
     assert pr.area.value == pytest.approx(average_precision_score(positive, places))
     precision, recall, _ = precision_recall_curve(positive, places)
     for x, y in zip(pr.grid, pr.curve.value, strict=True):
@@ -45,7 +44,7 @@ def test_bands_start_from_scikit_learns_values():
 @pytest.mark.slow
 def test_coverage_of_the_auc_band():
     bands = [
-        roc_band(*normals(150, seed), np.arange(150), resamples=150, seed=seed)
+        curve_bands(*normals(150, seed), np.arange(150), resamples=150, seed=seed)[0]
         for seed in range(100)
     ]
     inside = np.mean([band.area.low <= AUC <= band.area.high for band in bands])
@@ -56,13 +55,14 @@ def test_coverage_of_the_auc_band():
 
 def test_repeated_runs_do_not_narrow_the_band():
     score, positive = normals(100, 2)
-    once = roc_band(score, positive, np.arange(100), seed=1)
-    often = roc_band(np.tile(score, 8), np.tile(positive, 8), np.tile(np.arange(100), 8), seed=1)
+    once, _ = curve_bands(score, positive, np.arange(100), seed=1)
+    copies = np.tile(score, 8), np.tile(positive, 8)
+    often, _ = curve_bands(*copies, np.tile(np.arange(100), 8), seed=1)
     assert often.area == pytest.approx(once.area)
-    as_if_new = roc_band(np.tile(score, 8), np.tile(positive, 8), np.arange(800), seed=1)
+    as_if_new, _ = curve_bands(*copies, np.arange(800), seed=1)
     assert as_if_new.area.high - as_if_new.area.low < 0.5 * (once.area.high - once.area.low)
 
 
 def test_bad_scores_are_refused():
     with pytest.raises(ValueError, match="1 scores are NaN"):
-        roc_band([np.nan, 1], [True, False], np.arange(2))
+        curve_bands([np.nan, 1], [True, False], np.arange(2))

@@ -86,8 +86,6 @@ def test_a_ratio_is_one_of_sums():
     above, below = np.arange(16.0), np.full(16, 2.0)
     band = units.ratio_band(above, below, unit, seed=3)
     assert band.value == pytest.approx(120 / 32) and band.low < band.value < band.high
-    mean = units.statistic_band(lambda weight: weight @ above / (weight @ below), unit, seed=3)
-    assert mean == pytest.approx((band.value, band.low, band.high), abs=0.05)
 
 
 def test_quantiles_of_delays_are_those_of_kaplan_and_meier():
@@ -117,7 +115,7 @@ def test_one_row_a_unit_is_mcnemars_exact_test():
     for share in (0.5, 0.4, 0.1):
         first, second = random.random(50) < 0.5, random.random(50) < share
         assert exchange_p(first, second, np.arange(50)) == pytest.approx(
-            mcnemar_test(first, second)
+            mcnemar_test(int((first & ~second).sum()), int((second & ~first).sum()))
         )
     assert math.isnan(exchange_p(first, first, np.arange(50)))
 

@@ -57,7 +57,7 @@ class FaultActions(NamedTuple):
 class Actor(PlannedCampaign):
     """Runs faults of a campaign again, each with an action."""
 
-    def __init__(self, config: CampaignConfig, engine: str = "auto"):
+    def __init__(self, config: CampaignConfig, engine: str):
         """Raise UserError if the campaign, its robot or the engine does not support actions."""
         part = config.robot.part("campaign")
         if not hasattr(part, "acted"):
@@ -178,10 +178,7 @@ class Actor(PlannedCampaign):
 
 
 def find_deadlines(
-    folder: Path,
-    engine: str = "auto",
-    group: str | None = None,
-    report: Callable[[str], None] = lambda text: None,
+    folder: Path, engine: str, group: str | None, report: Callable[[str], None]
 ) -> pd.DataFrame:
     """Return the deadlines of the harmful faults of a result folder, as `read_deadlines` does.
 

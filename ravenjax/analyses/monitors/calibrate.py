@@ -67,8 +67,8 @@ class Request:
 def calibrate_monitor(
     request: Request,
     out: Path,
-    hours: float | None = None,
-    engine: str = "auto",
+    hours: float | None,
+    engine: str,
     on_operator: OnOperator = lambda *_: None,
 ) -> Calibrated:
     """Simulate fault-free operations, calibrate the monitor, and write both into the folder `out`.

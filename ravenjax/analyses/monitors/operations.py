@@ -24,8 +24,7 @@ from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.inspection.fault_free import fault_free_tables
 from ravenjax.campaign.loading import validate_tables
 from ravenjax.campaign.plan import Plan
-from ravenjax.engines import selection
-from ravenjax.engines.interface import NO_REFERENCE, Block, Engine, Kernel, TickProgram
+from ravenjax.engines.interface import NO_REFERENCE, Block, Kernel, TickProgram
 from ravenjax.errors import UserError, describe_unknown_name
 from ravenjax.report import wording
 from ravenjax.store.access import fault_free
@@ -120,15 +119,13 @@ def require_runnable(config: CampaignConfig, design: OperationDesign) -> None:
 class OperationRunner:
     """Computes operations of a campaign. The code is compiled once."""
 
-    def __init__(self, config: CampaignConfig, design: OperationDesign, engine: str = "auto"):
+    def __init__(self, config: CampaignConfig, design: OperationDesign, engine: str):
         """Choose an engine. Raise UserError for a campaign that cannot run without faults."""
         require_runnable(config, design)
-        compile_cache.enable_cache()
         self.config, self.design = fault_free_campaign(config, design), design
         self._first = plan.make_plan(campaign_of_operator(self.config, design, 0))
-        self._engine: Engine = selection.select_engine(
-            engine, self._first.program.setup.precision, compile_cache.object_cache()
-        )
+        precision = self._first.program.setup.precision
+        self._engine = compile_cache.cached_engine(engine, precision)
         self.engine = f"{self._engine.name} on {self._engine.device}"
         self.detectors = tuple(name for name, *_ in config.detectors)
         self._thread_data, self._compile_lock = threading.local(), threading.Lock()

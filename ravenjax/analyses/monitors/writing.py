@@ -17,11 +17,9 @@ from ravenjax.analyses.monitors.calibration import Calibrated
 from ravenjax.analyses.monitors.monitor import Monitor, Segments, input_expressions
 from ravenjax.analyses.monitors.operations import OperationDesign
 from ravenjax.analyses.monitors.scores import Score
-from ravenjax.campaign import compile_cache, plan
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.campaign.inspection.replay import LANES
+from ravenjax.campaign.inspection.replay import PlannedCampaign
 from ravenjax.campaign.loading import validate_tables
-from ravenjax.engines import selection
 from ravenjax.engines.interface import Block
 from ravenjax.errors import StoreError
 from ravenjax.report import wording
@@ -53,7 +51,7 @@ def write_monitor(
         DETECTOR: "# Copy this table into a campaign. `file` is relative to its folder.\n"
         + tomlkit.dumps({"detector": [detector]}),
         **code.write_c(monitor, notes),
-        VECTOR: _csv(compute_test_vector(config, monitor, design.seed, ENGINE)),
+        VECTOR: _csv(compute_test_vector(config, monitor, design.seed)),
         REFERENCE: _csv(_reference(operations, monitor)),
     }
     for name, text in texts.items():
@@ -167,34 +165,29 @@ FAULT = {
 """Fault of the test vector, for a robot with this site. It is large enough to cause an alarm."""
 
 
-def compute_test_vector(
-    config: CampaignConfig, monitor: Monitor, seed: int, engine: str
-) -> pd.DataFrame:
+def compute_test_vector(config: CampaignConfig, monitor: Monitor, seed: int) -> pd.DataFrame:
     """Return a monitor's inputs and scores in each millisecond of a run, to test its C code.
 
     The table has one row per millisecond of the first arm of `config`'s robot. Columns: ms, live,
     the monitor's inputs, score (0 while not live), alarm. The run has a fault if the robot has the
     site of FAULT.
     """
-    compile_cache.enable_cache()
     with TemporaryDirectory() as folder, consent.given_for(Path(folder)):
         file = Path(folder) / "monitor.py"
         text = code.write_part(monitor.terms, monitor.segments, monitor.scales, stores_inputs=True)
         file.write_text(text, encoding="utf-8")
-        ready = plan.make_plan(_test_vector_campaign(config, monitor, seed, file))
-        program: Any = ready.program
-        tracer = selection.select_engine(
-            engine, program.setup.precision, compile_cache.object_cache()
-        ).tracer(program, LANES)
-        golden = Block(*ready.lanes([0], LANES, harmless=True), None)
-        faulty = Block(*ready.lanes([0], LANES, harmless=False), None)
-        *_, signals = tracer.run(golden, faulty, ready.columns)
+        planned = PlannedCampaign(_test_vector_campaign(config, monitor, seed, file), ENGINE)
+        program: Any = planned.plan.program
+        golden = Block(*planned.plan.lanes([0], 1, harmless=True), None)
+        faulty = Block(*planned.plan.lanes([0], 1), None)
+        tracer = planned.backend.tracer(program, 1)
+        *_, signals = tracer.run(golden, faulty, planned.plan.columns)
     signals = program.loop.name_signals(program.setup, signals)
     # The campaign has one arm and one detector, whose file stores its inputs in its state.
     detectors = signals["detectors"]
     detector_state = detectors.own[0][0]
     score = np.asarray(detectors.detectors[0].recent[0], np.float32)
-    armed_after = ready.program.params.detectors.armed_after
+    armed_after = program.params.detectors.armed_after
     live = np.asarray(signals["live"]).astype(bool) & (np.arange(len(score)) >= armed_after)
     inputs = {
         name: np.asarray(getattr(detector_state, f"read_{name}"), np.float32)

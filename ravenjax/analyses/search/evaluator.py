@@ -26,8 +26,6 @@ from ravenjax.campaign.executors.protocol import finish_chunk
 from ravenjax.campaign.faults import design, run_id, table
 from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress import OnProgress, Progress
-from ravenjax.engines import selection
-from ravenjax.engines.interface import Kernel
 from ravenjax.errors import UserError
 from ravenjax.store import parts, schema
 
@@ -50,7 +48,6 @@ class Evaluator:
         `margins`: True computes the distance of a number from its limit instead of 0 or 1. Raise
         UserError for outcomes that the campaign does not have.
         """
-        compile_cache.enable_cache()
         self.template, self.wanted = template, tuple(wanted)
         self._computes_margins = margins
         # One run per case: settings that select code are equal for all points.
@@ -60,14 +57,12 @@ class Evaluator:
         if complaints:
             source = f"{template.config.source}: " if template.config.source is not None else ""
             raise UserError("\n".join(f"{source}search: {complaint}" for complaint in complaints))
-        self.engine = selection.select_engine(
-            engine, self._plan.program.setup.precision, compile_cache.object_cache()
-        )
+        precision = self._plan.program.setup.precision
+        self.engine = compile_cache.cached_engine(engine, precision)
         self.batches = 0
         self.progress = self._progress(1, None, 0, ())
         self._journal: Journal | None = None
         self._computation: Computation | None = None
-        self._kernel: Kernel | None = None
         self._tables: list[pa.Table] = []
         # Ids of all computed runs, in the order of the tables' rows, and their outcomes.
         self._computed = pd.Index(np.zeros(0, np.uint64))
@@ -188,13 +183,12 @@ class Evaluator:
 
     def _computation_of(self, ready: Plan) -> Computation:
         """Return the computation for a plan. It is compiled for the first plan and then reused."""
-        if self._computation is None or self._kernel is None:
+        if self._computation is None:
             self._computation = Computation(ready, self.engine, self.progress)
-            self._kernel = self._computation.kernel
             self._computation.compile()
+        computation = self._computation.of(ready)
         # Blocks with fewer runs distribute a small batch over all threads.
-        runs_per_thread = math.ceil(ready.runs / self._computation.threads)
-        kernel = copy.copy(self._kernel)
+        runs_per_thread = math.ceil(ready.runs / computation.threads)
+        kernel = computation.kernel = copy.copy(computation.kernel)
         kernel.lanes = min(kernel.lanes, kernel.size(min(runs_per_thread, kernel.lanes)))
-        self._computation.plan, self._computation.kernel = ready, kernel
-        return self._computation
+        return computation

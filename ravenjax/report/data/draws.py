@@ -28,15 +28,15 @@ def _has_drawn_fault(group: Mapping[str, Any]) -> bool:
     # Returns whether a value of a fault, or its effect, is drawn at random, or set for each run.
     if group.get("run"):
         return False
-    samples_lists, faults = group.get("design") in SAMPLED, group.get("fault", ())
-    if any(_is_random(fault.get("effect", "")) for fault in faults):
-        return True
-    return any(_is_drawn(value, samples_lists) for fault in faults for value in fault.values())
-
-
-def _is_random(effect) -> bool:
-    """Return whether an effect, or every effect of a list, draws random numbers in each run."""
-    return all(word in RANDOM for word in ([effect] if isinstance(effect, str) else effect))
+    samples_lists = group.get("design") in SAMPLED
+    for fault in group.get("fault", ()):
+        effect = fault.get("effect", "")
+        # The effect, or every effect of a list, draws random numbers in each run.
+        if all(word in RANDOM for word in ([effect] if isinstance(effect, str) else effect)):
+            return True
+        if any(_is_drawn(value, samples_lists) for value in fault.values()):
+            return True
+    return False
 
 
 def _is_drawn(value, samples_lists: bool) -> bool:

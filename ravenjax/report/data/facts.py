@@ -1,7 +1,7 @@
 """Computes facts about each run, such as whether its fault evaded, by SQL from the result table.
 
 With SQL, the table may be larger than the memory. `define_facts` creates the table `facts` in a
-database connection that contains results. `derive_facts` returns the same facts for a DataFrame.
+database connection that contains results.
 """
 
 from collections.abc import Mapping, Sequence
@@ -38,9 +38,9 @@ FACTS = "facts"
 class Choices(NamedTuple):
     """Choices of a campaign that affect how its runs are judged."""
 
-    rules: Rules = Rules()  # rules that define the outcomes
+    rules: Rules  # rules that define the outcomes
     # Operator's action at a cue, an index into ACTIONS, for runs whose parameters do not set it.
-    action: int = 0
+    action: int
     robot: Robot = robots.USUAL
     end_ms: int = 3_600_000  # length of each run
 
@@ -56,23 +56,6 @@ def recorded_choices(manifest: Manifest) -> Choices:
     )
 
 
-def derive_facts(frame: pd.DataFrame, chosen: Choices) -> pd.DataFrame:
-    """Return the facts of a result table in memory, one row per run, with the index of `frame`.
-
-    Columns are those of `define_facts`, and run_id.
-    """
-    with query.open_empty() as table:
-        register_table(table, frame.loc[:, needed_columns(list(frame), chosen)])
-        define_facts(table, chosen)
-        facts = table.frame(f"SELECT * EXCLUDE row FROM {FACTS} ORDER BY row")
-    words = ("response", "hazard", "outcome", "site", "layer", "block")
-    facts = facts.astype({name: "str" for name in words if name in facts})
-    facts.index = frame.index
-    facts.insert(0, "run_id", frame["run_id"])
-    facts["group"] = facts["group"].astype("category")
-    return facts
-
-
 def register_table(table: ResultTable, frame: pd.DataFrame) -> None:
     """Register a DataFrame as the result table of a connection."""
     columns = {}
@@ -83,18 +66,6 @@ def register_table(table: ResultTable, frame: pd.DataFrame) -> None:
         columns[name] = pa.array(values, from_pandas=not is_float)
     table.register("given", pa.table({"row": np.arange(len(frame), dtype=np.int32), **columns}))
     table.run(f"CREATE VIEW {RESULTS} AS SELECT * FROM given")
-
-
-def needed_columns(names: Sequence[str], chosen: Choices) -> list[str]:
-    """Return the columns of a result table that `define_facts` reads."""
-    cue, jump = f"cue{chosen.rules.cue}_first_ms", chosen.rules.jump
-    plain = (
-        "run_id group operator pair failed activated first_active_ms response response_ms told_ms"
-        " pedal_down_ms halted_ms"
-    )
-    hazards = ("hazard", "unintended_first_ms", "loss_first_ms", "false_report_first_ms")
-    needed = {*plain.split(), *hazards, cue, f"golden_{cue}", jump}
-    return [name for name in names if name in needed or name.startswith(("fault", "param:"))]
 
 
 def define_facts(table: ResultTable, chosen: Choices, more: Mapping[str, str] = {}) -> bool:

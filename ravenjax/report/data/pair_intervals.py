@@ -55,10 +55,12 @@ def compare_rates(after: np.ndarray, before: np.ndarray, among: Units | None) ->
     Price's. Otherwise faults are resampled.
     """
     difference = after.astype(float) - before
+    lost, gained = int((before & ~after).sum()), int((after & ~before).sum())
     if among is None:
         change, p = Estimate(_mean(difference)), math.nan
     elif among.count == len(after):
-        change, p = paired.rate_difference(after, before), paired.mcnemar_test(after, before)
+        change = paired.difference_of_counts(gained, lost, len(after))
+        p = paired.mcnemar_test(gained, lost)
     else:
         p = paired.exchange_p(after, before, among.unit)
         unchanged = not difference.any() and among.count >= units.MIN_UNITS
@@ -67,7 +69,6 @@ def compare_rates(after: np.ndarray, before: np.ndarray, among: Units | None) ->
             if unchanged
             else _resampled(difference, among)
         )
-    lost, gained = int((before & ~after).sum()), int((after & ~before).sum())
     return PairedRates(pair_rate(before, among), pair_rate(after, among), change, lost, gained, p)
 
 

@@ -28,6 +28,8 @@ from ravenjax.store.manifest import Manifest
 
 UNINTENDED = "sample AND faulty AND unintended"
 """SQL condition of the runs whose times are reported: unintended motions, one run of each fault."""
+HARMFUL_EVADING = "sample AND faulty AND evaded AND unintended_ms >= 0"
+"""SQL condition of the runs of evading faults whose motion is unintended, one run of each fault."""
 TIP_ERROR = "tip_error"
 """Kind of the detector of the distance between reported tip and nominal model, in mm."""
 

@@ -36,7 +36,7 @@ class WorstRun(NamedTuple):
     value: float  # in the ranking's unit
 
 
-def worst_runs(folder: Path, count: int, by: str = "unintended") -> list[WorstRun]:
+def worst_runs(folder: Path, count: int, by: str) -> list[WorstRun]:
     """Return the `count` worst valid runs with a fault, worst first, or fewer.
 
     Raises UserError for an unknown ranking or a number below 1; errors of `query.open_folder`.

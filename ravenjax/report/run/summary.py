@@ -29,7 +29,7 @@ class RunEvent(NamedTuple):
     tick: int  # ms since the run began
     kind: str  # one of _ORDER
     text: str
-    level: str = "info"  # debug (as in the golden run), info, warn or error
+    level: str  # debug (as in the golden run), info, warn or error
 
 
 class RunSummary(NamedTuple):

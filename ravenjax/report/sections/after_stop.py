@@ -37,7 +37,7 @@ def stop_rows(runs: Runs) -> list[StopRow]:
     )
     if len(causes) == 1:
         return [causes[0]._replace(cause=f"{ALL}: {causes[0].cause}")]
-    return [*(row._replace(cause=ALL) for row in _count_stops(runs, "''")), *causes]
+    return [*_count_stops(runs, f"'{ALL}'"), *causes]
 
 
 def _count_stops(runs: Runs, by: str) -> list[StopRow]:

@@ -113,7 +113,7 @@ def class_rows(runs: Runs, kind: str = "") -> list[ClassRow]:
     rows = []
     for name, groups, n, *hits, mm, not_live, farthest in tables.class_counts(runs, by, columns):
         half_ms = latency.incidence_curve(delays.get(name, NO_DELAYS)).quantile_interval(0.5)
-        before = latency.lead_time(lags.get(name, NO_DELAYS)).before
+        before = latency.rate_before(lags.get(name, NO_DELAYS))
         if not runs.sampled(groups):
             half_ms, before = tables.without_interval(half_ms), tables.without_interval(before)
         evaded, unintended, loss = (tables.fault_share(runs, k, n, groups) for k in hits)

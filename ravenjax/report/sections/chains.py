@@ -14,12 +14,11 @@ from ravenjax.errors import StoreError
 from ravenjax.report import wording
 from ravenjax.report.data import pair_intervals
 from ravenjax.report.data.facts import FACTS
-from ravenjax.report.data.runs import Runs
+from ravenjax.report.data.runs import HARMFUL_EVADING, Runs
 from ravenjax.report.drawing import save_panels
 from ravenjax.report.run import chain, chain_words
 from ravenjax.report.sections import robots
 from ravenjax.stats import latency
-from ravenjax.stats.bootstrap import units
 from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.store.access import explained
 from ravenjax.store.access.query import RESULTS
@@ -142,9 +141,6 @@ def _explain_worst_runs(runs: Runs, ticks: pd.DataFrame):
     return worst
 
 
-HARMFUL_EVADING = "sample AND faulty AND evaded AND unintended_ms >= 0"
-
-
 class Carrier(NamedTuple):
     """One seam, over the runs of a `Propagation`."""
 
@@ -203,10 +199,8 @@ def summarize_chains(runs: Runs, ticks: pd.DataFrame) -> Propagation:
     def median(values: np.ndarray):
         """Return the median of the values above 0."""
         positive = values > 0
-        times, is_observed = values[positive], np.ones(int(positive.sum()), bool)
-        one_unit = units.group_units(np.zeros(len(times), int))
-        times_drawn = one_unit if drawn is None else drawn.where(positive)
-        return latency.delay_quantile(times, is_observed, 0.5, times_drawn)
+        times_drawn = None if drawn is None else drawn.where(positive)
+        return latency.delay_quantile(values[positive], positive[positive], 0.5, times_drawn)
 
     harm = faults["harm"].to_numpy(np.int64)
     seams = _join_arms(rows, runs.manifest)

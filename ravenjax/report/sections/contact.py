@@ -35,7 +35,7 @@ def contact_rows(runs: Runs) -> list[ContactRow]:
     groups = _rows_by(runs, f'{FACTS}."group"::VARCHAR')
     if len(groups) == 1:
         return groups
-    return [*(row._replace(group=ALL_FAULTS) for row in _rows_by(runs, "''")), *groups]
+    return [*_rows_by(runs, f"'{ALL_FAULTS}'"), *groups]
 
 
 def _rows_by(runs: Runs, by: str) -> list[ContactRow]:

@@ -14,7 +14,6 @@ from ravenjax.report.data import pair_intervals
 from ravenjax.report.data.runs import UNINTENDED, Runs
 from ravenjax.report.sections import robots
 from ravenjax.stats import latency
-from ravenjax.stats.bootstrap import units
 from ravenjax.stats.bootstrap.units import Units
 from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.store.access import explained
@@ -80,7 +79,7 @@ def summarize_deadlines(runs: Runs, table: pd.DataFrame) -> DeadlineSummary:
     drawn, noun = robots.drawn_units(runs, by_run)
     # The median time is the negative of the latest negative time.
     visible = _latest_time(-by_run["visible_ms"].fillna(np.inf).to_numpy(), HALF, drawn)
-    return DeadlineSummary(len(by_run), len(faults) - len(by_run), noun, _negate(visible), rows)
+    return DeadlineSummary(len(by_run), len(faults) - len(by_run), noun, visible.negated, rows)
 
 
 def _summarize(runs: Runs, kind: str, name: str, action: str, rows: pd.DataFrame) -> DeadlineRow:
@@ -108,13 +107,7 @@ def _summarize(runs: Runs, kind: str, name: str, action: str, rows: pd.DataFrame
 
 def _latest_time(values: np.ndarray, share: float, drawn: Units | None) -> Estimate:
     """Return the largest number that a share of the `values` reaches or exceeds; NaN if -inf."""
-    unit = units.group_units(np.zeros(len(values), int)) if drawn is None else drawn
-    return _negate(latency.delay_quantile(-values, np.isfinite(values), share, unit))
-
-
-def _negate(estimate: Estimate) -> Estimate:
-    # Returns the estimate of the opposite number, whose interval has the bounds exchanged.
-    return Estimate(-estimate.value, -estimate.high, -estimate.low)
+    return latency.delay_quantile(-values, np.isfinite(values), share, drawn).negated
 
 
 def deadline_sentences(summary: DeadlineSummary) -> list[str]:

@@ -36,8 +36,12 @@ MOST_THRESHOLDS = 12
 HEIGHT = 340  # px, of a chart
 DRAWN = 6
 """Number of curves that are visible at first, those with the largest areas."""
-CAUGHT, DISTURBED = "share of unintended motions with an alarm", "share of other runs with an alarm"
-TELLING = "share of alarms with an unintended motion"
+CAUGHT = "share of unintended motions with an alarm"
+CHARTS = {
+    "roc": ("Recall and false positives", "share of other runs with an alarm", CAUGHT),
+    "recall": ("Precision and recall", CAUGHT, "share of alarms with an unintended motion"),
+}
+"""Title and axes of each chart, by the field of `DetectorRow` with its curves."""
 
 
 class DetectorThreshold(NamedTuple):
@@ -165,7 +169,7 @@ def _shown(alarms: list[ThresholdAlarms]) -> list[ThresholdAlarms]:
 def _bands(runs: Runs, number: int):
     # Returns bootstrap bands of the ROC curve and the precision-recall curve of a detector; (None,
     # None) if all runs have the same outcome, or all have the same fault.
-    from ravenjax.stats.alarms.roc import precision_recall_band, roc_band
+    from ravenjax.stats.alarms.roc import curve_bands
 
     score = f"detector{number}_score"
     sample = runs.drawn(f'{score} AS score, unintended, "distinct" AS cell', SCORED, MOST_DRAWN)
@@ -173,29 +177,14 @@ def _bands(runs: Runs, number: int):
     if min(len(np.unique(unintended)), len(np.unique(cell))) < 2:
         return None, None
     resamples = int(np.clip(DRAWS // len(values), 100, 400))
-    roc = roc_band(values, unintended, cell, grid=GRID, resamples=resamples)
-    recall = precision_recall_band(values, unintended, cell, grid=GRID[1:], resamples=resamples)
-    return (roc, recall) if runs.sampled() else (_without_band(roc), _without_band(recall))
+    bands = curve_bands(values, unintended, cell, grid=GRID, resamples=resamples)
+    if runs.sampled():
+        return bands
+    return [CurveBand(x, *map(tables.without_interval, estimates)) for x, *estimates in bands]
 
 
-def _without_band(band: CurveBand) -> CurveBand:
-    curve, area = tables.without_interval(band.curve), tables.without_interval(band.area)
-    return CurveBand(band.grid, curve, area)
-
-
-def roc_chart(rows: Sequence[DetectorRow]) -> Chart | None:
-    """Return a chart of recall over alarms in other runs; None if no detector has a curve."""
-    return _chart("Recall and false positives", rows, "roc", DISTURBED, CAUGHT)
-
-
-def precision_recall_chart(rows: Sequence[DetectorRow]) -> Chart | None:
-    """Return a chart of precision over recall."""
-    return _chart("Precision and recall", rows, "recall", CAUGHT, TELLING)
-
-
-def _chart(
-    title: str, rows: Sequence[DetectorRow], kind: str, x_title: str, y_title: str
-) -> Chart | None:
+def curve_chart(rows: Sequence[DetectorRow], kind: str) -> Chart | None:
+    """Return the chart of this kind, see CHARTS; None if no detector has a curve."""
     bands = [getattr(row, kind) for row in rows]
     areas = {number: band.area.value for number, band in enumerate(bands) if band is not None}
     if not areas:
@@ -223,7 +212,8 @@ def _chart(
             tips = tuple(row.name + ("" if np.isnan(x) else f" at {x:g}") for x in numbers)
             dots = Dots(name, colour, np.array(x), np.array(y), size=size, tips=tips)
             marks.append(dataclasses.replace(dots, diamond=band is None, visible=visible))
-    x_axis, y_axis = (ChartAxis(words, 0.0, 1.0, share=True) for words in (x_title, y_title))
+    title, *axes = CHARTS[kind]
+    x_axis, y_axis = (ChartAxis(words, 0.0, 1.0, share=True) for words in axes)
     return Chart(title, x_axis, y_axis, tuple(marks), HEIGHT)
 
 
@@ -234,8 +224,8 @@ def _content(runs: Runs, _: Path):
     return {
         "detectors": detectors,
         "curve_runs": curve_runs(runs),
-        "roc": roc_chart(detectors),
-        "precision_recall": precision_recall_chart(detectors),
+        "roc": curve_chart(detectors, "roc"),
+        "precision_recall": curve_chart(detectors, "recall"),
     }
 
 

@@ -36,13 +36,12 @@ class RobotRate(NamedTuple):
 
 def robot_rates(runs: Runs) -> list[RobotRate]:
     """Return the rate of each outcome, over one run of each fault and robot."""
-    robots = drawn_robot_columns(runs)
-    if not robots:
+    robot = robot_sql(runs)
+    if not robot:
         return []
     questions = resources.read_tables(__file__, "robots.toml")
     if not runs.manifest.cues:
         del questions["has the cue before the unintended motion"]
-    robot = f"hash({', '.join(map(quote_name, robots))})"
     result = []
     # condition: SQL for the faults that a question is about; hit: SQL for those with its outcome.
     for name, (condition, hit) in questions.items():
@@ -52,13 +51,14 @@ def robot_rates(runs: Runs) -> list[RobotRate]:
         )
         if sum(n for _, n in rows) >= MIN_FAULTS:
             per_unit = one_unit.rate_per_unit([k for k, _ in rows], [n for _, n in rows])
-            result.append(RobotRate(name, per_unit.rate, per_unit.units, per_unit.deviation))
+            result.append(RobotRate(name, *per_unit))
     return result
 
 
-def drawn_robot_columns(runs: Runs) -> list[str]:
-    """Return the columns of the parameters that were drawn together, as one robot."""
-    return [name for name in robot_columns(runs.manifest.config) if name in runs.names]
+def robot_sql(runs: Runs) -> str:
+    """Return SQL for a number of the robot of a run; "" unless robots were drawn whole."""
+    names = [name for name in robot_columns(runs.manifest.config) if name in runs.names]
+    return f"hash({', '.join(map(quote_name, names))})" if names else ""
 
 
 def faults_with_units(runs: Runs, columns: str, where: str) -> pd.DataFrame:
@@ -66,18 +66,17 @@ def faults_with_units(runs: Runs, columns: str, where: str) -> pd.DataFrame:
 
     A unit is a robot if robots were drawn whole, otherwise a row.
     """
-    robot_parameters = drawn_robot_columns(runs)
-    unit = f"hash({', '.join(map(quote_name, robot_parameters))})" if robot_parameters else "row"
+    robot = robot_sql(runs) or "row"
     return runs.table.frame(
         f'SELECT row, "group"::VARCHAR AS "group", {columns}, unit FROM {FACTS} JOIN (SELECT row,'
-        f" {unit} AS unit FROM {RESULTS}) USING (row) WHERE {where} ORDER BY row"
+        f" {robot} AS unit FROM {RESULTS}) USING (row) WHERE {where} ORDER BY row"
     )
 
 
 def drawn_units(runs: Runs, faults: pd.DataFrame) -> tuple[Units | None, str]:
     """Return the units of rows of `faults_with_units`, and "faults" or "robots"; or None and ""."""
     unit, group = faults["unit"].to_numpy(), faults["group"].to_numpy()
-    if drawn_robot_columns(runs):
+    if robot_sql(runs):
         # Robots were drawn as a whole, and each group has the same robots.
         return units.group_units(unit), "robots"
     if len(faults) and runs.sampled(set(group)):

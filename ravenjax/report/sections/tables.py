@@ -94,11 +94,12 @@ def event_times(runs: Runs, event: str, where: str = UNINTENDED) -> EventTimes:
     delay, lag = (
         runs.delays(event, start, runs.end, where)[""] for start in ("active_ms", "unintended_ms")
     )
-    delays, lead = latency.incidence_curve(delay), latency.lead_time(lag)
-    times = delays.quantile_interval(0.5), lead.before, lead.quantile(0.5)
+    delays, lags = latency.incidence_curve(delay), latency.incidence_curve(lag)
+    lead_ms = lags.quantile_interval(0.5).negated
+    times = delays.quantile_interval(0.5), latency.rate_before(lag), lead_ms
     if not runs.sampled():
         times = without_interval(times[0]), without_interval(times[1]), without_interval(times[2])
-    return EventTimes(delays, *times, lead.lag.events)
+    return EventTimes(delays, *times, lags.events)
 
 
 def headline_counts(runs: Runs, manifest: Manifest) -> Row:

@@ -5,7 +5,6 @@ A run has an alarm at a threshold if its score is at least the threshold. A scor
 gives an alarm. Labels are bool: True for a run that should have an alarm.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +24,7 @@ class CurveBand(NamedTuple):
     area: Estimate  # AUC or average precision
 
 
-def roc_band(
+def curve_bands(
     score: ArrayLike,
     positive: ArrayLike,
     cluster: ArrayLike,
@@ -33,61 +32,15 @@ def roc_band(
     grid: np.ndarray = GRID,
     resamples: int = 1000,
     seed: int = 0,
-) -> CurveBand:
-    """Return tpr at each fpr of `grid`, and AUC, with 95 % bands that resample clusters.
+) -> tuple[CurveBand, CurveBand]:
+    """Return the ROC curve and the precision-recall curve, with 95 % bands that resample clusters.
 
-    `cluster`: label of each run's cluster [n]; np.arange(n) if runs are independent. The bands are
-    pointwise. Raise ValueError if a score is NaN or a label is missing.
-    """
-
-    def curve(hits: np.ndarray, false_alarms: np.ndarray) -> np.ndarray:
-        # The curve begins at 0, above the highest score.
-        tpr, fpr = (np.insert(count, 0, 0.0) / count[-1] for count in (hits, false_alarms))
-        return np.append(np.interp(grid, fpr, tpr), np.trapezoid(tpr, fpr))
-
-    return _curve_band(score, positive, cluster, curve, grid, resamples=resamples, seed=seed)
-
-
-def precision_recall_band(
-    score: ArrayLike,
-    positive: ArrayLike,
-    cluster: ArrayLike,
-    *,
-    grid: np.ndarray = GRID[1:],
-    resamples: int,
-) -> CurveBand:
-    """Return the precision at the highest threshold whose recall reaches each value of `grid`
-    (above 0), and average precision.
-
-    The bands and the other arguments are as in `roc_band`.
-    """
-
-    def curve(hits: np.ndarray, false_alarms: np.ndarray) -> np.ndarray:
-        recall, precision = hits / hits[-1], hits / (hits + false_alarms)
-        # The tolerance allows for rounding.
-        reached = np.searchsorted(recall, grid * (1 - 1e-12))
-        gain = np.diff(recall, prepend=0.0)
-        return np.append(precision[reached], gain[gain > 0] @ precision[gain > 0])
-
-    return _curve_band(score, positive, cluster, curve, grid, resamples=resamples)
-
-
-def _curve_band(
-    score: ArrayLike,
-    positive: ArrayLike,
-    cluster: ArrayLike,
-    curve: Callable[[np.ndarray, np.ndarray], np.ndarray],
-    grid: np.ndarray,
-    *,
-    resamples: int,
-    seed: int = 0,
-) -> CurveBand:
-    """Return the values of `curve` at the points of `grid` and the area under the curve, with their
-    bands, by a bootstrap over clusters.
-
-    `curve`: maps the numbers of hits and false alarms at each threshold, which are the scores from
-    the highest to the lowest, to these values and the area. scikit-learn would sort for each
-    resample, which is about 5 times slower.
+    The ROC curve is the tpr at each fpr of `grid`, and its area is the AUC. The other curve is the
+    precision at the highest threshold whose recall reaches each value of `grid` above the first,
+    which is 0. Its area is the average precision. `cluster`: label of each run's cluster [n];
+    np.arange(n) if runs are independent. The bands are pointwise. Raise ValueError if a score is
+    NaN or a label is missing. scikit-learn would sort for each resample, which is about 5 times
+    slower.
     """
     values, truth = np.asarray(score, float), np.asarray(positive, bool)
     if np.isnan(values).any():
@@ -98,17 +51,35 @@ def _curve_band(
     falling = values[order]
     # Of equal scores, the last has the counts of all.
     last = np.flatnonzero(np.append(falling[1:] != falling[:-1], True))
+    recalls = grid[1:]
+
+    def curves(hits: np.ndarray, false_alarms: np.ndarray) -> np.ndarray:
+        # Returns both curves, each with its area, from the counts at each threshold, the highest
+        # first. The ROC curve begins at 0, above the highest score.
+        tpr, fpr = (np.insert(count, 0, 0.0) / count[-1] for count in (hits, false_alarms))
+        roc = np.append(np.interp(grid, fpr, tpr), np.trapezoid(tpr, fpr))
+        recall, precision = hits / hits[-1], hits / (hits + false_alarms)
+        # The tolerance allows for rounding.
+        reached = np.searchsorted(recall, recalls * (1 - 1e-12))
+        gain = np.diff(recall, prepend=0.0)
+        average = gain[gain > 0] @ precision[gain > 0]
+        return np.concatenate([roc, precision[reached], [average]])
 
     def statistic(weight: np.ndarray) -> np.ndarray:
-        # Returns the curve for each resample. weight: of each run in each resample [b, runs].
+        # Returns the curves for each resample. weight: of each run in each resample [b, runs].
         ordered = weight[:, order]
         hits = np.cumsum(ordered * truth[order], axis=1)[:, last]
         false_alarms = np.cumsum(ordered * ~truth[order], axis=1)[:, last]
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.stack([curve(*counts) for counts in zip(hits, false_alarms, strict=True)])
+            return np.stack([curves(*counts) for counts in zip(hits, false_alarms, strict=True)])
 
     (value,) = statistic(np.ones((1, len(values))))
     low, high = band_ends(group_units(cluster).resample_statistic(statistic, resamples, seed))
-    # The last value is the area.
-    area = Estimate(float(value[-1]), float(low[-1]), float(high[-1]))
-    return CurveBand(grid, Estimate(value[:-1], low[:-1], high[:-1]), area)
+
+    def band(x: np.ndarray, first: int) -> CurveBand:
+        # The area comes after the curve's points.
+        end = first + len(x)
+        curve = Estimate(value[first:end], low[first:end], high[first:end])
+        return CurveBand(x, curve, Estimate(float(value[end]), float(low[end]), float(high[end])))
+
+    return band(grid, 0), band(recalls, len(grid) + 1)

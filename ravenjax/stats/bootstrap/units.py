@@ -144,23 +144,6 @@ def rate_band(hit: ArrayLike, among: Units, *, resamples: int = RESAMPLES, seed:
     return Rate(k, n, k / n, float(low), float(high))
 
 
-def statistic_band(
-    statistic: Callable[[np.ndarray], np.ndarray], among: Units, *, seed: int = 0
-) -> Estimate:
-    """Return a statistic of weighted rows with its 95 % percentile band.
-
-    `statistic`: maps weights [b, n] to values [b]. Equal weights give the statistic itself. A bound
-    is NaN if it falls among resamples without a value, or for fewer than MIN_UNITS units.
-    """
-    value = float(statistic(np.ones((1, len(among.unit))))[0])
-    if among.count < MIN_UNITS:
-        return Estimate(value)
-    # Resamples without a value (NaN) sort last, like an event that never happens.
-    samples = np.sort(among.resample_statistic(statistic, RESAMPLES, seed))
-    low, high = (float(samples[round(share * RESAMPLES)]) for share in (0.025, 0.975))
-    return Estimate(value, low, high)
-
-
 def _units_by_stratum(stratum: np.ndarray) -> list[np.ndarray]:
     """Return the units of each stratum. Strata of one unit are merged: with each other, or else
     with the smallest other stratum.

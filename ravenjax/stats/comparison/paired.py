@@ -8,36 +8,24 @@ from numpy.typing import ArrayLike
 from ravenjax.stats.intervals import ALPHA, Estimate
 
 
-def mcnemar_test(first: ArrayLike, second: ArrayLike) -> float:
-    """Return the p-value of McNemar's exact test of an event under two conditions; 1 if no run
-    differs.
-
-    first, second: bool [n], the event occurred. Raise ValueError if the lengths differ.
+def mcnemar_test(first_only: int, second_only: int) -> float:
+    """Return the p-value of McNemar's exact test of an event under two conditions; 1 if no pair
+    differs. first_only, second_only: number of pairs with the event under one condition only.
     """
     from scipy.stats import binomtest
 
-    first_only, second_only = _discordant_pairs(*_pairs(first, second))
     differing = first_only + second_only
     return float(binomtest(first_only, differing).pvalue) if differing else 1.0
 
 
-def rate_difference(first: ArrayLike, second: ArrayLike) -> Estimate:
-    """Return the rate of `first` minus the rate of `second`, two bool [n] over the same runs, with
-    its interval; NaN if n is 0.
-
-    The interval is the adjusted Wald interval of Bonett and Price (J. Educ. Behav. Stat. 37, 2012),
-    recommended by Fagerland, Lydersen and Laake (Stat. Med. 33, 2014). No installed library has an
-    interval for pairs. Raises ValueError if the lengths differ.
-    """
-    pairs = _pairs(first, second)
-    return difference_of_counts(*_discordant_pairs(*pairs), len(pairs[0]))
-
-
 def difference_of_counts(first_only: ArrayLike, second_only: ArrayLike, n: int) -> Estimate:
-    """Return the result of `rate_difference` from counts.
+    """Return the rate of an event in the first setting minus its rate in the second setting, over
+    the same `n` runs, with its interval; NaN if n is 0.
 
-    `first_only`, `second_only`: of `n` pairs, the number with the event only in the first or only
-    in the second setting; numbers, or arrays of one shape.
+    `first_only`, `second_only`: number of runs with the event only in the first or only in the
+    second setting; numbers, or arrays of one shape. The interval is the adjusted Wald interval of
+    Bonett and Price (J. Educ. Behav. Stat. 37, 2012), recommended by Fagerland, Lydersen and Laake
+    (Stat. Med. 33, 2014). No installed library has an interval for pairs.
     """
     from scipy.stats import norm
 
@@ -73,18 +61,3 @@ def exchange_p(first: ArrayLike, second: ArrayLike, unit: ArrayLike) -> float:
         probability = 0.5 * (np.pad(probability, (2 * d, 0)) + np.pad(probability, (0, 2 * d)))
     sums = np.abs(np.arange(len(probability)) - len(probability) // 2)
     return min(1.0, float(probability[sums >= observed_sum].sum()))
-
-
-def _discordant_pairs(first: np.ndarray, second: np.ndarray) -> tuple[int, int]:
-    # Returns the number of pairs with the event only in the first, and only in the second setting.
-    return int((first & ~second).sum()), int((second & ~first).sum())
-
-
-def _pairs(first: ArrayLike, second: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    # Converts two outcomes to bool arrays and checks that they have the same runs.
-    one, two = np.asarray(first, bool), np.asarray(second, bool)
-    if one.shape != two.shape or one.ndim != 1:
-        raise ValueError(
-            f"expected two arrays of one shape [pairs], got {one.shape} and {two.shape}"
-        )
-    return one, two

@@ -30,12 +30,9 @@ class Shift(NamedTuple):
     """The test results for one score."""
 
     p: float  # of both tests, by Bonferroni's inequality; at or below the level: shifted
-    p_distribution: float  # Kolmogorov-Smirnov
     martingale: float  # largest value of the martingale
     # Median share of calibration scores below a new score; about 0.5 if nothing changed.
     median_rank: float
-    new_units: int
-    calibration_units: int
 
 
 def test_shift(calibration_scores: np.ndarray, new_scores: np.ndarray, seed: int = 0) -> Shift:
@@ -56,22 +53,18 @@ def test_shift(calibration_scores: np.ndarray, new_scores: np.ndarray, seed: int
     calibration_count = len(calibration_scores)
     calibration_ranks, new_ranks = ranks[:calibration_count], ranks[calibration_count:]
     comparison: Any = ks_2samp(calibration_ranks, new_ranks, method="auto")
-    p_distribution = float(comparison.pvalue)
     capital = martingale_capital(p_values(calibration_scores, new_scores, seed))
     peak_capital = float(capital.max(initial=1.0))
     below = np.searchsorted(np.sort(calibration_ranks), new_ranks)
     return Shift(
         # 1 / peak_capital is the p-value of the martingale test, by Ville's inequality.
-        p=min(1.0, 2.0 * min(p_distribution, 1.0 / peak_capital)),
-        p_distribution=p_distribution,
+        p=min(1.0, 2.0 * min(float(comparison.pvalue), 1.0 / peak_capital)),
         martingale=peak_capital,
         median_rank=float(np.median(below / calibration_count)),
-        new_units=len(new_scores),
-        calibration_units=calibration_count,
     )
 
 
-def p_values(calibration_scores: np.ndarray, new_scores: np.ndarray, seed: int = 0) -> np.ndarray:
+def p_values(calibration_scores: np.ndarray, new_scores: np.ndarray, seed: int) -> np.ndarray:
     """Return the conformal p-value of each new score, [new scores], in their order of arrival.
 
     A score is compared with the calibration scores and with earlier new scores. Under the null

@@ -24,6 +24,8 @@ from ravenjax.vocabulary.packets import RELEASE_MS
 
 # Duration of a phase before the recording, and interval of its packets.
 LEAD_S, LEAD_INTERVAL_S = 0.4, 0.002
+# The first of these packets is repeated until a force packet arrives.
+LEAD_COUNT = round(LEAD_S / LEAD_INTERVAL_S) + 1
 REPEAT_S, REPEAT_INTERVAL_S = RELEASE_MS * 1e-3 + 0.5, 0.02
 _MAX_NUMBER = 2**32 - 1  # packet number
 
@@ -53,14 +55,14 @@ class Played(NamedTuple):
         return words if self.driving else f"{words}; the robot's terminal shows why"
 
 
-def lead_packets(first: bytes, count: int = round(LEAD_S / LEAD_INTERVAL_S)) -> list[bytes]:
-    """Return `count` packets without motion and with the pedal up. Their numbers precede that of
+def lead_packets(first: bytes) -> list[bytes]:
+    """Return LEAD_COUNT packets without motion and with the pedal up. Their numbers precede that of
     the packet `first`.
     """
-    packets = np.repeat(np.frombuffer(first, U_STRUCT), count)
+    packets = np.repeat(np.frombuffer(first, U_STRUCT), LEAD_COUNT)
     last_index = int(packets["sequence"][0]) - 1
     # Numbers are 1 to the largest number, because 0 is not valid.
-    packets["sequence"] = (last_index - np.arange(count, 0, -1)) % _MAX_NUMBER + 1
+    packets["sequence"] = (last_index - np.arange(LEAD_COUNT, 0, -1)) % _MAX_NUMBER + 1
     for name in (*MOVES, "surgeon_mode"):
         packets[name] = 0
     total = packets["sequence"] + packets["buttonstate"].sum(axis=1)
@@ -69,13 +71,13 @@ def lead_packets(first: bytes, count: int = round(LEAD_S / LEAD_INTERVAL_S)) -> 
 
 
 def play_packets(
-    datagrams: Sequence[bytes], arrival_s: np.ndarray, address: tuple[str, int], say: Say = print
+    datagrams: Sequence[bytes], arrival_s: np.ndarray, address: tuple[str, int], say: Say
 ) -> Played:
     """Send recorded packets to a robot until the end, or Ctrl-C. Return what was sent and received.
     arrival_s: time of each packet after the first. Raises UserError if the address is invalid or
     cannot be reached.
     """
-    lead = lead_packets(datagrams[0])
+    first_packet, *lead = lead_packets(datagrams[0])
     lead_times = np.arange(len(lead)) * LEAD_INTERVAL_S
     times_s = np.concatenate([lead_times, LEAD_S + np.asarray(arrival_s)])
     with (
@@ -92,7 +94,6 @@ def play_packets(
             f"sending packets with the pedal up to {address[0]}:{address[1]}, then"
             f" {len(datagrams)} recorded packets of {arrival_s[-1]:.3f} s"
         )
-        first_packet = lead_packets(datagrams[0], len(lead) + 1)[0]
         _await_force(port, first_packet, stop)
         begin = time.monotonic()
         delays_s, flags = [0.0], []

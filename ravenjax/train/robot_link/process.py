@@ -25,7 +25,7 @@ from ravenjax.train.robot import NO_PACKET_SEQUENCE
 from ravenjax.train.robot_link import WORDS, itp, joint_stream
 from ravenjax.train.robot_link.crtk.messages import Ros
 from ravenjax.train.robot_link.itp import LOOPBACK, Gate, ItpConsole, ItpServer
-from ravenjax.train.robot_link.joint_stream import JOINT_PORT, JointServer, TrippedChecks
+from ravenjax.train.robot_link.joint_stream import JointServer, TrippedChecks
 from ravenjax.train.session import console_arbiter
 from ravenjax.train.session.console_arbiter import NETWORK, NOBODY, console_of
 from ravenjax.train.session.simulation import Blueprint, PacketRobot
@@ -180,11 +180,7 @@ class ConsoleOptions:
 
 
 def run_robot(
-    chosen: scenario.Scenario,
-    options: ConsoleOptions,
-    seed: int | None = None,
-    joint_port: int = JOINT_PORT,
-    say: Say = print,
+    chosen: scenario.Scenario, options: ConsoleOptions, seed: int | None, joint_port: int, say: Say
 ) -> None:
     """Run the robot of a scenario until Ctrl-C or SIGTERM. options: orders from other machines need
     `options.token`; if it is None, they are refused. seed: for the draw of hazards; None: the

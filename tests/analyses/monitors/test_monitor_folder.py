@@ -116,7 +116,7 @@ def test_every_kind_of_score_gives_the_same_bits_in_c(compiler, tmp_path, kind):
     config = rj.load_campaign(
         {"campaign": {"name": "a"}, "operator": {"motion": "reach"}, "group": [{"name": "f"}]}
     )
-    vector = writing.compute_test_vector(config, monitor, 2, "simd")
+    vector = writing.compute_test_vector(config, monitor, 2)
     assert np.isfinite(vector["score"]).all() and vector["score"].nunique() > 100
     for name, text in code.write_c(monitor, ["a"]).items():
         (tmp_path / name).write_text(text)

@@ -2,6 +2,7 @@
 mistakes named.
 """
 
+import naive_facts
 import numpy as np
 import pyarrow as pa
 import pytest
@@ -14,7 +15,6 @@ from ravenjax.campaign.stop.adaptive import stop_rule
 from ravenjax.errors import StoreError, UserError
 from ravenjax.outcomes import events
 from ravenjax.outcomes.events import Rules
-from ravenjax.report.data import facts
 
 FAULT = {"site": "usb_out", "channel": "elbow", "effect": "overwrite", "start_ms": 5}
 GROUPS = [
@@ -65,7 +65,7 @@ def test_the_beginning_of_a_grid_is_a_sample_of_it():
 def test_events_are_those_of_the_report(event):
     frame = synthetic.judged(synthetic.frame(3000), cue=2)
     rules = Rules(cue=2, threshold_mm=2.0, jump="jump_text")
-    said = facts.derive_facts(frame, facts.Choices(rules))
+    said = naive_facts.derive(frame, rules.cue, rules.jump)
     columns = {"evades": "evaded", "unintended_motion": "unintended", "loss_of_motion": "loss"}
     columns |= {"false_report": "misreport", "cue": "cued"}
     expected = said["response"] == event if event == "stopped" else said[columns[event]]

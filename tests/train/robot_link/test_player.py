@@ -49,7 +49,7 @@ def test_what_was_recorded_arrives_in_its_order_and_takes_its_time(ear, monkeypa
     monkeypatch.setattr(player, "REPEAT_S", 0.01)
     packets = recorded()
     told = player.play_packets(packets, np.arange(40) * 5e-3, ear.getsockname(), lambda _: None)
-    heard = [ear.recv(2048) for _ in range(1 + len(player.lead_packets(packets[0])) + 40)]
+    heard = [ear.recv(2048) for _ in range(player.LEAD_COUNT + 40)]
     assert heard[-40:] == packets
     assert told[:2] == (40, 40) and told.seconds >= 39 * 5e-3
     assert "check that a robot listens at this address" in str(told)

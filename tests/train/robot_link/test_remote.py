@@ -156,9 +156,7 @@ from ravenjax.train import scenario
 from ravenjax.train.robot_link import process as robot_process
 say = lambda line: print(line, flush=True)
 loop = scenario.from_dict(json.loads(sys.argv[1]))
-robot_process.run_robot(
-    loop, robot_process.ConsoleOptions(itp_port=0), joint_port=0, say=say
-)
+robot_process.run_robot(loop, robot_process.ConsoleOptions(itp_port=0), None, 0, say)
 """
 
 

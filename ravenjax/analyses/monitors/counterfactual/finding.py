@@ -140,8 +140,7 @@ def find_checks(
 
         def run_motions(use: str, checks: list[Candidate], folder: Path) -> observation.FreeMotion:
             # Runs the fault-free motions that are reserved for one use, with these detectors.
-            numbers = observation.motions_by_use(use, schedule.motions)
-            return observation.run_motions(raw, schedule, numbers, checks, folder, motion_engine)
+            return observation.run_motions(raw, schedule, use, checks, folder, motion_engine)
 
         on_stage(
             f"scales of the candidates: a quarter of {schedule.motions} fault-free motions of"
@@ -240,17 +239,15 @@ def confirm_checks(
     Raise UserError if the campaign cannot be loaded.
     """
     config = loading.load_campaign(file, [f"campaign.seed={seed}"])
-    table = runner.run_campaign(config, None, engine, on_progress=on_progress).frame()
-    rules = observation.campaign_choices(config)
-    rows, harm_ms = observation.find_evading_faults(table, rules, found.question.groups)
-    evading = table.loc[rows]
+    results = runner.run_campaign(config, None, engine, on_progress=on_progress)
+    evading = observation.read_evading_faults(results, found.question.groups)
     # The last detectors of the campaign are the checks of the set. Each has one threshold.
     check_count = len(found.selected_set.indices)
     lead_ms = []
     for number in range(len(config.detectors) - check_count, len(config.detectors)):
         thresholds = config.detectors[number][2]
         prefix = f"detector{number}_"
-        lead_ms.append(observation.detector_leads(evading, prefix, thresholds, harm_ms)[:, 0])
+        lead_ms.append(observation.detector_leads(evading, prefix, thresholds)[:, 0])
     in_time = np.max(lead_ms, axis=0) >= found.question.lead_ms
     # Only faults that are drawn differ between the two seeds.
     drawn_groups = list(draws.drawn_groups(config.model_dump(mode="json")) or ())

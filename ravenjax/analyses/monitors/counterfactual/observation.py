@@ -22,18 +22,20 @@ from ravenjax.analyses.monitors.counterfactual.candidates import (
 from ravenjax.analyses.monitors.operations import MS_PER_HOUR
 from ravenjax.campaign import runner
 from ravenjax.campaign.faults import design
-from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.inspection import fault_free
 from ravenjax.campaign.loading import validate_tables
 from ravenjax.campaign.progress import OnProgress
 from ravenjax.errors import UserError
 from ravenjax.report.data import draws, facts
+from ravenjax.report.data.facts import FACTS
+from ravenjax.report.data.runs import HARMFUL_EVADING
 from ravenjax.report.sections import robots as drawn_robots
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.intervals import Rate, wilson_interval
-from ravenjax.store import schema
-from ravenjax.store.manifest import Nested
-from ravenjax.vocabulary.reactions import ACTIONS
+from ravenjax.store.access import query
+from ravenjax.store.access.query import RESULTS
+from ravenjax.store.folder import Results
+from ravenjax.store.manifest import Nested, read_manifest
 
 SHORTEST_S, LONGEST_S = 5, 60
 """Shortest and longest duration of a motion, s."""
@@ -94,26 +96,22 @@ def require_rate(per_hour: float, schedule: MotionSchedule) -> None:
         )
 
 
-def motions_by_use(use: str, motions: int) -> list[int]:
-    """Return the numbers of the motions with the use `use`, out of `motions` motions."""
-    return [number for number in range(motions) if _USES[number % len(_USES)] == use]
-
-
 def run_motions(
     raw: Nested,
     schedule: MotionSchedule,
-    numbers: Sequence[int],
+    use: str,
     candidates: Sequence[Candidate],
     folder: Path,
     engine: str,
 ) -> FreeMotion:
-    """Simulate the fault-free motions with these numbers, with all candidates as detectors.
+    """Simulate the fault-free motions with this use, with all candidates as detectors.
 
     The files of the detectors are written to `folder`. Raise UserError if the robot is never live.
     """
     endless = fault_free.fault_free_campaigns(raw, schedule.seconds)
     campaigns = [campaign for _, campaign in itertools.islice(endless, schedule.motions)]
     tables = detector_tables(candidates, (1.0,), folder)
+    numbers = [n for n in range(schedule.motions) if _USES[n % len(_USES)] == use]
 
     def simulate(number: int) -> tuple[np.ndarray, np.ndarray]:
         # Returns scores [runs, candidates] and hours [runs] of one motion; 0 for a failed run.
@@ -148,7 +146,6 @@ class EvadingFaults(NamedTuple):
     # Int, the independent unit: the fault, or the robot if whole robots were drawn.
     unit: np.ndarray
     units_are_robots: bool
-    harm_ms: np.ndarray  # int, time of the harm
     # int [runs, candidates, margins], time from the first alarm to the harm; below 0 if there is no
     # alarm before the harm.
     lead_ms: np.ndarray
@@ -156,7 +153,7 @@ class EvadingFaults(NamedTuple):
     @property
     def count(self) -> int:
         """Number of faults, each with one run."""
-        return len(self.harm_ms)
+        return len(self.unit)
 
     def halves(self, seed: int) -> tuple[np.ndarray, np.ndarray]:
         """Divide the runs at random into a half for selection and a half for the test. Return both
@@ -208,26 +205,14 @@ def run_evading_faults(
     """
     config, prefixes = add_detectors(raw, detector_tables(candidates, margins, folder))
     results = runner.run_campaign(config, None, engine, on_progress=on_progress)
-    rules = campaign_choices(config)
-    # A table with all candidates is large, so only columns that are used are read.
-    names = schema.arrow_schema(results.shape).names
-    detector_prefixes = (*prefixes, *(f"golden_{prefix}" for prefix in prefixes))
-    needed = {*facts.needed_columns(names, rules)}
-    needed |= {
-        name
-        for name in names
-        if name.startswith(detector_prefixes) and not name.endswith("_alarms")
-    }
-    table = results.frame([name for name in names if name in needed])
-    rows, harm_ms = find_evading_faults(table, rules, groups)
-    if not rows.any():
+    evading = read_evading_faults(results, groups)
+    if evading.empty:
         among = f" of {', '.join(groups)}" if groups else ""
         raise UserError(
             f"no fault{among} evades the robot's checks with a motion of more than"
             f" {config.outcomes.limit_mm:g} mm: no further check is needed"
         )
-    evading = table.loc[rows]
-    lead_ms = [detector_leads(evading, prefix, margins, harm_ms) for prefix in prefixes]
+    lead_ms = [detector_leads(evading, prefix, margins) for prefix in prefixes]
     group = evading["group"].astype(str).to_numpy()
     # Runs of one drawn robot have the same values in these columns.
     robot_columns = [name for name in drawn_robots.robot_columns(raw) if name in evading]
@@ -235,47 +220,35 @@ def run_evading_faults(
     if robot_columns:
         unit = evading.groupby(robot_columns, sort=False).ngroup().to_numpy()
     sampled = np.isin(group, list(draws.drawn_groups(raw) or ()))
-    has_robots = bool(robot_columns)
-    return EvadingFaults(group, sampled, unit, has_robots, harm_ms, np.stack(lead_ms, axis=1))
+    return EvadingFaults(group, sampled, unit, bool(robot_columns), np.stack(lead_ms, axis=1))
 
 
-def detector_leads(
-    table: pd.DataFrame, prefix: str, thresholds: Sequence[float], harm_ms: np.ndarray
-) -> np.ndarray:
+def read_evading_faults(results: Results, groups: Sequence[str]) -> pd.DataFrame:
+    """Return the rows of the evading faults in a result table, one row of each fault, with a column
+    unintended_ms, the time of the harm. `groups`: groups whose faults are returned; (): all.
+    """
+    with query.open_folder(results.path) as table:
+        facts.define_facts(table, facts.recorded_choices(read_manifest(results.path)))
+        # A table with all candidates is large, so only the rows of these faults are read.
+        rows = table.frame(
+            f"SELECT {RESULTS}.*, unintended_ms FROM {RESULTS} JOIN {FACTS} USING (row) WHERE"
+            f" {HARMFUL_EVADING} ORDER BY row"
+        )
+    return rows.loc[rows["group"].isin(groups)] if groups else rows
+
+
+def detector_leads(evading: pd.DataFrame, prefix: str, thresholds: Sequence[float]) -> np.ndarray:
     """Return the time from a detector's first alarm to the harm, ms [runs, thresholds].
 
-    `prefix`: beginning of the names of the detector's columns. `harm_ms`: time of the harm [runs].
-    The result is NEVER without an alarm. It is NEVER, too, if the golden run has an alarm, because
-    such an alarm does not show the fault.
+    `evading`: from `read_evading_faults`. `prefix`: beginning of the names of the detector's
+    columns. The result is NEVER without an alarm. It is NEVER, too, if the golden run has an alarm,
+    because such an alarm does not show the fault.
     """
-    golden = table[f"golden_{prefix}score"].to_numpy(np.float32)
-    lead_ms = np.full((len(table), len(thresholds)), NEVER)
+    golden = evading[f"golden_{prefix}score"].to_numpy(np.float32)
+    harm_ms = evading["unintended_ms"].to_numpy(np.int64)
+    lead_ms = np.full((len(evading), len(thresholds)), NEVER)
     for index, threshold in enumerate(thresholds):
-        alarm_ms = table[f"{prefix}threshold{index}_first_ms"].to_numpy(np.int64)
+        alarm_ms = evading[f"{prefix}threshold{index}_first_ms"].to_numpy(np.int64)
         detected = (alarm_ms >= 0) & ~(golden > np.float32(threshold))
         lead_ms[detected, index] = (harm_ms - alarm_ms)[detected]
     return lead_ms
-
-
-def find_evading_faults(
-    table: pd.DataFrame, rules: facts.Choices, groups: Sequence[str]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return which rows of a result table are evading faults, bool [rows], and the time of the
-    harm of each of these faults, ms.
-
-    Of a fault with several runs, one row is returned. `groups`: groups whose faults are returned;
-    (): all.
-    """
-    runs = facts.derive_facts(table, rules)
-    # `sample` marks one run of each fault. A time of -1 means that there was no unintended motion.
-    rows = runs["sample"] & runs["faulty"] & runs["evaded"] & (runs["unintended_ms"] >= 0)
-    if groups:
-        rows &= table["group"].astype(str).isin(list(groups))
-    return rows.to_numpy(bool), runs.loc[rows, "unintended_ms"].to_numpy(np.int64)
-
-
-def campaign_choices(config: CampaignConfig) -> facts.Choices:
-    """Return the campaign's settings on which the definitions of outcomes depend."""
-    reaction = config.model_dump(mode="json").get("reaction") or {}
-    action = ACTIONS.index(reaction.get("action", "release")) if config.reacts else 0
-    return facts.Choices(config.rules, action, config.robot)

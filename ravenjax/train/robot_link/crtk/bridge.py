@@ -124,31 +124,15 @@ def spawn_bridge(
     return console
 
 
-class RobotRings:
-    """Reads and writes the rings in the CRTK process."""
-
-    def __init__(self, rows: str, commands: str, layout: FrameLayout):
-        self._rows, self._commands = Ring.attach(rows), Ring.attach(commands)
-        self._frame = Frame(layout)
-
-    def newest(self) -> RobotRow | None:
-        """Return the last row, or None before the first. Its frame is the same object each time."""
-        first, rows = self._rows.read(self._rows.written - 1)
-        if not len(rows):
-            return None
-        self._frame.row[:], *clocks = rows[-1].view(_row_type(self._frame.layout))[0]
-        self._frame.copy_numbers()
-        stamp_ns, clock_ns, last_command = map(int, clocks)
-        return RobotRow(self._frame, stamp_ns, clock_ns, last_command, first + len(rows) - 1)
-
-    def send(self, command: Command) -> int:
-        """Put a command into the ring and return its number."""
-        put_json(self._commands, command)
-        return self._commands.written
-
-    def close(self) -> None:
-        self._rows.close()
-        self._commands.close()
+def newest_row(rows: Ring, frame: Frame) -> RobotRow | None:
+    """Return the last row of the ring, with its frame in `frame`; None before the first row."""
+    first, newest = rows.read(rows.written - 1)
+    if not len(newest):
+        return None
+    frame.row[:], *clocks = newest[-1].view(_row_type(frame.layout))[0]
+    frame.copy_numbers()
+    stamp_ns, clock_ns, last_command = map(int, clocks)
+    return RobotRow(frame, stamp_ns, clock_ns, last_command, first + len(newest) - 1)
 
 
 def run_bridge(robot: Connection) -> None:
@@ -158,7 +142,7 @@ def run_bridge(robot: Connection) -> None:
     """
     # grasp_gain: mrad that the jaws close per mrad of an increment. contact: whether its force is
     # known.
-    (rows, commands), ros, arms, tools, grasp_gain, contact = robot.recv()
+    names, ros, arms, tools, grasp_gain, contact = robot.recv()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the robot's process handles Ctrl-C
     # An orderly exit lets ROS learn that the topics are gone.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
@@ -168,10 +152,12 @@ def run_bridge(robot: Connection) -> None:
     except UserError as error:
         robot.send(str(error))
         return
-    rings = RobotRings(rows, commands, FrameLayout.of(arms))
+    rows, commands = map(Ring.attach, names)
+    frame = Frame(FrameLayout.of(arms))
 
     def report_refusal(reason: str):
-        rings.send({"type": "unheard", "console": "crtk", "once": True, "why": reason})
+        refusal = {"type": "unheard", "console": "crtk", "once": True, "why": reason}
+        put_json(commands, refusal)
 
     interpreter = Interpreter(arms, tools, transport.types, grasp_gain, contact, report_refusal)
     robot.send(None)
@@ -179,7 +165,7 @@ def run_bridge(robot: Connection) -> None:
     try:
         while not parent_has_ended():
             start_s = time.monotonic()
-            row, arrivals = rings.newest(), transport.poll()
+            row, arrivals = newest_row(rows, frame), transport.poll()
             now_ms = time.monotonic() * 1e3
             if row is not None:
                 connected, was_down = transport.connected(), interpreter.state.pedal
@@ -189,7 +175,8 @@ def run_bridge(robot: Connection) -> None:
                 # Without a console, CRTK sends no commands, so that it does not count as a console.
                 if connected or arrivals or was_down or interpreter.state.pedal:
                     for command in interpreter.commands(now_ms):
-                        interpreter.record_sent(rings.send(command))
+                        put_json(commands, command)
+                        interpreter.record_sent(commands.written)
                 outgoing = interpreter.states(time.time_ns())
                 if start_s - published_s >= 1 / READINGS_HZ:
                     # A late reading does not delay the next, but missed readings are left out.
@@ -202,4 +189,5 @@ def run_bridge(robot: Connection) -> None:
         robot.send(str(error))
     finally:
         transport.close()
-        rings.close()
+        rows.close()
+        commands.close()

@@ -87,7 +87,6 @@ def evidence(lead, lead_ms=10, groups=None, robots=None):
         np.ones(runs, bool),
         unit,
         robots is not None,
-        np.full(runs, 900),
         np.repeat(lead[:, :, None], len(MARGINS), axis=2),
     )
     free = FreeMotion(np.full((8, 1, among), 0.5, np.float32), np.full((8, 1), 1.0))

@@ -8,10 +8,11 @@ from scipy.spatial.transform import Rotation
 
 from ravenjax.robots.raven2.geometry.arrays import forward_kinematics
 from ravenjax.store.logs import ros_types
+from ravenjax.store.ring import put_json
 from ravenjax.train.protocol import Frame, FrameLayout
 from ravenjax.train.robot import tip_pose
 from ravenjax.train.robot_link.crtk import messages
-from ravenjax.train.robot_link.crtk.bridge import CrtkConsole, RobotRings
+from ravenjax.train.robot_link.crtk.bridge import CrtkConsole, newest_row
 from ravenjax.train.robot_link.crtk.interpreter import (
     BASE,
     IDLE_MS,
@@ -200,14 +201,12 @@ def robot_row(runlevel=2, taken=0):
     frame["runlevel"] = runlevel
     loop = CrtkConsole(frame.layout, "ros2")
     loop.taken = taken
-    bridge = RobotRings(loop.rows.name, loop.commands.name, frame.layout)
-    assert bridge.newest() is None
+    assert newest_row(loop.rows, frame) is None
     loop.send_frame(frame)
-    row = bridge.newest()
-    assert bridge.send({"type": "operator", "do": "estop"}) == 1
+    row = newest_row(loop.rows, Frame(frame.layout))
+    put_json(loop.commands, {"type": "operator", "do": "estop"})
     assert loop.poll() == [{"type": "operator", "do": "estop"}]
     assert loop.taken == 1 and loop.poll() == []
-    bridge.close()
     loop.close()
     return row
 
