@@ -34,16 +34,22 @@ def deadline(
         if not as_json:
             console.print_text(text, console.err)
 
-    record, path = manifest.read_manifest(folder), folder / explained.DEADLINES
+    record = manifest.read_manifest(folder)
+    path = folder / explained.DEADLINES
     files.require_writable(files.path_inside(folder, path.parent.name))
     table = finding.find_deadlines(folder, engine, group, print_progress)
     if not len(table):
-        words = "No fault causes harm, so there is no deadline to find."
-        return console.print_findings([words], as_json, harmful=0)
+        sentence = "No fault causes harm, so there is no deadline to find."
+        return console.print_findings([sentence], as_json, harmful=0)
     explained.write_rows(path, table, record)
-    paths = [path, path.with_suffix(".csv")]
-    files.write_text(paths[1], table.map(files.without_formula).to_csv(index=False))
+    csv_path = path.with_suffix(".csv")
+    files.write_text(csv_path, table.map(files.without_formula).to_csv(index=False))
     with contextlib.closing(Runs.open(folder, record)) as runs:
         summary = section.summarize_deadlines(runs, table)
-    sentences, found = section.deadline_sentences(summary), section.deadline_tables(summary)
-    return console.print_findings(sentences, as_json, found, paths, **summary._asdict())
+    return console.print_findings(
+        section.deadline_sentences(summary),
+        as_json,
+        tables=section.deadline_tables(summary),
+        files=[path, csv_path],
+        **summary._asdict(),
+    )
