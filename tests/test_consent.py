@@ -96,7 +96,7 @@ def test_a_result_imports_no_module_as_its_robot(tmp_path, monkeypatch):
         assert (tmp_path / "ran").exists() == bool(imported)
 
     find_robot(r"strange.py: this Python file was not run")
-    with consent.given_for(tmp_path):
+    with consent.trust_folders(tmp_path):
         find_robot("has no variable ROBOT")
     find_robot("has no variable ROBOT")
     # What ran before was another package.

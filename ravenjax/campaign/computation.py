@@ -101,7 +101,7 @@ class Computation:
         """Yield the outcomes of the rows of `ranges`, and those of their golden runs, in order.
 
         Each item is a window of rows. Close the generator to cancel the work in progress. Use the
-        generator inside `interruption.held_back`.
+        generator inside `interruption.delay_signals`.
         """
         self._fast_forward = FastForwardPlan(self.plan, 0 if self.whole else self.kernel.branches)
         self._fault_free_outcomes: list[Columns] = []
@@ -135,7 +135,7 @@ class Computation:
 
     def tables(self, ranges: Sequence[range]) -> Pair:
         """Return the columns of all rows of `ranges` together; see `blocks`."""
-        with interruption.held_back():
+        with interruption.delay_signals():
             rows, golden_runs = zip(*self.blocks(ranges), strict=True)
         return concatenate(rows), concatenate(golden_runs)
 

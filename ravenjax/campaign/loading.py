@@ -37,7 +37,7 @@ def load_campaign(
     raw, text = location.read_toml(file)
     # A name without a path may mean a file in ./campaigns, which somebody else may have written.
     given = runs and file.parent.resolve() == Path(campaign).parent.resolve()
-    with consent.given_for(*[file.parent] * given):
+    with consent.trust_folders(*[file.parent] * given):
         return from_record(raw, overrides, file, text)
 
 
@@ -71,7 +71,7 @@ def from_dict(
     the file may run. Without a file, a program wrote the tables, and any code may run. Raise
     UserError.
     """
-    with consent.given_for(consent.EVERYWHERE if source is None else source.parent):
+    with consent.trust_folders(consent.EVERYWHERE if source is None else source.parent):
         return from_record(raw, overrides, source, text)
 
 

@@ -65,7 +65,7 @@ def main(tokens: list[str] | None = None) -> int:
             # The two codings differ only for bytes that are not UTF-8 (lone surrogates in `text`).
             if text.encode(errors="replace") != os.fsencode(text):
                 raise UserError(f"{text!r}: the name is not UTF-8; rename the file or folder")
-        with consent.given_for(*trusted_folders):
+        with consent.trust_folders(*trusted_folders):
             result = app(
                 [argument for argument in arguments if argument != "--trust"],
                 exit_on_error=False,

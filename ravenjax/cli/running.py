@@ -258,7 +258,7 @@ def _exit_on_signals() -> Iterator[None]:
     """Exit on SIGTERM and SIGHUP as on Ctrl-C, with exit code 128 + the number of the signal."""
     with interruption.exit_on_signals(signal.SIGTERM, signal.SIGHUP):
         try:
-            with interruption.ended_in_time(SIGNAL_MESSAGE), interruption.held_back():
+            with interruption.limit_shutdown_time(SIGNAL_MESSAGE), interruption.delay_signals():
                 yield
         except SystemExit:
             console.print_text(SIGNAL_MESSAGE, console.err)

@@ -79,7 +79,7 @@ def train(
     say = console.print_text
     if not (page or headless or script or crtk) and itp_port is None:
         raise UserError("nobody moves the robot: add --page, --script, --itp-port or --crtk")
-    with _exit_with_message(), interruption.held_back(), contextlib.ExitStack() as stack:
+    with _exit_with_message(), interruption.delay_signals(), contextlib.ExitStack() as stack:
         helpers = None
         if not headless:
             from ravenjax.train import page as pages
@@ -130,7 +130,7 @@ def train(
         say(f"session: {result.folder} ({result.ended})")
         options = launch.next_options(options, result)
         say(f"{options.scenario.name}: preparing the next session")
-        with _exit_with_message(), interruption.held_back():
+        with _exit_with_message(), interruption.delay_signals():
             result = launch.run_realtime(options, with_page=page, linger_s=linger, say=say)
     say(f"session: {result.folder} ({result.ended})")
 

@@ -94,7 +94,8 @@ checks and detectors.
 def needs_own_columns(added: Iterable[Check], stops: bool) -> bool:
     """Return whether the response of the built-in checks alone needs separate columns.
 
-    added: users' checks, of which one may do more than watch. stops: a detector may stop the robot.
+    added: users' checks; checks that only watch need no columns. stops: True if a detector may stop
+    the robot.
     """
     return stops or any(check.action != "watch" for check in added)
 
@@ -108,6 +109,6 @@ def built_in_column(added: Iterable[Check], stops: bool) -> str:
 
 
 def check_names(columns: Iterable[str]) -> tuple[str, ...]:
-    """Return the names of checks that have outcome columns."""
-    found = (re.fullmatch("check_(.+)_count", column) for column in columns)
-    return tuple(match[1] for match in found if match)
+    """Return the names of the checks with a column `check_<name>_count`, in order."""
+    matches = (re.fullmatch("check_(.+)_count", column) for column in columns)
+    return tuple(match[1] for match in matches if match)

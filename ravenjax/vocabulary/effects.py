@@ -56,8 +56,10 @@ class Effect(NamedTuple):
 
 EFFECTS: dict[str, Effect] = {
     name: Effect(
-        *(name, table["meaning"], table.get("value", "")),
-        OfNetwork(*table["network"]) if "network" in table else None,
+        name=name,
+        meaning=table["meaning"],
+        value=table.get("value", ""),
+        network=OfNetwork(*table["network"]) if "network" in table else None,
     )
     for name, table in resources.read_tables(__file__, "effects.toml").items()
 }

@@ -85,7 +85,10 @@ class Robot:
         return self.layers[self.sites[site].layer] if site in self.sites else OTHER_LAYER
 
     def normal_range(self, site: str, channel: str, arm: str) -> ChannelRange | None:
-        """Return a channel's normal range, or None. `arm` counts for sites that each arm has."""
+        """Return a channel's normal range, or None if the range is unknown.
+
+        arm: name of an arm; it has no effect at a site that does not belong to an arm.
+        """
         per_arm = site in self.sites and self.sites[site].per_arm
         return self.ranges.get((site, arm if per_arm else "", channel))
 
@@ -98,9 +101,10 @@ class Robot:
 
         If the robot is a single module, return this module.
         """
-        whole = importlib.import_module(self.package)
-        if not hasattr(whole, "__path__"):
-            return whole
+        package = importlib.import_module(self.package)
+        # Only packages have this attribute.
+        if not hasattr(package, "__path__"):
+            return package
         return importlib.import_module(f"{self.package}.{name}")
 
 

@@ -177,7 +177,7 @@ def compute_test_vector(
     site of FAULT.
     """
     compile_cache.enable_cache()
-    with TemporaryDirectory() as folder, consent.given_for(Path(folder)):
+    with TemporaryDirectory() as folder, consent.trust_folders(Path(folder)):
         file = Path(folder) / "monitor.py"
         text = code.write_part(monitor.terms, monitor.segments, monitor.scales, stores_inputs=True)
         file.write_text(text, encoding="utf-8")

@@ -126,7 +126,7 @@ class Local:
         computation.compile()
         writers = min(WRITERS, len(os.sched_getaffinity(0)))
         with (
-            interruption.held_back(),
+            interruption.delay_signals(),
             BackgroundQueue(writers) as jobs,
             contextlib.closing(computation.blocks(chunks)) as blocks,
         ):

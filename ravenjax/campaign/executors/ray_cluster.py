@@ -178,7 +178,7 @@ class Ray:
             work.deliver(finished)
             progress.ticks(len(finished.rows) * work.plan.program.ticks)
 
-        with interruption.held_back(), protocol.BackgroundQueue(WRITERS) as queue:
+        with interruption.delay_signals(), protocol.BackgroundQueue(WRITERS) as queue:
             try:
                 while waiting or under_way:
                     interruption.check_interruption()
