@@ -42,10 +42,9 @@ def trust_folders(*folders: Path) -> Iterator[None]:
 
 
 def require_consent(path: Path, content: bytes, robot: Sequence[Path] = ()) -> None:
-    """Raise UserError unless the user has agreed to run the code in this file.
-
-    content: content of the file. robot: for a robot's module, all files of the robot; `content` is
-    then the content of all these files. The hash of code that may run is stored.
+    """Raise UserError unless the user has agreed to run the code in this file. content: content of
+    the file. robot: for a robot's module, all files of the robot; `content` is then the content of
+    all these files. The hash of code that may run is stored.
     """
     state_folder = user_folder("XDG_STATE_HOME", ".local/state")
     kind = "robots" if robot else "parts"
@@ -71,11 +70,10 @@ def require_consent(path: Path, content: bytes, robot: Sequence[Path] = ()) -> N
 
 
 def user_folder(variable: str, default: str) -> Path | None:
-    """Return ravenjax's folder for one kind of the user's files, such as caches.
-
-    variable: environment variable of the XDG specification that names the parent folder. default:
-    the parent folder if the variable is not set, relative to the home folder. Return None if the
-    variable is not set and the user has no home folder.
+    """Return ravenjax's folder for one kind of the user's files, such as caches. variable:
+    environment variable of the XDG specification that names the parent folder. default: the parent
+    folder if the variable is not set, relative to the home folder. Return None if the variable is
+    not set and the user has no home folder.
     """
     parent = Path(os.environ.get(variable, ""))
     try:

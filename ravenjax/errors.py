@@ -13,9 +13,8 @@ if TYPE_CHECKING:
 
 class UserError(ValueError):
     """Raised for an error in the user's input. The message names the file, key or value, the
-    expected values, and what to write instead.
-
-    The command line prints the message without a traceback and exits with code 2.
+    expected values, and what to write instead. The command line prints the message without a
+    traceback and exits with code 2.
     """
 
 
@@ -45,10 +44,9 @@ def list_lines(lines: Sequence[str], most: int = 8) -> str:
 
 
 def suggest_name(word: object, names: Iterable[str]) -> str:
-    """Return `. Did you mean 'x'?` with the known name that is most similar to `word`.
-
-    The name is one of those that share most parts between dots with `word`, if any name shares one.
-    Return "" if no name is similar, or if `word` is not a string.
+    """Return `. Did you mean 'x'?` with the known name that is most similar to `word`. The name is
+    one of those that share most parts between dots with `word`, if any name shares one. Return ""
+    if no name is similar, or if `word` is not a string.
     """
     if not isinstance(word, str):
         return ""
@@ -65,19 +63,15 @@ def suggest_name(word: object, names: Iterable[str]) -> str:
 
 
 def describe_unknown_name(what: str, word: str, names: Iterable[str]) -> str:
-    """Return the error message for a word that is not among the known names.
-
-    what: kind of the names, such as "engine".
-    """
+    """Return the error message for an unknown word. what: kind of name, such as "engine"."""
     names = list(names)
     return f"unknown {what} {word!r}, expected one of {', '.join(names)}{suggest_name(word, names)}"
 
 
 def format_error(error: Any, model: type[BaseModel], hint: str = "") -> str:
-    """Return ravenjax's message for an error that pydantic found in a table of this model.
-
-    error: one of `ValidationError.errors()`. hint: text about the table to which an unknown key
-    belongs; "": the message suggests the most similar key.
+    """Return ravenjax's message for an error that pydantic found in a table of this model. error:
+    one of `ValidationError.errors()`. hint: text about the table to which an unknown key belongs;
+    "": the message suggests the most similar key.
     """
     kind, key = error["type"], str(error["loc"][-1]) if error["loc"] else ""
     if kind == "extra_forbidden":
@@ -101,7 +95,6 @@ def format_error(error: Any, model: type[BaseModel], hint: str = "") -> str:
 
 def model_at(model: type[BaseModel], key: Sequence[str | int]) -> type[BaseModel]:
     """Return the model of the table at `key`, a path of keys and indices inside a table of `model`.
-
     Parts that are no field of the current model, such as the indices of lists, are skipped.
     """
     for part in key:

@@ -1,9 +1,8 @@
-"""Handles Ctrl-C, SIGTERM and SIGHUP safely in a program with threads.
-
-Python raises the exception of a signal in the main thread, at any instruction. If the main thread
-has just taken a lock that another thread needs, such as that of a `Future`, nobody releases the
-lock and the program hangs. If a compiled module is being imported, the import fails. About one
-signal in 100 to 200 caused one of these errors in a campaign.
+"""Handles Ctrl-C, SIGTERM and SIGHUP safely in a program with threads. Python raises the exception
+of a signal in the main thread, at any instruction. If the main thread has just taken a lock that
+another thread needs, such as that of a `Future`, nobody releases the lock and the program hangs. If
+a compiled module is being imported, the import fails. About one signal in 100 to 200 caused one of
+these errors in a campaign.
 
 Therefore a signal is delayed. Its exception is raised when the main thread waits for other threads
 or begins a new step. Code that does not return for a long time, such as a compiler that runs for
@@ -36,10 +35,9 @@ _delayed_calls: list[Callable[[], object]] = []
 
 @contextlib.contextmanager
 def delay_signals() -> Iterator[None]:
-    """Delay signals until `check_interruption`, `wait_for_result` or the end of the block.
-
-    Only signals with a Python handler are delayed. Outside the main thread this does nothing,
-    because Python handles signals only in the main thread.
+    """Delay signals until `check_interruption`, `wait_for_result` or the end of the block. Only
+    signals with a Python handler are delayed. Outside the main thread this does nothing, because
+    Python handles signals only in the main thread.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -60,10 +58,7 @@ def delay_signals() -> Iterator[None]:
 
 
 def check_interruption() -> None:
-    """Handle delayed signals, which may raise an exception.
-
-    Call this only while the main thread owns no lock that another thread needs.
-    """
+    """Handle delayed signals, which may raise an exception. The caller must own no shared lock."""
     while _delayed_calls and threading.current_thread() is threading.main_thread():
         # The call is removed first, because it may raise an exception.
         _delayed_calls.pop(0)()
@@ -80,7 +75,6 @@ def wait_for_result(future: Future[T]) -> T:
 @contextlib.contextmanager
 def exit_on_signals(*numbers: signal.Signals) -> Iterator[None]:
     """Raise SystemExit with code 128 + the number of a signal when one of these signals arrives.
-
     Ignored signals (as under nohup) stay ignored. Outside the main thread this does nothing.
     """
 
@@ -98,10 +92,9 @@ def exit_on_signals(*numbers: signal.Signals) -> Iterator[None]:
 
 @contextlib.contextmanager
 def until_interrupted() -> Iterator[list[int]]:
-    """Yield a list to which the number of each Ctrl-C or SIGTERM is appended.
-
-    A loop can check the list between two ticks, and close its files. The third signal raises
-    KeyboardInterrupt. Use this context manager only in the main thread.
+    """Yield a list to which the number of each Ctrl-C or SIGTERM is appended. A loop can check the
+    list between two ticks, and close its files. The third signal raises KeyboardInterrupt. Use this
+    context manager only in the main thread.
     """
     signals = []
 
@@ -132,7 +125,6 @@ def _install_handler(
 @contextlib.contextmanager
 def limit_shutdown_time(message: str, grace_s: float = GRACE_S) -> Iterator[None]:
     """End the process if the main thread is still in this block `grace_s` seconds after a signal.
-
     The process then prints `message` and exits with code 128 + the number of the signal. The exit
     may interrupt any instruction of the block, so the block must write its files accordingly.
     """
@@ -141,8 +133,7 @@ def limit_shutdown_time(message: str, grace_s: float = GRACE_S) -> Iterator[None
         return
     receiver, sender = socket.socketpair()
     sender.setblocking(False)
-    # Python's signal handler in C writes the signal's number to this socket, even while no Python
-    # code runs.
+    # Python's C code writes the signal's number to this socket, even while no Python code runs.
     previous_fd = signal.set_wakeup_fd(sender.fileno(), warn_on_full_buffer=False)
     threading.Thread(target=_enforce_exit, args=(receiver, message, grace_s), daemon=True).start()
     try:
@@ -154,8 +145,7 @@ def limit_shutdown_time(message: str, grace_s: float = GRACE_S) -> Iterator[None
 
 
 def _enforce_exit(receiver: socket.socket, message: str, grace_s: float):
-    # Runs in a thread. Ends the process if the block of `limit_shutdown_time` does not end within
-    # grace_s after a signal.
+    # Ends the process if the block of `limit_shutdown_time` runs for grace_s after a signal.
     with receiver:
         while received := receiver.recv(1):
             if received[0] in SIGNALS and not _closed_within(receiver, grace_s):

@@ -1,7 +1,4 @@
-"""The command line `ravenjax`: registers all commands and parses arguments.
-
-Each command imports slow modules only when it runs.
-"""
+"""The command line `ravenjax`. Each command imports slow modules only when it runs."""
 
 import gc
 import logging

@@ -27,14 +27,13 @@ def campaigns(*, as_json: AsJson = False) -> None:
 
     campaign_paths = resources.list_resources("campaigns", "*.toml")
     search_paths = resources.list_resources(searches.FOLDER, "*.toml")
+    scenario_paths = scenario.bundled_scenarios()
     listings = console.fill_listings(
         "campaigns.j2",
         count_rows=design.count_rows,
         campaigns={path.name: loading.load_campaign(path) for path in campaign_paths},
         searches={path.name: searches.load_search(path) for path in search_paths},
-        scenarios={
-            path.name: scenario.load_scenario(path) for path in scenario.bundled_scenarios()
-        },
+        scenarios={path.name: scenario.load_scenario(path) for path in scenario_paths},
     )
     console.print_tables(listings, as_json)
 
@@ -157,9 +156,8 @@ PARAMETER_COLUMNS = ("path", "value", "may be", "meaning")
 
 
 def parameter_rows(config: CampaignConfig) -> list[tuple[str, ...]]:
-    """Return a row for each parameter of a campaign's robot, with the columns PARAMETER_COLUMNS.
-
-    A vector with one number per joint or axis is one row, and its values are "elbow 1, wrist 2".
+    """Return a row (PARAMETER_COLUMNS) for each parameter of a campaign's robot. A vector is one
+    row, with values such as "elbow 1, wrist 2".
     """
     from ravenjax.campaign import plan
     from ravenjax.campaign.file import bounds
@@ -176,11 +174,9 @@ def parameter_rows(config: CampaignConfig) -> list[tuple[str, ...]]:
     rows = []
     for path, texts in values.items():
         rules = bounds.allowed_values(config.robot, path, config.own_ranges)
+        # A rule without names of joints applies to all joints.
+        ranges = [f"{', '.join(rule.joints)}: {rule.range}".removeprefix(": ") for rule in rules]
         # A campaign cannot vary a parameter without rules.
         if rules:
-            # A rule without names of joints applies to all joints.
-            ranges = [
-                f"{', '.join(rule.joints)}: {rule.range}".removeprefix(": ") for rule in rules
-            ]
             rows.append((path, ", ".join(texts), "; ".join(ranges), rules[0].meaning))
     return rows

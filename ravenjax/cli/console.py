@@ -62,9 +62,7 @@ class Listing(NamedTuple):
 
 
 def print_tables(listings: Sequence[Listing], as_json: bool) -> None:
-    """Print the tables that have rows, or all tables as one JSON object
-    {name: [{column: cell}]}.
-    """
+    """Print the tables that have rows, or all as one JSON object {name: [{column: cell}]}."""
     if as_json:
         emit_json({listing.name: _row_objects(listing) for listing in listings})
         return
@@ -79,16 +77,14 @@ def print_tables(listings: Sequence[Listing], as_json: bool) -> None:
 def print_table(
     title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, ...]], to: Console | None = None
 ) -> None:
-    """Print a table of text to a console; `to` None: standard output.
-
-    Names in the first column are not wrapped, so that they can be copied. Sentences are wrapped.
+    """Print a table of text to a console; `to` None: standard output. Names in the first column are
+    not wrapped, so that they can be copied. Sentences are wrapped.
     """
     grid = Table(title=title, title_justify="left", show_edge=False)
     has_names = all(len(row[0]) <= MAX_NAME_LENGTH for row in rows)
     for number, column in enumerate(columns):
         grid.add_column(column, overflow="fold", no_wrap=has_names and number == 0)
-    # Control characters of a foreign file would control the terminal. Rich would interpret text
-    # in square brackets as markup.
+    # A terminal would obey control characters, and Rich would obey text in square brackets.
     for row in rows:
         grid.add_row(*(_CONTROL.sub("", cell).replace("[", r"\[") for cell in row))
     (to or out).print(grid)
@@ -103,7 +99,7 @@ def emit_json(value: Any) -> None:
 
 def print_text(text: object, to: Console | None = None, style: str | None = None) -> None:
     """Print text without markup to a console; `to` None: standard output."""
-    # Control characters of a foreign file would control the terminal.
+    # A terminal would obey control characters of a foreign file.
     plain = _CONTROL.sub("", str(text))
     (to or out).print(plain, style=style, markup=False, highlight=False, soft_wrap=True)
 
@@ -115,10 +111,9 @@ def print_findings(
     files: Sequence[Path] = (),
     **content: Any,
 ) -> None:
-    """Print sentences, tables and the paths of written files.
-
-    As JSON, print one object with the keys `sentences` and `files` and those of `content`, without
-    the tables. tables: (title, rows) of each table; its first row has the headings.
+    """Print sentences, tables and the paths of written files. As JSON, print one object with the
+    keys `sentences` and `files` and those of `content`, without the tables. tables: (title, rows)
+    of each table; its first row has the headings.
     """
     if as_json:
         return emit_json(content | {"sentences": sentences, "files": files})
@@ -142,11 +137,10 @@ def render_template(template: str, **content: Any) -> str:
 
 
 def fill_listings(template: str, **content: Any) -> list[Listing]:
-    """Render a template of this package and return the tables that it describes.
-
-    In the rendered text a blank line separates two tables. The first line of a table has its name
-    and title, the second its columns, and each further line a row. Cells are separated by "|".
-    Only the last cell of a line may contain "|".
+    """Render a template of this package and return the tables that it describes. In the rendered
+    text a blank line separates two tables. The first line of a table has its name and title, the
+    second its columns, and each further line a row. Cells are separated by "|". Only the last cell
+    of a line may contain "|".
     """
     listings = []
     for table in render_template(template, **content).split("\n\n"):
@@ -186,10 +180,8 @@ def load_module(name: str) -> Any:
 
 
 def worst_runs(folder: Path, most: int | None, by: str) -> list[WorstRun]:
-    """Return the `most` worst runs of a result folder, worst first; no run if `most` is None.
-
-    by: name of the ranking that orders the runs. If fewer runs are in the ranking, return these
-    and print a note.
+    """Return the `most` worst runs of a result folder, worst first; [] if `most` is None. by: name
+    of the ranking. If the ranking has fewer runs, return these and print a note.
     """
     from ravenjax.report.run import ranking
 

@@ -1,6 +1,4 @@
-"""The command `ravenjax coverage`: which harmful faults each check detects, and which pairs of
-faults harm together.
-"""
+"""The command `ravenjax coverage`: the harmful faults that checks detect, and harmful pairs."""
 
 import contextlib
 from pathlib import Path

@@ -34,8 +34,7 @@ def deadline(
         if not as_json:
             console.print_text(text, console.err)
 
-    record = manifest.read_manifest(folder)
-    path = folder / explained.DEADLINES
+    record, path = manifest.read_manifest(folder), folder / explained.DEADLINES
     files.require_writable(files.path_inside(folder, path.parent.name))
     table = finding.find_deadlines(folder, engine, group, print_progress)
     if not len(table):
@@ -46,10 +45,6 @@ def deadline(
     files.write_text(csv_path, table.map(files.without_formula).to_csv(index=False))
     with contextlib.closing(Runs.open(folder, record)) as runs:
         summary = section.summarize_deadlines(runs, table)
-    return console.print_findings(
-        section.deadline_sentences(summary),
-        as_json,
-        tables=section.deadline_tables(summary),
-        files=[path, csv_path],
-        **summary._asdict(),
-    )
+    sentences, tables = section.deadline_sentences(summary), section.deadline_tables(summary)
+    files_written = [path, csv_path]
+    return console.print_findings(sentences, as_json, tables, files_written, **summary._asdict())

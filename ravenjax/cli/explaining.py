@@ -1,6 +1,5 @@
-"""The commands `ravenjax trace` and `ravenjax explain`, which compute runs again.
-
-`trace` writes the time series of runs. `explain` shows how a fault becomes a failure.
+"""The commands `ravenjax trace` and `ravenjax explain`, which compute runs again. `trace` writes
+the time series of runs. `explain` shows how a fault becomes a failure.
 """
 
 from __future__ import annotations
@@ -69,9 +68,7 @@ def trace(
         console.emit_json(records)
 
 
-def _write_trace(
-    out_folder: Path, record: Manifest, replay: Replay, events: list[dict]
-) -> list[Path]:
+def _write_trace(folder: Path, record: Manifest, replay: Replay, events: list[dict]) -> list[Path]:
     # Writes the trace of a recomputed run as MCAP file, CSV table and figure. Returns the paths.
     from ravenjax.report import wording
     from ravenjax.report.run.plot import trace_plot
@@ -103,7 +100,7 @@ def _write_trace(
         "campaign_code_hash": record.code_hash,
     }
     header = {name: str(value) for name, value in metadata.items()}
-    paths = [out_folder / f"{row['run_id']}.{ending}" for ending in ("mcap", "csv", "svg")]
+    paths = [folder / f"{row['run_id']}.{ending}" for ending in ("mcap", "csv", "svg")]
     log_path, csv_path, plot_path = paths
     trace_log.write_trace(
         log_path, replay.series, header, bases=replay.bases, events=events, robot=record.robot
@@ -181,12 +178,11 @@ def explain(
     with contextlib.nullcontext() if hides_progress else terminal.Watch(console.err) as watch:
         explanation = explainer.explain(rows, watch)
     explained.add_explained(out_folder, explanation.ticks, record)
-    if changed_count := ranking.count_changed(folder, explanation.results):
+    if changed := ranking.count_changed(folder, explanation.results):
         code = "this" if record.code_hash == manifest.code_hash(record.robot) else "another"
         console.print_note(
-            f"{folder}: {changed_count} of {len(explanation.ticks)} runs now have another outcome"
-            f" than the stored one, which engine {record.engine} and {code} version of the code"
-            " computed"
+            f"{folder}: {changed} of {len(explanation.ticks)} runs now have another outcome than"
+            f" the stored one, which engine {record.engine} and {code} version of the code computed"
         )
     if summary_rows is None:
         _explain_each_run(out_folder, record, explanation, as_json)
@@ -228,8 +224,7 @@ def _explain_each_run(out_folder: Path, record: Manifest, explanation: Explained
 
 
 def _summarize_runs(folder: Path, out_folder: Path, record: Manifest, as_json: bool):
-    # Prints in how many of the explained runs each signal transmitted the error, and writes a table
-    # and a chart of these counts.
+    # Prints how many runs each signal transmitted the error in, and writes a table and a chart.
     from ravenjax.report import downloads, wording
     from ravenjax.report.data.runs import Runs
     from ravenjax.report.sections import chains
@@ -247,11 +242,7 @@ def _summarize_runs(folder: Path, out_folder: Path, record: Manifest, as_json: b
     if chains.draw_charts(summary, out_folder / "signals.svg"):
         paths.append(out_folder / "signals.svg")
     table = wording.fill_table("carriers.txt.j2", all=summary)
-    console.print_findings(
-        chains.chain_sentences(summary),
-        as_json,
-        # A table with only its headings is not printed.
-        tables=[("", table)] if len(table) > 1 else [],
-        files=paths,
-        **summary._asdict(),
-    )
+    # A table with only its headings is not printed.
+    tables = [("", table)] if len(table) > 1 else []
+    sentences = chains.chain_sentences(summary)
+    console.print_findings(sentences, as_json, tables, paths, **summary._asdict())

@@ -1,8 +1,7 @@
-"""Commands that use the folder `analysis` of a checkout, and `ravenjax doctor`.
-
-`bench` measures the speed of this machine. `reproduce` runs studies, and `credibility` prints the
-evidence for each of their claims. `evidence` writes tables and an argument for a risk file.
-`doctor` checks the installation.
+"""Commands that use the folder `analysis` of a checkout, and `ravenjax doctor`. `bench` measures
+the speed of this machine. `reproduce` runs studies, and `credibility` prints the evidence for each
+of their claims. `evidence` writes tables and an argument for a risk file. `doctor` checks the
+installation.
 """
 
 from collections.abc import Callable
@@ -130,8 +129,7 @@ def doctor(*, realtime: Switch = False, seconds: float = 60.0, as_json: AsJson =
 
 
 def _measure_realtime(seconds: float, as_json: bool) -> int:
-    # Prints how punctually this machine computes ticks of 1 ms. Returns the exit code: 1 if a
-    # requirement is not met.
+    # Prints how punctually this machine computes ticks of 1 ms. Returns 1 if it is too slow.
     from ravenjax.cli import timing
 
     measured = timing.measure_timing(seconds, lambda text: console.print_text(text, console.err))

@@ -1,7 +1,6 @@
-"""The commands `ravenjax monitor` and `ravenjax counterfactual`.
-
-`monitor` calibrates checks on fault-free motion to a stated false-alarm rate, and tests whether the
-calibration is still valid. `counterfactual` finds checks for faults that evade the robot's checks.
+"""The commands `ravenjax monitor` and `ravenjax counterfactual`. `monitor` calibrates checks on
+fault-free motion to a stated false-alarm rate, and tests whether the calibration is still valid.
+`counterfactual` finds checks for faults that evade the robot's checks.
 """
 
 import contextlib
@@ -137,8 +136,7 @@ def check(
 
     result = checking.check_exchangeability(folder, sources, level, seed)
     shifted = bool(result["shifted"].any())
-    counts = result.attrs
-    rows = result.to_dict("records")
+    counts, rows = result.attrs, result.to_dict("records")
     if as_json:
         console.emit_json({"signals": rows, **counts, "shifted": shifted})
         return int(shifted)

@@ -1,6 +1,5 @@
-"""Commands on recordings of operators, `ravenjax motion`, and logs of robots, `calibrate`.
-
-The module also prints what `ravenjax run` says about a recorded operator.
+"""Commands on recordings of operators, `ravenjax motion`, and logs of robots, `calibrate`. The
+module also prints what `ravenjax run` says about a recorded operator.
 """
 
 from __future__ import annotations
@@ -91,9 +90,8 @@ def show_operator(config: CampaignConfig, to: Console) -> None:
 def _configure_replay(
     file: Path, campaign: str | None, arms: list[str] | None, overrides: list[str]
 ) -> tuple[RavenConfig, bool]:
-    # Returns a campaign whose operator is the recording `file`, and whether the motion is the whole
-    # recording instead of the campaign's duration. campaign: path or bundled name; None: a campaign
-    # with default settings.
+    # Returns a campaign whose operator is the recording `file`, and whether to replay all of it
+    # instead of the campaign's duration. campaign: path or bundled name; None: default settings.
     from ravenjax.campaign import loading
     from ravenjax.robots.raven2.campaign.config import of_raven
     from ravenjax.store.motion import recording

@@ -136,9 +136,8 @@ def check(
     if limit is not None:
         changes.append(f"campaign.limit={limit}")
     config = loading.load_campaign(file, changes, runs=False)
-    preview, sample = preview_campaign(
-        config, out or Path("results") / config.campaign.name, engine
-    )
+    folder = out or Path("results") / config.campaign.name
+    preview, sample = preview_campaign(config, folder, engine)
     preview["sample"] = [
         {
             "index": int(row["index"]),
@@ -184,8 +183,7 @@ def fault_free(
     from ravenjax.report import wording
     from ravenjax.store.access.fault_free import FOLDER
 
-    motions_folder = folder / FOLDER
-    screen = console.err if as_json else console.out
+    motions_folder, screen = folder / FOLDER, console.err if as_json else console.out
 
     def announce_motion(hours_computed: float, path: Path):
         # Prints the hours that are computed when the next motion begins.
@@ -238,10 +236,7 @@ def _print_summary(
     verdicts = terminal.share_rows(faults_by_verdict, sum(faults_by_verdict.values()))
     content = {
         "record": record,
-        "verdicts": [
-            (events.name_harm(verdict, record.rules), count, share)
-            for verdict, count, share in verdicts
-        ],
+        "verdicts": [(events.name_harm(name, record.rules), *row) for name, *row in verdicts],
         "failures": terminal.share_rows(record.failures, record.done),
         "counts": counts,
         "not_counted": NOT_COUNTED,

@@ -23,10 +23,7 @@ LINE_PERIOD_S = 5.0
 
 
 class Watch:
-    """Shows a campaign's progress: a bar in a terminal, otherwise a line every few seconds.
-
-    Use it as a context manager.
-    """
+    """Shows progress: a bar in a terminal, else a line every few seconds. A context manager."""
 
     def __init__(self, console: Console):
         self._console = console
@@ -98,10 +95,8 @@ def run_checks(tests: dict[str, Callable[[], str]]) -> Iterator[tuple[str, str, 
 
 
 def share_rows(counts: Mapping[str, int], total: int) -> list[tuple[str, ...]]:
-    """Return table rows (name, count, share of `total` in %), largest count first.
-
-    counts: number of faults or runs by name. The name "" stands for runs without a name and has no
-    row.
+    """Return table rows (name, count, share of `total` in %), largest count first. counts: number
+    of faults or runs by name. The name "" stands for runs without a name and has no row.
     """
     ordered = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
 

@@ -23,9 +23,8 @@ EMPTY, SESSION = "empty", "session"
 
 def measure_timing(seconds: float, say: Say) -> dict[str, clock.LoopTiming]:
     """Measure the ticks of an empty loop and of a training session, for `seconds` each, and return
-    the timings by the names EMPTY and SESSION.
-
-    The session has recorder and page, and a simulated operator moves the robot. say: prints a line.
+    the timings by the names EMPTY and SESSION. The session has recorder and page, and a simulated
+    operator moves the robot. say: prints a line.
     """
     # More targets than the operator can reach, so that the task does not end the session early.
     chosen = scenario.load_scenario(SCENARIO, [f"duration_s={seconds}", "task.targets=1000"])

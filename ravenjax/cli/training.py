@@ -124,8 +124,7 @@ def train(
             result = launch.run_realtime(
                 options, with_page=page, linger_s=linger, say=say, helpers=helpers
             )
-    # Further sessions, which a browser asked for, use the same address, so that browser windows
-    # reconnect.
+    # Further sessions use the same address, so that browser windows reconnect.
     while result.next_command is not None:
         say(f"session: {result.folder} ({result.ended})")
         options = launch.next_options(options, result)

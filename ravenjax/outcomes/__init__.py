@@ -4,12 +4,6 @@ A run is compared with its *golden run*: the same operator, robot and random num
 fault. definitions.toml defines each word, events.toml defines the events of stop rules and
 searches, and docs/outcomes.md gives the reasons.
 
-    response                 hazard                      cue
-    stopped ---------------> unintended motion --------> cue
-    flagged ---------------> loss of motion -----------> no cue
-    limited  \ without      false report
-    silent   /  an alarm     none
-
 A check counts if it tripped more often or sooner than in the golden run. A user's check counts with
 the action that the campaign file gives it (`[[check]] acts`). A check that only watches does not
 count. If a campaign adds checks or detectors, the columns `built_in_response` and

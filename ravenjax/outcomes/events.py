@@ -1,6 +1,5 @@
-"""Defines events of runs as SQL expressions over columns of the result table, for DuckDB.
-
-Stop rules, reports and searches use the same events, on Parquet files, Arrow tables and DataFrames.
+"""Defines events of runs as SQL expressions over columns of the result table, for DuckDB. Stop
+rules, reports and searches use the same events, on Parquet files, Arrow tables and DataFrames.
 """
 
 from __future__ import annotations
@@ -52,7 +51,6 @@ def beyond_golden_sql(column: str) -> str:
 
 def check_ms_sql(name: str) -> str:
     """Return SQL for the first time at which a check acted more than in the golden run; -1: never.
-
     The SQL equals `verdict.classify_responses`.
     """
     ms = f'"check_{name}_first_ms"'
@@ -117,8 +115,7 @@ def name_harm(text: str, rules: Rules, own: Iterable[str] = ()) -> str:
 def event_columns(names: Sequence[str], rules: Rules) -> list[str]:
     """Return the columns of the result table that these events need, and `failed`."""
     sql = " ".join(event_sql(name, rules) for name in names)
-    # Texts in quotes are values. Words in lower case are columns, because SQL's own words are in
-    # upper case.
+    # Texts in quotes are values, and words in upper case are SQL. All other words are columns.
     columns = re.findall(r"[a-z_][a-z0-9_]*", re.sub(r"'[^']*'", "", sql))
     return list(dict.fromkeys(["failed", *columns]))
 
@@ -127,7 +124,6 @@ def events_happened(
     table: pa.Table, names: Sequence[str], rules: Rules, valid: str = VALID_SQL
 ) -> np.ndarray:
     """Return which rows are valid, and in which rows each event happened: bool [1 + names, rows].
-
     The first row of the result is for `valid`, an SQL expression; the next rows are for `names`.
     Events of rows that are not valid have no meaning. table: Arrow table with `event_columns`.
     """

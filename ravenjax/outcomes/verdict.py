@@ -1,6 +1,5 @@
-"""Computes response, hazard and verdict of each run from an engine's output, with NumPy.
-
-The docstring of `ravenjax.outcomes` defines these words.
+"""Computes response, hazard and verdict of each run from an engine's output, with NumPy. The
+docstring of `ravenjax.outcomes` defines these words.
 """
 
 from collections.abc import Iterable, Mapping
@@ -62,11 +61,10 @@ class Response(NamedTuple):
 
 
 def classify_responses(outcomes: Outcomes, golden: Outcomes, robot: Robot) -> Response:
-    """Return the response of the checks in each run, compared with its golden run.
-
-    Checks also trip in fault-free motion, for example if a command is clipped. So a check counts
-    only if it tripped more often than in the golden run, or sooner. `golden`: columns
-    `check_*_count` and `check_*_first_ms` of the golden runs.
+    """Return the response of the checks in each run, compared with its golden run. Checks also trip
+    in fault-free motion, for example if a command is clipped. So a check counts only if it tripped
+    more often than in the golden run, or sooner. `golden`: columns `check_*_count` and
+    `check_*_first_ms` of the golden runs.
     """
     counted = [name for name in checks.check_names(outcomes) if robot.check(name).action != "watch"]
     return _responses(outcomes, golden, robot, counted, None)
@@ -75,12 +73,10 @@ def classify_responses(outcomes: Outcomes, golden: Outcomes, robot: Robot) -> Re
 def built_in_responses(
     outcomes: Outcomes, golden: Outcomes, robot: Robot, detectors: Iterable[int] = ()
 ) -> Response:
-    """Return the response of the built-in checks alone.
-
-    A stop by an added check makes built-in checks trip too: the software E-stop, then the PLC. So
-    if an added check or detector changed the course of a run, only trips before this change count.
-    `detectors`: numbers of detectors that may stop the robot; `golden` needs their columns
-    `detector<d>_threshold0_*`.
+    """Return the response of the built-in checks alone. A stop by an added check makes built-in
+    checks trip too: the software E-stop, then the PLC. So if an added check or detector changed the
+    course of a run, only trips before this change count. `detectors`: numbers of detectors that may
+    stop the robot; `golden` needs their columns `detector<d>_threshold0_*`.
     """
     names = checks.check_names(outcomes)
     # Columns of the number of trips and of the first trip, of all that may change the course.
@@ -108,11 +104,9 @@ def built_in_responses(
 def _responses(
     outcomes: Outcomes, golden: Outcomes, robot: Robot, names: list[str], end_ms: np.ndarray | None
 ) -> Response:
-    """Return the response of the checks `names`.
-
-    end_ms: [rows] last time at which a trip counts; -1 or None: all trips count. Trips of checks
-    that follow a stop by another check (`Check.follows`) count only before this time.
-    """
+    # Returns the response of the checks `names`. end_ms: [rows] last time at which a trip counts;
+    # -1 or None: all trips count. Trips of checks that follow a stop by another check
+    # (`Check.follows`) count only before this time.
     onset = np.asarray(outcomes["first_active_ms"])
     response = np.full(len(onset), SILENT, np.int8)
     cause = np.zeros(len(onset), np.int8)
@@ -144,10 +138,9 @@ def _responses(
 
 
 def classify_hazards(outcomes: Any, stopped: np.ndarray) -> np.ndarray:
-    """Return the gravest hazard of each run as an index in HAZARDS.
-
-    `outcomes`: columns unintended_first_ms, loss_first_ms, false_report_first_ms, halted_ms,
-    golden_halted_ms. `stopped`: bool [rows], True if a check stopped the robot.
+    """Return the gravest hazard of each run as an index in HAZARDS. `outcomes`: columns
+    unintended_first_ms, loss_first_ms, false_report_first_ms, halted_ms, golden_halted_ms.
+    `stopped`: bool [rows], True if a check stopped the robot.
     """
     unintended, loss, false_report = (
         np.asarray(outcomes[f"{name}_first_ms"]) >= 0
@@ -161,7 +154,6 @@ def classify_hazards(outcomes: Any, stopped: np.ndarray) -> np.ndarray:
 
 def is_halt(halted_ms: Any, golden_halted_ms: Any, stopped: Any) -> Any:
     """Return whether a run has a loss of motion because the robot was not live for too long.
-
     halted_ms, golden_halted_ms: time in which the robot was not live although the operator held the
     pedal down, in the run and in its golden run, ms. stopped: True if a check stopped the robot,
     which is no loss of motion. All arguments are numbers or arrays [rows].
@@ -181,7 +173,6 @@ def classify_verdicts(
     response: np.ndarray, hazard: np.ndarray, cue: np.ndarray, valid: np.ndarray
 ) -> np.ndarray:
     """Return the verdict of each run as an index in (*VERDICTS, ""); "" if the run is not valid.
-
     response, hazard: indices in RESPONSES and HAZARDS. cue: bool, True for a cue that the golden
     run does not have. valid: bool. All arrays are [rows].
     """

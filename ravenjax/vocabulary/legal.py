@@ -1,7 +1,6 @@
-"""Decides which values a fault effect may have at a channel.
-
-A value must fit the channel's number type, so that the stored value equals the value in the
-campaign file. A DAC word has 16 bits. A larger value needs the campaign's permission.
+"""Decides which values a fault effect may have at a channel. A value must fit the channel's number
+type, so that the stored value equals the value in the campaign file. A DAC word has 16 bits. A
+larger value needs the campaign's permission.
 """
 
 import math
@@ -30,10 +29,7 @@ class Legal(NamedTuple):
 
 
 def legal_values(channel: Channel, effect: str, beyond: bool = False) -> Legal:
-    """Return the values that `effect` may have at `channel`.
-
-    beyond: permit values beyond 16 bits at a channel of 16 bits.
-    """
+    """Return the values that `effect` may have at `channel`. beyond: permit more than 16 bits."""
     name, kind = channel.name, channel.kind
     if effect == "bit_flip":
         noun = kind if channel.field is None else channel.field.noun
@@ -65,9 +61,7 @@ def legal_values(channel: Channel, effect: str, beyond: bool = False) -> Legal:
 def find_illegal_value(
     site: Site, channel: Channel, effect: str, value: float, beyond: bool
 ) -> str:
-    """Return the error message for a value that `legal_values` does not permit at this channel of
-    `site`.
-    """
+    """Return the message for a value that `legal_values` does not permit at this channel."""
     legal = legal_values(channel, effect, beyond)
     refusal = f"{legal.expected}, got {value:.10g}"
     if channel.kind == "bool" or effect in ("bit_flip", "delay", "lose"):
