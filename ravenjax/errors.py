@@ -13,8 +13,9 @@ if TYPE_CHECKING:
 
 class UserError(ValueError):
     """Raised for an error in the user's input. The message names the file, key or value, the
-    expected values, and what to write instead. The command line prints the message without a
-    traceback and exits with code 2.
+    expected values, and what to write instead.
+
+    The command line prints the message without a traceback and exits with code 2.
     """
 
 

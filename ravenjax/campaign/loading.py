@@ -22,9 +22,10 @@ from ravenjax.store import manifest
 def load_campaign(
     campaign: str | Path | dict[str, Any], overrides: Sequence[str] = (), runs: bool = True
 ) -> CampaignConfig:
-    """Read and check a campaign: a TOML file, the name of a bundled campaign, or nested tables. The
-    ending `.toml` may be left out. overrides: `key.path=value`, as for `--set` on the command line.
-    Paths in a campaign file are relative to its folder. runs: permit Python files beside the
+    """Read and check a campaign: a TOML file, the name of a bundled campaign, or nested tables.
+
+    The ending `.toml` may be left out. overrides: `key.path=value`, as for `--set` on the command
+    line. Paths in a campaign file are relative to its folder. runs: permit Python files beside the
     campaign file, if `campaign` is its path (see docs/how-to/files-of-others.md). Raise UserError
     with all mistakes and their lines.
     """
