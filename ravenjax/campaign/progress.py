@@ -139,6 +139,7 @@ class ProgressFile:
         self._phase, self._written_s = "", -WRITE_PERIOD_S
 
     def __call__(self, status: Status) -> None:
+        """Write the status, at most once in WRITE_PERIOD_S of the same phase."""
         now_s = time.monotonic()
         if status.phase != self._phase or now_s - self._written_s >= WRITE_PERIOD_S:
             self._phase, self._written_s = status.phase, now_s

@@ -75,10 +75,10 @@ def finish_chunk(plan: Plan, part: PartRows, pack: Pack) -> FinishedChunk:
     """Compute the result columns of a part of `plan`, pack them, and count failed runs by cause."""
     runs = plan.rows.iloc[part.rows.start : part.rows.stop]
     rows = outcomes.result_columns(plan.config, runs, part.outcomes, part.golden_runs)
-    first = int(runs["index"].to_numpy()[0])
+    first_index = int(runs["index"].to_numpy()[0])
     causes = rows["failed"].value_counts().to_dict()
     failures = {cause: count for cause, count in causes.items() if cause}
-    return FinishedChunk(range(first, first + len(runs)), pack(rows), failures)
+    return FinishedChunk(range(first_index, first_index + len(runs)), pack(rows), failures)
 
 
 class BackgroundQueue:

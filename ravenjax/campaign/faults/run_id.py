@@ -34,7 +34,7 @@ def compute_run_ids(
         sums += np.array(hashes, np.uint64)[column.codes]
     for name, values in numbers.items():
         sums += _hash_numbers(values, _hash_text(f"{common}/{name}"))
-    return _number_copies(mix_bits(sums))
+    return _make_unique(mix_bits(sums))
 
 
 def mix_bits(numbers: np.ndarray) -> np.ndarray:
@@ -84,8 +84,8 @@ def _hash_numbers(values: np.ndarray, column_hash: np.uint64) -> np.ndarray:
     return hashes
 
 
-def _number_copies(ids: np.ndarray) -> np.ndarray:
-    # Returns the ids, with another id in place of each repetition of an id.
+def _make_unique(ids: np.ndarray) -> np.ndarray:
+    # Returns the ids, with new ids in place of those that earlier rows already have.
     if pd.Index(ids).is_unique:
         return ids
     # Number of equal ids in earlier rows.

@@ -105,6 +105,7 @@ def key_lines(text: str) -> dict[str, int]:
         if header := _HEADER.match(line):
             table = _key_of_header(_split_key(header[2]), header[1] == "[[", counts)
             numbers.setdefault(format_key(table), number)
+            # The array as a whole has the line of its first entry.
             if header[1] == "[[":
                 numbers.setdefault(format_key(table[:-1]), number)
         elif key := _KEY.match(line):
@@ -166,24 +167,26 @@ class Where:
         # Returns a complaint with a key that is in the file. For a fault of the hazard library,
         # this is a key of the group that names the hazard.
         match key:
-            case ("group", int(expanded), *rest) if expanded < len(self.written):
-                number = self.written[expanded]
+            case ("group", int(expanded_number), *rest) if expanded_number < len(self.written):
+                number_in_file = self.written[expanded_number]
             case _:
                 return key, message
-        group = self.groups[number]
+        group = self.groups[number_in_file]
         if "hazards" not in group or rest[:1] != ["fault"]:
-            return ("group", number, *rest), message
+            return ("group", number_in_file, *rest), message
+        # The group may replace a key of the hazard's fault.
         if rest[-1] in group:
-            return ("group", number, rest[-1]), message
-        hazard = self.names[expanded].rpartition("/")[2]
-        return ("group", number, "hazards"), f"{hazard}, {format_key(tuple(rest))}: {message}"
+            return ("group", number_in_file, rest[-1]), message
+        hazard = self.names[expanded_number].rpartition("/")[2]
+        message = f"{hazard}, {format_key(tuple(rest))}: {message}"
+        return ("group", number_in_file, "hazards"), message
 
     def _describe_place(self, key: Key) -> str:
         # Returns where a key was written: `--set`, or file and line; "" for tables from Python.
-        text, replaced = format_key(key), [format_key(key) for key in self.replaced]
-        # An override may create a table that the file does not have.
-        inner = () if text in self.lines else (f"{text}.", f"{text}[")
-        if any(text.startswith(other) or other.startswith(inner) for other in replaced):
+        text, override_keys = format_key(key), [format_key(key) for key in self.replaced]
+        # An override of an inner key may create a table that the file does not have.
+        inner_keys = () if text in self.lines else (f"{text}.", f"{text}[")
+        if any(text.startswith(other) or other.startswith(inner_keys) for other in override_keys):
             return "--set: "
         if self.source is None:
             return ""

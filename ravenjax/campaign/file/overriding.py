@@ -41,6 +41,7 @@ def apply_overrides(
         try:
             value = tomllib.loads(f"x = {text}")["x"]
         except (ValueError, RecursionError):
+            # Text without quotes is no TOML.
             value = text.strip()
         raw, key = _replace_value(raw, parts, value, override)
         keys.append(key)
