@@ -69,19 +69,19 @@ def simulate(campaign: AnyCampaign, run: str | int = 0, engine: str = "auto") ->
     UserError.
     """
     config = _config(campaign)
-    again = Replayer(config, engine).replay(run)
-    row: dict[str, Any] = {str(name): value for name, value in again.row.items()}
-    plain = ("run_id", "group", "operator", "verdict", "response", "response_cause", "hazard")
-    attributes = {name: str(row[name]) for name in plain} | {
+    replay = Replayer(config, engine).replay(run)
+    row: dict[str, Any] = {str(name): value for name, value in replay.row.items()}
+    columns = ("run_id", "group", "operator", "verdict", "response", "response_cause", "hazard")
+    attributes = {column: str(row[column]) for column in columns} | {
         "index": int(row["index"]),
         "seed": int(row["seed"]),
         "fault": wording.describe_fault(row, config.robot),
         "campaign": config.campaign.name,
-        "engine": again.engine,
+        "engine": replay.engine,
         "version": manifest.package_versions()["ravenjax"],
     }
     thresholds_mm = [cue.threshold_m * 1e3 for cue in config.haptics.cues()]
-    return time_series.series_dataset(again.series, attributes, thresholds_mm, config.robot)
+    return time_series.series_dataset(replay.series, attributes, thresholds_mm, config.robot)
 
 
 def explain(
@@ -135,6 +135,7 @@ def counterfactual(
     config = load_source(folder) if folder else _config(campaign)
     found = finding.find_checks(config, question, engine)
     files = [] if out is None else output.write_files(found, Path(out))
+    # The table is read from CSV, so that it has the types of the written file.
     text = io.StringIO(downloads.format_csv(output.candidate_table(found)))
     table = pd.read_csv(text, keep_default_na=False, na_values=[""])
     table.attrs["sentences"] = output.finding_sentences(found)
@@ -189,19 +190,19 @@ def check_monitor(
     """
     from ravenjax.analyses.monitors import checking
 
-    several = [sources] if isinstance(sources, str | Path) else sources
-    paths = [Path(source) for source in several]
+    source_list = [sources] if isinstance(sources, str | Path) else sources
+    paths = [Path(source) for source in source_list]
     return checking.check_exchangeability(Path(folder), paths, level, seed)
 
 
 def _folder(campaign: Any) -> Path | None:
-    """Return the result folder, if `campaign` is a result folder and not a campaign."""
-    place = campaign.folder if isinstance(campaign, CampaignResults) else campaign
-    return Path(place) if result_folder(place) else None
+    """Return the path of the result folder that `campaign` is or opened; None for a campaign."""
+    path = campaign.folder if isinstance(campaign, CampaignResults) else campaign
+    return Path(path) if result_folder(path) else None
 
 
 def _config(campaign: Any) -> CampaignConfig:
-    """Return the configuration of a campaign: an object, tables or a file."""
+    """Return the configuration of a campaign, which is an object, nested tables, or a file."""
     if isinstance(campaign, Campaign):
         return campaign.config
     return campaign if isinstance(campaign, CampaignConfig) else load_campaign(campaign)

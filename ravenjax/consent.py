@@ -24,7 +24,7 @@ from ravenjax.errors import UserError
 VARIABLE = "RAVENJAX_TRUST"
 """Environment variable; with value 1, all code that a campaign file names may run."""
 EVERYWHERE = Path("/")
-"""Folder for `given_for` if the user agrees to all code."""
+"""Folder for `trust_folders` if the user agrees to all code."""
 OWNERS = (0, os.geteuid())
 """Ids of the users whose files are trusted: root and the current user."""
 
@@ -32,8 +32,8 @@ _FOLDERS: ContextVar[tuple[Path, ...]] = ContextVar("folders", default=())
 
 
 @contextlib.contextmanager
-def given_for(*folders: Path) -> Iterator[None]:
-    """Within a `with` block, let the code in these folders run, too."""
+def trust_folders(*folders: Path) -> Iterator[None]:
+    """Within a `with` block, permit the code in these folders and in their subfolders to run."""
     before = _FOLDERS.set((*_FOLDERS.get(), *(folder.resolve() for folder in folders)))
     try:
         yield
@@ -42,18 +42,20 @@ def given_for(*folders: Path) -> Iterator[None]:
 
 
 def require_consent(path: Path, content: bytes, robot: Sequence[Path] = ()) -> None:
-    """Raise UserError unless the user has agreed to run the code in this file.
-
-    content: content of the file. robot: for a robot's module, all files of the robot; `content` is
-    then the content of all these files.
+    """Raise UserError unless the user has agreed to run the code in this file. content: content of
+    the file. robot: for a robot's module, all files of the robot; `content` is then the content of
+    all these files. The hash of code that may run is stored.
     """
-    memory = user_folder("XDG_STATE_HOME", ".local/state")
+    state_folder = user_folder("XDG_STATE_HOME", ".local/state")
     kind = "robots" if robot else "parts"
-    mark = memory and memory / "trusted" / kind / hashlib.sha256(content).hexdigest()
-    trusted = os.environ.get(VARIABLE) == "1" or EVERYWHERE in _FOLDERS.get()
+    # An empty file whose name is the hash marks code to which the user agreed.
+    mark = state_folder and state_folder / "trusted" / kind / hashlib.sha256(content).hexdigest()
+    trusts_all = os.environ.get(VARIABLE) == "1" or EVERYWHERE in _FOLDERS.get()
     resolved = path.resolve()
-    given = any(robot or resolved.is_relative_to(folder) for folder in _FOLDERS.get())
-    if trusted or (given and all(file.stat().st_uid in OWNERS for file in robot or [resolved])):
+    # A robot's module may lie anywhere, if any folder is trusted.
+    in_trusted_folder = any(robot or resolved.is_relative_to(folder) for folder in _FOLDERS.get())
+    files = robot or [resolved]
+    if trusts_all or (in_trusted_folder and all(file.stat().st_uid in OWNERS for file in files)):
         # If the hash cannot be stored, the user must agree again next time.
         with contextlib.suppress(OSError):
             if mark and is_private(mark.parent):
@@ -68,30 +70,32 @@ def require_consent(path: Path, content: bytes, robot: Sequence[Path] = ()) -> N
 
 
 def user_folder(variable: str, default: str) -> Path | None:
-    """Return ravenjax's folder for one kind of the user's files, such as caches.
-
-    The folder lies inside the folder named by the environment variable `variable` of the XDG
-    specification. If the variable is not set, it lies inside `default`, a path relative to the home
-    folder; the result is then None for a user who has no home folder.
+    """Return ravenjax's folder for one kind of the user's files, such as caches. variable:
+    environment variable of the XDG specification that names the parent folder. default: the parent
+    folder if the variable is not set, relative to the home folder. Return None if the variable is
+    not set and the user has no home folder.
     """
-    given = Path(os.environ.get(variable, ""))
+    parent = Path(os.environ.get(variable, ""))
     try:
         # The specification says to ignore a relative path.
-        return (given if given.is_absolute() else Path.home() / default) / "ravenjax"
+        return (parent if parent.is_absolute() else Path.home() / default) / "ravenjax"
     except RuntimeError:
         return None
 
 
 def is_private(folder: Path) -> bool:
-    """Create a folder if needed, and return whether no other user may write, or wrote, into it."""
+    """Create a folder if needed, and return whether it is safe from other users: none may write
+    into it, and none except root owns it or a file in it.
+    """
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         status = folder.stat()
         owners = {status.st_uid}
         for path in folder.iterdir():
-            # Another process may delete a file meanwhile.
+            # Another process may delete the file at this moment.
             with contextlib.suppress(FileNotFoundError):
                 owners.add(path.lstat().st_uid)
     except OSError:
         return False
+    # The bits 0o022 permit the group and all users to write.
     return owners <= {*OWNERS} and not status.st_mode & 0o022

@@ -37,37 +37,42 @@ def format_value(value: object) -> str:
 
 
 def list_lines(lines: Sequence[str], most: int = 8) -> str:
-    """Return a text with the first `most` lines, indented, and the number of further lines."""
-    more = [f"and {len(lines) - most} more"] if len(lines) > most else []
-    return "\n".join(f"  {line}" for line in [*lines[:most], *more])
+    """Return a text with the first `most` lines, indented, and the number of omitted lines."""
+    shown = list(lines[:most])
+    if len(lines) > most:
+        shown.append(f"and {len(lines) - most} more")
+    return "\n".join(f"  {line}" for line in shown)
 
 
 def suggest_name(word: object, names: Iterable[str]) -> str:
-    """Return `. Did you mean 'x'?` with the known name that is most similar to `word`. Names that
-    share parts between dots are most similar.
-
-    Return "" if no name is similar, or if `word` is not a string.
+    """Return `. Did you mean 'x'?` with the known name that is most similar to `word`. The name is
+    one of those that share most parts between dots with `word`, if any name shares one. Return ""
+    if no name is similar, or if `word` is not a string.
     """
     if not isinstance(word, str):
         return ""
-    names, parts = list(names), {*word.lower().split(".")}
-    shared = {one: len(parts.intersection(one.lower().split("."))) for one in names}
-    most = max(shared.values(), default=0)
-    alike = [one for one in names if shared[one] == most > 0]
-    near = difflib.get_close_matches(word, alike or names, n=1, cutoff=0.0 if alike else 0.5)
-    return f". Did you mean {near[0]!r}?" if near else ""
+    names = list(names)
+    parts = set(word.lower().split("."))
+    shared_counts = {name: len(parts.intersection(name.lower().split("."))) for name in names}
+    largest = max(shared_counts.values(), default=0)
+    if largest > 0:
+        candidates = [name for name in names if shared_counts[name] == largest]
+        matches = difflib.get_close_matches(word, candidates, n=1, cutoff=0.0)
+    else:
+        matches = difflib.get_close_matches(word, names, n=1, cutoff=0.5)
+    return f". Did you mean {matches[0]!r}?" if matches else ""
 
 
 def describe_unknown_name(what: str, word: str, names: Iterable[str]) -> str:
-    """Return the error message for a word that is not among the known names."""
+    """Return the error message for an unknown word. what: kind of name, such as "engine"."""
     names = list(names)
     return f"unknown {what} {word!r}, expected one of {', '.join(names)}{suggest_name(word, names)}"
 
 
 def format_error(error: Any, model: type[BaseModel], hint: str = "") -> str:
-    """Return the message for a pydantic error in a table of this model.
-
-    hint: text about the table to which an unknown key belongs.
+    """Return ravenjax's message for an error that pydantic found in a table of this model. error:
+    one of `ValidationError.errors()`. hint: text about the table to which an unknown key belongs;
+    "": the message suggests the most similar key.
     """
     kind, key = error["type"], str(error["loc"][-1]) if error["loc"] else ""
     if kind == "extra_forbidden":
@@ -77,19 +82,22 @@ def format_error(error: Any, model: type[BaseModel], hint: str = "") -> str:
         field = model.model_fields.get(key)
         return f"missing: {field.description}" if field and field.description else "missing"
     text = error["msg"].removeprefix("Value error, ").replace("a valid boolean", "true or false")
+    # A validator of ravenjax raised this error, so its message is complete.
     if kind == "value_error":
         return text
-    text = text.removeprefix("Input should be ").replace("String", "text")
-    lists = {
-        "too_short": "a list of at least {min_length}",
-        "too_long": "a list of at most {max_length}",
-    }
-    expected = lists[kind].format(**error["ctx"]) if kind in lists else text
+    expected = text.removeprefix("Input should be ").replace("String", "text")
+    # Pydantic's messages about the length of a list do not say what is expected.
+    if kind == "too_short":
+        expected = f"a list of at least {error['ctx']['min_length']}"
+    elif kind == "too_long":
+        expected = f"a list of at most {error['ctx']['max_length']}"
     return f"got {format_value(error['input'])}, expected {expected}"
 
 
 def model_at(model: type[BaseModel], key: Sequence[str | int]) -> type[BaseModel]:
-    """Return the model of the table at `key`, starting from a table of `model`."""
+    """Return the model of the table at `key`, a path of keys and indices inside a table of `model`.
+    Parts that are no field of the current model, such as the indices of lists, are skipped.
+    """
     for part in key:
         if isinstance(part, str) and part in model.model_fields:
             model = next(models_in(model.model_fields[part].annotation), model)

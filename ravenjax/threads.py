@@ -23,7 +23,7 @@ def map_in_threads(
     number = min(len(things), most or len(os.sched_getaffinity(0)))
     if number <= 1:
         return [function(one) for one in things]
-    with interruption.held_back(), ThreadPoolExecutor(number) as pool:
+    with interruption.delay_signals(), ThreadPoolExecutor(number) as pool:
         try:
             return [
                 interruption.wait_for_result(future)

@@ -61,10 +61,10 @@ def test_a_computed_campaign_runs_the_code_in_its_folder_and_later_files_what_ra
     monkeypatch.chdir(campaign.parent)
     config = loading.load_campaign(campaign.name)
     assert (place / "ran").read_text() == "part beside "
-    own_part._KNOWN.clear()
+    own_part._READ_FILES.clear()
     assert loading.validate_tables(config.model_dump(mode="json")).detectors
     (place / "campaign" / "beside.py").write_text("raise RuntimeError")
-    own_part._KNOWN.clear()
+    own_part._READ_FILES.clear()
     with pytest.raises(UserError, match=r"beside.py: this Python file was not run"):
         loading.validate_tables(config.model_dump(mode="json")).detectors  # noqa: B018
 
@@ -96,7 +96,7 @@ def test_a_result_imports_no_module_as_its_robot(tmp_path, monkeypatch):
         assert (tmp_path / "ran").exists() == bool(imported)
 
     find_robot(r"strange.py: this Python file was not run")
-    with consent.given_for(tmp_path):
+    with consent.trust_folders(tmp_path):
         find_robot("has no variable ROBOT")
     find_robot("has no variable ROBOT")
     # What ran before was another package.

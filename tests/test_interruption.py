@@ -56,14 +56,14 @@ def is_free(future: Future) -> bool:
 
 def test_a_signal_that_was_held_back_leaves_no_lock(raised_with_the_lock_held):
     future: Future[int] = Future()
-    with pytest.raises(Asked), interruption.held_back():
+    with pytest.raises(Asked), interruption.delay_signals():
         interruption.wait_for_result(future)
     assert is_free(future)
 
 
 def test_results_and_errors_come_through():
-    with interruption.held_back(), ThreadPoolExecutor(2) as pool:
-        slow = pool.submit(lambda: time.sleep(3 * interruption.EVERY_S) or 7)
+    with interruption.delay_signals(), ThreadPoolExecutor(2) as pool:
+        slow = pool.submit(lambda: time.sleep(3 * interruption.POLL_PERIOD_S) or 7)
         assert interruption.wait_for_result(slow) == 7
         broken = pool.submit(lambda: 1 // 0)
         with pytest.raises(ZeroDivisionError):
@@ -72,7 +72,7 @@ def test_results_and_errors_come_through():
 
 def test_what_came_is_raised_at_the_end_and_the_handlers_are_back(handlers):
     reached = False
-    with pytest.raises(Asked, match=str(signal.SIGINT.value)), interruption.held_back():
+    with pytest.raises(Asked, match=str(signal.SIGINT.value)), interruption.delay_signals():
         signal.raise_signal(signal.SIGINT)
         reached = True
     assert reached and signal.getsignal(signal.SIGINT) is handlers is signal.getsignal(
@@ -110,7 +110,7 @@ STUBBORN = """
 import signal, sys, time
 from ravenjax import interruption
 signal.signal(signal.SIGTERM, lambda *_: None)
-with interruption.ended_in_time("that was long enough", 0.5):
+with interruption.limit_shutdown_time("that was long enough", 0.5):
     print("in", flush=True)
     end = time.monotonic() + float(sys.argv[1])
     while time.monotonic() < end:

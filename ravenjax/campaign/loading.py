@@ -1,8 +1,6 @@
-"""Reads and checks a campaign file, and applies overrides from the command line.
-
-The function returns a `CampaignConfig`. Reading is fast: it compiles nothing and does not import
-the simulation. One error reports all mistakes. For each mistake it names the file, the line, the
-key, the value and the expected values.
+"""Reads and checks a campaign file, and applies overrides from the command line. Reading is fast:
+it compiles nothing and does not import the simulation. One error reports all mistakes, each with
+the file, the line, the key, the value and the expected values.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -36,15 +34,15 @@ def load_campaign(
     file = location.find_campaign_file(campaign, "campaigns", "campaign", "ravenjax campaigns")
     raw, text = location.read_toml(file)
     # A name without a path may mean a file in ./campaigns, which somebody else may have written.
-    given = runs and file.parent.resolve() == Path(campaign).parent.resolve()
-    with consent.given_for(*[file.parent] * given):
+    is_named_by_path = file.parent.resolve() == Path(campaign).parent.resolve()
+    trusted_folders = [file.parent] if runs and is_named_by_path else []
+    with consent.trust_folders(*trusted_folders):
         return from_record(raw, overrides, file, text)
 
 
 def load_source(source: str | Path, overrides: Sequence[str] = ()) -> CampaignConfig:
-    """Return the campaign of a file, of a bundled name, or of a result folder.
-
-    A result folder permits no overrides. Raise UserError and StoreError.
+    """Return the campaign of a file, of a bundled name, or of a result folder. A result folder
+    permits no overrides. Raise UserError and StoreError.
     """
     if not result_folder(source):
         return load_campaign(source, overrides)
@@ -65,34 +63,32 @@ def result_folder(source: Any) -> bool:
 def from_dict(
     raw: dict[str, Any], source: Path | None = None, text: str = "", overrides: Sequence[str] = ()
 ) -> CampaignConfig:
-    """Return the campaign of nested tables as in a TOML file, with overrides applied.
-
-    `source` and `text` are the file and its text, for error messages. Python code in the folder of
-    the file may run. Without a file, a program wrote the tables, and any code may run. Raise
-    UserError.
+    """Return the campaign of nested tables as in a TOML file, with overrides applied. `source` and
+    `text` are the file and its text, for error messages. Python code in the folder of the file may
+    run. Without a file, a program wrote the tables, and any code may run. Raise UserError.
     """
-    with consent.given_for(consent.EVERYWHERE if source is None else source.parent):
+    with consent.trust_folders(consent.EVERYWHERE if source is None else source.parent):
         return from_record(raw, overrides, source, text)
 
 
 def from_record(
     raw: dict[str, Any], overrides: Sequence[str], source: Path | None = None, text: str = ""
 ) -> CampaignConfig:
-    """Return the campaign of tables that somebody else may have written.
-
-    Python code that the tables name runs only if the user has agreed to it (see `consent`).
+    """Return the campaign of tables that somebody else may have written. Python code that the
+    tables name runs only if the user has agreed to it (see `consent`).
     """
-    raw, replaced = overriding.all_applied(raw, overrides)
+    raw, replaced = overriding.apply_overrides(raw, overrides)
     where = location.Where(source, location.key_lines(text), replaced)
-    raw = population.with_population(raw, where, source)
+    raw = population.add_parameter_file(raw, where, source)
     try:
         robot = robot_of(raw, source and source.parent)
     except UserError as error:
         raise where.error([(("campaign", "robot"), str(error))]) from None
     try:
-        # Anything else is refused below.
+        # If `raw` is no table, the check of the whole file below refuses it.
         if isinstance(raw, dict):
             groups = raw.get("group", ())
+            # A group with a list of hazards becomes one group for each of their cases.
             raw, where.written = expansion.expand_tables(raw, robot)
             if where.written:
                 where.groups = groups
@@ -101,44 +97,43 @@ def from_record(
         raise where.error([(error.key, error.message)]) from None
     if robot.name.endswith(robots.MJCF):
         raw = raw | {"campaign": raw["campaign"] | {"robot": robot.name}}
-    config = _validated(config_class_of(robot), raw, where).with_files(
+    config = _validate(config_class_of(robot), raw, where).with_files(
         Path.cwd() if source is None else source.parent
     )
     config._source = source
-    config._repeated = tuple(
-        (number, name)
-        for number, group in enumerate(where.groups)
-        if isinstance(names := group.get("hazards"), list)
-        for name in dict.fromkeys(names)
-        if names.count(name) > 1
-    )
-    return _with_meaning(config, where)
+    repeated = []
+    for number, group in enumerate(where.groups):
+        hazards = group.get("hazards")
+        if isinstance(hazards, list):
+            repeated += [(number, id_) for id_ in dict.fromkeys(hazards) if hazards.count(id_) > 1]
+    config._repeated = tuple(repeated)
+    return _check_meaning(config, where)
 
 
 def validate_tables(raw: Any, source: Path | None = None) -> CampaignConfig:
-    """Return the campaign of complete tables, such as those of a manifest.
-
-    source: the file, for the message of UserError.
-    """
+    """Return the campaign of complete tables, as in a manifest. source: file, for UserError."""
     where = location.Where(source, {}, [])
-    return _with_meaning(_validated(config_class_of(robot_of(raw)), raw, where), where)
+    return _check_meaning(_validate(config_class_of(robot_of(raw)), raw, where), where)
 
 
-def _validated(model: type[CampaignConfig], raw, where: location.Where) -> CampaignConfig:
+def _validate(model: type[CampaignConfig], raw, where: location.Where) -> CampaignConfig:
+    # Returns the campaign of the tables `raw`. Raises UserError for wrong keys and values.
     try:
         return model.model_validate(raw)
     except ValidationError as error:
         # Pydantic also calls a list too short if its only entries are invalid.
-        faults = [e for e in error.errors() if e["type"] != "too_short" or not e["input"]]
+        mistakes = [e for e in error.errors() if e["type"] != "too_short" or not e["input"]]
         raise where.error(
-            _complaint(model, e, raw) for e in faults if not _is_misspelt(e, faults)
+            _describe_mistake(model, mistake, raw)
+            for mistake in mistakes
+            if not _is_misspelt(mistake, mistakes)
         ) from None
     except RecursionError:
         raise UserError("the campaign's tables are nested too deeply to be read") from None
 
 
-def _with_meaning(config: CampaignConfig, where: location.Where) -> CampaignConfig:
-    """Return the campaign. Raise UserError for mistakes that involve several keys."""
+def _check_meaning(config: CampaignConfig, where: location.Where) -> CampaignConfig:
+    """Return `config` unchanged. Raise UserError for mistakes that involve several keys."""
     errors = list(semantics.find_errors(config))
     if not errors and (runs := design.count_rows(config)) > design.MOST_RUNS:
         expected = f"expected at most {design.MOST_RUNS}"
@@ -149,7 +144,8 @@ def _with_meaning(config: CampaignConfig, where: location.Where) -> CampaignConf
 
 
 def _is_misspelt(missing, errors: Sequence[Any]) -> bool:
-    """Return whether another error reports the missing key as a misspelt key."""
+    # Returns whether an error is about a missing key that another error reports as misspelt. This
+    # is so if an unknown key of the same table is similar to the missing key.
     *table, key = missing["loc"] or ("",)
     return missing["type"] == "missing" and any(
         suggest_name(other["loc"][-1], (key,))
@@ -159,29 +155,26 @@ def _is_misspelt(missing, errors: Sequence[Any]) -> bool:
 
 
 def check_parameters(config: CampaignConfig, known: Iterable[str] | None = None) -> None:
-    """Raise UserError for a parameter whose values are outside its range.
-
-    If `known` is given, raise UserError only for a parameter that is not in these paths.
+    """Raise UserError for a parameter whose values are outside its range. If `known` is given,
+    raise UserError instead for a parameter that is not in these paths.
     """
     # This import needs the robot's tick, which is slow to import.
     from ravenjax.campaign.file import bounds
 
-    if errors := list(
-        bounds.find_invalid_values(config)
-        if known is None
-        else bounds.find_invalid_paths(config, known)
-    ):
+    if known is None:
+        errors = list(bounds.find_invalid_values(config))
+    else:
+        errors = list(bounds.find_invalid_paths(config, known))
+    if errors:
         source = config.source
         text = source.read_text(encoding="utf-8") if source is not None and source.is_file() else ""
         raise location.Where(source, location.key_lines(text), []).error(errors)
 
 
-def _complaint(model: type[CampaignConfig], error, raw) -> location.Complaint:
-    """Convert an error of pydantic to a key and a message.
-
-    The message of an error about a whole table begins with the name of the wrong key.
-    """
-    key, message = _key(error["loc"], raw), _message(model, error)
+def _describe_mistake(model: type[CampaignConfig], error, raw) -> location.Complaint:
+    # Returns the key to which an error of pydantic belongs, and ravenjax's message. A validator of
+    # a whole table may write "key: message". The key is then that key of the table.
+    key, message = _key_in_file(error["loc"], raw), _message(model, error)
     name, colon, rest = message.partition(": ")
     if (
         error["type"] == "value_error"
@@ -193,8 +186,8 @@ def _complaint(model: type[CampaignConfig], error, raw) -> location.Complaint:
     return key, message
 
 
-def _key(loc: tuple[str | int, ...], raw) -> location.Key:
-    # Shortens pydantic's location of an error to keys that are in the file.
+def _key_in_file(loc: tuple[str | int, ...], raw) -> location.Key:
+    # Shortens pydantic's location of an error, which may end in names of types, to the file's keys.
     key: location.Key = ()
     for part in loc:
         if isinstance(raw, dict):
@@ -220,22 +213,28 @@ def _message(model: type[CampaignConfig], error) -> str:
     table, hint = model_at(model, error["loc"][:-1]), ""
     name = error["loc"][-1] if error["loc"] else ""
     if error["type"] == "extra_forbidden" and not suggest_name(name, table.model_fields):
-        homes = [path for path, t in tables_of(model) if path and name in t.model_fields]
-        hint = f". It is a key of {' and '.join(map(table_header, homes))}" if homes else ""
+        headers = [
+            table_header(path)
+            for path, other_table in tables_of(model)
+            if path and name in other_table.model_fields
+        ]
+        hint = f". It is a key of {' and '.join(headers)}" if headers else ""
     return format_error(error, table, hint)
 
 
 def tables_of(
     model: type[BaseModel], path: tuple[str, ...] = ()
 ) -> Iterator[tuple[tuple[str, ...], type[BaseModel]]]:
-    """Yield (path of the table, its model) of every table of a file, in order.
-
-    The first item is the whole file, with the path ().
-    """
+    """Yield (path, model) of every table of a file, in order. The whole file is the first: ()."""
     yield path, model
-    own = [key for key in model.model_fields if not path and key not in CampaignConfig.model_fields]
-    # In a file, a robot's tables come after [campaign].
-    for name in sorted(model.model_fields, key=lambda name: (name != "campaign", name not in own)):
+
+    def file_order(name: str) -> int:
+        # In a file, [campaign] comes first, then the tables that only this robot has.
+        if name == "campaign":
+            return 0
+        return 1 if not path and name not in CampaignConfig.model_fields else 2
+
+    for name in sorted(model.model_fields, key=file_order):
         for inner in models_in(model.model_fields[name].annotation):
             yield from tables_of(inner, (*path, name))
 

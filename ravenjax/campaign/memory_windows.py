@@ -1,6 +1,5 @@
-"""Divides a campaign into windows that fit in memory, and windows into blocks for an engine.
-
-The module also joins the results of blocks to the files of the result folder.
+"""Divides a campaign into windows that fit in memory, and windows into blocks for an engine. The
+module also joins the results of blocks to the files of the result folder.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -27,34 +26,36 @@ class WindowLimits(NamedTuple):
     lanes: int  # largest number of lanes of a block
     blocks: int
     golden_runs: int
-    alone: int  # largest number of lanes of a block whose runs have different golden runs
+    unshared_lanes: int  # largest number of lanes of a block whose runs have different golden runs
 
 
 def cut_into_windows(
     ranges: Sequence[range], golden: np.ndarray, acts: np.ndarray, limits: WindowLimits
 ) -> Iterator[Window]:
-    """Yield the rows of `ranges` in order, in windows of blocks.
-
-    golden: number of each row's golden run. acts: first tick in which each row's faults may act.
-    The rows of a block share one golden run or a few, and act at about the same time.
+    """Yield the rows of `ranges` in order, in windows of blocks. golden: number of each row's
+    golden run. acts: first tick in which each row's faults may act. The rows of a block share one
+    golden run or a few, and their faults act at about the same time.
     """
-    rows = np.concatenate([np.arange(some.start, some.stop) for some in ranges])
-    lanes, alone = limits.lanes, min(limits.alone, limits.golden_runs)
+    rows = np.concatenate([np.arange(span.start, span.stop) for span in ranges])
+    lanes = limits.lanes
+    unshared_lanes = min(limits.unshared_lanes, limits.golden_runs)
     begin = 0
     while begin < len(rows):
-        some = rows[begin : begin + lanes * limits.blocks]
-        # Index of the first row of each golden run.
-        places = np.sort(np.unique(golden[some], return_index=True)[1])
-        if len(places) > limits.golden_runs:
-            some = some[: places[limits.golden_runs]]
-        begin += len(some)
-        order = np.lexsort((acts[some], golden[some]))
+        window_rows = rows[begin : begin + lanes * limits.blocks]
+        # Indices at which a row has a new golden run.
+        new_golden_runs = np.sort(np.unique(golden[window_rows], return_index=True)[1])
+        if len(new_golden_runs) > limits.golden_runs:
+            window_rows = window_rows[: new_golden_runs[limits.golden_runs]]
+        begin += len(window_rows)
+        order = np.lexsort((acts[window_rows], golden[window_rows]))
         blocks = []
-        for full in (order[i : i + lanes] for i in range(0, len(order), lanes)):
-            shared = len(np.unique(golden[some[full]])) <= max(1, len(full) // SHARED)
-            step = len(full) if shared else alone
-            blocks += [full[i : i + step] for i in range(0, len(full), step)]
-        yield Window(some, blocks)
+        for start in range(0, len(order), lanes):
+            block = order[start : start + lanes]
+            golden_count = len(np.unique(golden[window_rows[block]]))
+            shares = golden_count <= max(1, len(block) // SHARED)
+            size = len(block) if shares else unshared_lanes
+            blocks += [block[i : i + size] for i in range(0, len(block), size)]
+        yield Window(window_rows, blocks)
 
 
 Columns = dict[str, np.ndarray]
@@ -65,7 +66,7 @@ def take_rows(columns: Mapping[str, np.ndarray], rows: Any) -> Columns:
     return {name: values[rows] for name, values in columns.items()}
 
 
-Pair = tuple[Columns, Columns]
+OutcomePair = tuple[Columns, Columns]
 """Outcomes of some rows, and outcomes of the golden run of each row."""
 
 
@@ -74,24 +75,23 @@ def concatenate(tables: Sequence[Columns]) -> Columns:
     return {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
 
 
-def join_blocks(window: Window, blocks: Sequence[Pair]) -> Pair:
-    """Return the columns of a window's blocks in the order of its rows.
-
-    A column with one value for all rows stays one number (stride 0), to save memory.
+def join_blocks(window: Window, blocks: Sequence[OutcomePair]) -> OutcomePair:
+    """Join the outcomes of a window's blocks. Return them in the order of the window's rows. A
+    column with one value for all rows stays one number (stride 0), to save memory.
     """
     order = np.argsort(np.concatenate(window.blocks))
 
-    def join(columns: Sequence[np.ndarray]) -> np.ndarray:
-        alike = all(column.strides == (0,) for column in columns)
-        if alike and len({column[:1].tobytes() for column in columns}) == 1:
+    def join_column(columns: Sequence[np.ndarray]) -> np.ndarray:
+        are_constant = all(column.strides == (0,) for column in columns)
+        if are_constant and len({column[:1].tobytes() for column in columns}) == 1:
             return np.broadcast_to(columns[0][:1], len(order))
         return np.concatenate(columns)[order]
 
-    rows, golden_runs = (
-        {name: join([table[name] for table in tables]) for name in tables[0]}
-        for tables in zip(*blocks, strict=True)
-    )
-    return rows, golden_runs
+    def join_tables(tables: Sequence[Columns]) -> Columns:
+        return {name: join_column([table[name] for table in tables]) for name in tables[0]}
+
+    outcomes, golden_outcomes = zip(*blocks, strict=True)
+    return join_tables(outcomes), join_tables(golden_outcomes)
 
 
 class PartRows(NamedTuple):
@@ -102,26 +102,28 @@ class PartRows(NamedTuple):
     golden_runs: Columns
 
 
-def assemble_parts(ranges: Iterable[range], windows: Iterable[Pair]) -> Iterator[PartRows]:
-    """Yield each of `ranges` as soon as its rows are computed.
-
-    windows: the rows of all ranges in order.
+def assemble_parts(ranges: Iterable[range], windows: Iterable[OutcomePair]) -> Iterator[PartRows]:
+    """Yield the outcomes of each of `ranges` as soon as its rows are computed. windows: outcomes of
+    the rows of all ranges, in order. A window may end within a range.
     """
-    coming = iter(windows)
-    pair: Pair = {}, {}
-    first = size = 0
+    remaining_windows = iter(windows)
+    outcomes: Columns = {}
+    golden_outcomes: Columns = {}
+    # Next row of the window, and number of its rows.
+    start = size = 0
     for rows in ranges:
-        pieces: list[Pair] = []
-        lacking = len(rows)
-        while lacking:
-            if first == size:
-                pair, first = next(coming), 0
-                size = len(next(iter(pair[0].values())))
-            end = min(size, first + lacking)
-            outcomes, golden_runs = (take_rows(columns, slice(first, end)) for columns in pair)
-            pieces.append((outcomes, golden_runs))
-            first, lacking = end, lacking - (end - first)
+        pieces: list[OutcomePair] = []
+        missing = len(rows)
+        while missing:
+            if start == size:
+                outcomes, golden_outcomes = next(remaining_windows)
+                start, size = 0, len(next(iter(outcomes.values())))
+            taken = slice(start, min(size, start + missing))
+            pieces.append((take_rows(outcomes, taken), take_rows(golden_outcomes, taken)))
+            missing -= taken.stop - start
+            start = taken.stop
+        # Most ranges lie in one window, and then nothing is copied.
         whole = pieces[0] if len(pieces) == 1 else map(concatenate, zip(*pieces, strict=True))
         yield PartRows(rows, *whole)
     # This runs the code of the generator after its last window.
-    next(coming, None)
+    next(remaining_windows, None)

@@ -14,9 +14,9 @@ from ravenjax.outcomes import verdict
 from ravenjax.store import schema, words
 from ravenjax.vocabulary import checks, failures
 
-_FIRST_ALARM = re.compile(r"detector\d+_threshold0_(first_ms|alarms)|harm_\w+_first_ms")
+_GOLDEN_ONLY = re.compile(r"detector\d+_threshold0_(first_ms|alarms)|harm_\w+_first_ms")
 """Columns of alarms at the first threshold of a detector, at which it may stop the robot, and of
-harms that the campaign defines.
+harms that the campaign defines. The result table has no columns of these for golden runs.
 """
 
 Columns = Mapping[str, np.ndarray]
@@ -26,31 +26,32 @@ MAY_BE_INFINITE = (*schema.MAY_BE_INFINITE, "tissue_depth_mm", "tip_distance_mm"
 """Endings of outcome names that an engine returns as infinite if nothing was measured."""
 
 
-def of_golden(outcomes: Columns) -> dict[str, np.ndarray]:
-    """Return the outcomes of golden runs that faulty runs need: stored columns and first alarms."""
+def select_golden_outcomes(outcomes: Columns) -> dict[str, np.ndarray]:
+    """Return the outcomes of golden runs that the rows of their faulty runs need."""
     return {
         name: values
         for name, values in outcomes.items()
-        if schema.kept_of_golden(name) or _FIRST_ALARM.fullmatch(name)
+        if schema.kept_of_golden(name) or _GOLDEN_ONLY.fullmatch(name)
     }
 
 
 def result_columns(
     config: CampaignConfig, runs: pd.DataFrame, outcomes: Columns, golden_runs: Columns
 ) -> dict[str, Any]:
-    """Return the columns of the result table, arrays [rows].
-
-    runs: rows of the fault table. outcomes: the engine's outcomes of these rows. golden_runs:
-    `of_golden` of each row's golden run.
+    """Return the columns of the result table, arrays [rows]. runs: rows of the fault table.
+    outcomes: the engine's outcomes of these rows. golden_runs: `select_golden_outcomes` of each
+    row's golden run.
     """
     measures: dict[str, Any] = {name: np.asarray(values) for name, values in outcomes.items()}
-    diverged, (failed, failed_ms) = measures.pop("diverged_ms"), _failed(config, measures)
+    diverged_ms = measures.pop("diverged_ms")
+    failed_signal, failed_ms = _find_failures(config, measures)
     sites: list[Any] = [runs[f"fault{slot}_site"].array for slot in range(count_slots(runs))]
-    jumps = {rule: measures.pop(f"jump_{rule}_ms") for rule in ("code", "text", "tip")}
+    jumps_ms = {rule: measures.pop(f"jump_{rule}_ms") for rule in ("code", "text", "tip")}
     measures.setdefault("restart_ms", np.full(len(runs), -1, np.int32))
     if schema.OVERLOAD in measures:
-        place = measures[schema.OVERLOAD].astype(np.int32) + 1
-        measures[schema.OVERLOAD] = words.word_column(place, cable_names(config))
+        # The engine returns -1 for no cable, which is the first word.
+        cable_numbers = measures[schema.OVERLOAD].astype(np.int32) + 1
+        measures[schema.OVERLOAD] = words.word_column(cable_numbers, cable_names(config))
     depth, distance = measures["tissue_depth_mm"], measures["tip_distance_mm"]
     out: dict[str, Any] = {
         **{
@@ -61,10 +62,10 @@ def result_columns(
         "run_id": run_id.format_run_ids(runs["run_id"].to_numpy()),
         **measures,
         "activated": measures["active_ticks"] > 0,
-        "diverged": np.any([site != "" for site in sites], axis=0) & (diverged >= 0),
-        **{f"jump_{rule}": first >= 0 for rule, first in jumps.items()},
-        **{f"jump_{rule}_first_ms": first for rule, first in jumps.items()},
-        "failed": words.word_column(failed + 1, failures.CAUSES),
+        "diverged": np.any([site != "" for site in sites], axis=0) & (diverged_ms >= 0),
+        **{f"jump_{rule}": first_ms >= 0 for rule, first_ms in jumps_ms.items()},
+        **{f"jump_{rule}_first_ms": first_ms for rule, first_ms in jumps_ms.items()},
+        "failed": words.word_column(failed_signal + 1, failures.CAUSES),
         "failed_first_ms": failed_ms,
         "tissue_depth_mm": np.maximum(depth, 0),
         "tip_distance_mm": np.where(np.isfinite(distance), distance, np.nan),
@@ -77,48 +78,46 @@ def result_columns(
     out["golden_tissue_depth_mm"] = np.maximum(out["golden_tissue_depth_mm"], 0)
     if checks.needs_own_columns(config.own_checks, config.stops):
         detectors = [number for number, (_, use, _) in enumerate(config.detectors) if use.stops]
-        alone = verdict.built_in_responses(measures, golden_runs, config.robot, detectors)
-        out[checks.BUILT_IN] = words.word_column(alone.response, verdict.RESPONSES)
-        out["built_in_told_ms"] = alone.told_ms
+        built_in = verdict.built_in_responses(measures, golden_runs, config.robot, detectors)
+        out[checks.BUILT_IN] = words.word_column(built_in.response, verdict.RESPONSES)
+        out["built_in_told_ms"] = built_in.told_ms
     response = verdict.classify_responses(measures, golden_runs, config.robot)
     stopped = response.response == verdict.RESPONSES.index("stopped")
     hazard = verdict.classify_hazards(out, stopped)
-    cue = f"cue{config.outcomes.cue}_first_ms"
-    came = verdict.beyond_golden(out[cue], out[f"golden_{cue}"]) >= 0
-    place = verdict.classify_verdicts(response.response, hazard, came, failed_ms < 0)
+    cue_column = f"cue{config.outcomes.cue}_first_ms"
+    has_cue = verdict.beyond_golden(out[cue_column], out[f"golden_{cue_column}"]) >= 0
+    verdicts = verdict.classify_verdicts(response.response, hazard, has_cue, failed_ms < 0)
     return out | {
         "response": words.word_column(response.response, verdict.RESPONSES),
         "response_cause": words.word_column(response.cause, response.causes),
         "response_ms": response.ms,
         "told_ms": response.told_ms,
         "hazard": words.word_column(hazard, verdict.HAZARDS),
-        "verdict": words.word_column(place, (*verdict.VERDICTS, "")),
+        "verdict": words.word_column(verdicts, (*verdict.VERDICTS, "")),
     }
 
 
-def _failed(config: CampaignConfig, measures: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
-    """Return which number of each run first became infinite or NaN (code of `failures.CODES`), and
-    the time, ms. Both are -1 if all numbers are finite.
-
-    The columns about this are removed from `measures`. A robot's additional outcomes are not
-    checked in each tick. A run in which one of these is infinite or NaN fails at its end.
-    """
-    first = measures.pop("failed_ms")
+def _find_failures(
+    config: CampaignConfig, measures: dict[str, Any]
+) -> tuple[np.ndarray, np.ndarray]:
+    # Returns the signal of each run that first became infinite or NaN (code of `failures.CODES`),
+    # and the time, ms. Both are -1 if all numbers are finite. The engine's columns of these two are
+    # removed from `measures`. Outcomes that only this robot has are not checked in each tick. If
+    # one of these is infinite or NaN, the run fails at its end.
+    failed_ms = measures.pop("failed_ms")
     # A robot without the column `failed_signal` checks only the tip.
-    signal = measures.pop("failed_signal", np.where(first >= 0, failures.CODES["tip"], -1))
-    invalid = np.zeros(len(first), bool)
+    signal = measures.pop("failed_signal", np.where(failed_ms >= 0, failures.CODES["tip"], -1))
+    invalid = np.zeros(len(failed_ms), bool)
     for name, values in measures.items():
         if values.dtype.kind == "f":
             invalid |= np.isnan(values) if name.endswith(MAY_BE_INFINITE) else ~np.isfinite(values)
-    missed = invalid & (first < 0)
-    end = config.campaign.duration_ms
-    signal = np.where(missed, failures.CODES["outcome"], signal).astype(np.int8)
-    return signal, np.where(missed, end, first).astype(np.int32)
+    fails_at_end = invalid & (failed_ms < 0)
+    end_ms = config.campaign.duration_ms
+    signal = np.where(fails_at_end, failures.CODES["outcome"], signal).astype(np.int8)
+    return signal, np.where(fails_at_end, end_ms, failed_ms).astype(np.int32)
 
 
 def cable_names(config: CampaignConfig) -> tuple[str, ...]:
     """Return the words of column `cable_overload`: "" for no cable, then the name of each cable."""
-    return (
-        "",
-        *(f"{arm} {joint}" for arm in config.campaign.arms for joint in config.robot.joints),
-    )
+    arms, joints = config.campaign.arms, config.robot.joints
+    return ("", *(f"{arm} {joint}" for arm in arms for joint in joints))

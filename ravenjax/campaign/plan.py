@@ -1,5 +1,4 @@
-"""Converts a checked campaign file into a table of faults, settings of the code, and input
-arrays."""
+"""Converts a checked campaign file into a fault table, settings of the code, and inputs."""
 
 from __future__ import annotations
 
@@ -94,27 +93,29 @@ class Plan:
 
     def numbers(self, path: str) -> np.ndarray:
         """Return a parameter's value in each run, [runs]. path: the full path of one number."""
-        for varied, values in self.varied.items():
-            if bounds.paths_overlap(self.config.robot, varied, path):
+        for varied_path, values in self.varied.items():
+            # A varied path may name several numbers, which include this one.
+            if bounds.paths_overlap(self.config.robot, varied_path, path):
                 return values
-        usual = paths.named_numbers(self.program.params, self.program.setup, path)
-        return np.full(self.runs, usual[path])
+        robot_values = paths.named_numbers(self.program.params, self.program.setup, path)
+        return np.full(self.runs, robot_values[path])
 
     def lanes(
         self, rows: Sequence[int] | np.ndarray, lanes: int, harmless: bool = False
     ) -> tuple[dict[str, Any], Faults]:
-        """Return varied parameters and faults of a block of lanes.
-
-        rows: rows of the plan; the last row is repeated to fill the block. harmless: leave out all
-        faults.
+        """Return varied parameters and faults of a block of lanes, arrays [lanes]. rows: rows of
+        the plan; the last row is repeated to fill the block. harmless: leave out all faults.
         """
-        index = np.asarray(rows)[np.minimum(np.arange(lanes), len(rows) - 1)]
-        faults = take_rows(self.faults, index)
+        row_of_lane = np.asarray(rows)[np.minimum(np.arange(lanes), len(rows) - 1)]
+        faults = take_rows(self.faults, row_of_lane)
+        # The code 0 marks a slot without a fault.
         if harmless:
             faults["code"] = np.zeros_like(faults["code"])
-        slots = range(self.program.setup.injection.slots)
-        slots = tuple(FaultSlot(**take_rows(faults, np.s_[:, slot])) for slot in slots)
-        return take_rows(self.varied, index), Faults(slots)
+        slots = tuple(
+            FaultSlot(**take_rows(faults, np.s_[:, slot]))
+            for slot in range(self.program.setup.injection.slots)
+        )
+        return take_rows(self.varied, row_of_lane), Faults(slots)
 
 
 def make_plan(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
@@ -135,15 +136,19 @@ def make_plan(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
             f"robot {config.robot.name!r}: its setup has period_ms {setup.period_ms}, expected"
             f" {config.robot.period_ms}, as ROBOT declares"
         )
-    values = _filled(varied, robot.params, setup)
+    values = _complete_values(varied, robot.params, setup)
     for path, purpose in robot.keys.items():
         values[path] = run_id.stream_keys(table.shared_ids(rows), purpose)
     return Plan(
         config=config,
         rows=rows,
         program=TickProgram(
-            *(robot.loop.__name__, setup, robot.params, tuple(values), campaign.ticks),
-            campaign.observe_ms is not None,
+            module=robot.loop.__name__,
+            setup=setup,
+            params=robot.params,
+            varied=tuple(values),
+            ticks=campaign.ticks,
+            ends=campaign.observe_ms is not None,
         ),
         motion=robot.motion,
         operator=robot.operator,
@@ -159,48 +164,45 @@ def known_parameters(params: Any, setup: Setup) -> list[str]:
     """Return every path that a campaign may vary: full paths, paths without the arm, and paths of
     whole vectors.
     """
-    names = {}
-    for full, _ in paths.path_leaves(params, setup):
-        if full.startswith("start."):
+    known = []
+    for number_path, _ in paths.path_leaves(params, setup):
+        if number_path.startswith("start."):
             # The motion determines the pose in which a run begins.
             continue
-        for path in (full, paths.without_arm(full, setup.arms)):
-            names[path] = None
-            head, _, last = path.rpartition(".")
+        for path in (number_path, paths.without_arm(number_path, setup.arms)):
+            known.append(path)
+            vector_path, _, last = path.rpartition(".")
             if last in paths.path_words(setup.joints):
-                names[head] = None
-    return list(names)
+                known.append(vector_path)
+    return list(dict.fromkeys(known))
 
 
-def _filled(varied: dict[str, np.ndarray], params, setup: Setup) -> dict[str, np.ndarray]:
-    """Return varied values in the parameter's type. NaN is replaced by the robot's value.
-
-    If a path names several numbers with different values, and a group does not set it, the path is
-    replaced by one path per number.
-    """
-    filled = {}
+def _complete_values(varied: dict[str, np.ndarray], params, setup: Setup) -> dict[str, np.ndarray]:
+    # Returns varied values in the parameter's type. The robot's value replaces NaN. One path per
+    # number replaces a path of numbers with different values that a group does not set.
+    completed = {}
     for path, values in varied.items():
-        alone, usual = np.isnan(values), paths.named_numbers(params, setup, path)
-        alike = len({float(value) for value in usual.values()}) == 1
-        for place, value in (
-            {path: next(iter(usual.values()))}.items()
-            if alike or not alone.any()
-            else usual.items()
-        ):
-            dtype = np.asarray(value).dtype
-            dtype = np.dtype(setup.precision.real) if dtype.kind == "f" else np.dtype(np.int32)
-            filled[place] = np.where(alone, np.asarray(value, np.float64), values).astype(dtype)
-    return filled
+        unset = np.isnan(values)
+        robot_values = paths.named_numbers(params, setup, path)
+        # One path suffices if all its numbers are equal, or if no robot's value is needed.
+        if len({float(value) for value in robot_values.values()}) == 1 or not unset.any():
+            robot_values = {path: next(iter(robot_values.values()))}
+        for number_path, value in robot_values.items():
+            is_real = np.asarray(value).dtype.kind == "f"
+            dtype = np.dtype(setup.precision.real if is_real else np.int32)
+            numbers = np.where(unset, np.asarray(value, np.float64), values)
+            completed[number_path] = numbers.astype(dtype)
+    return completed
 
 
 def number_golden_runs(varied: dict[str, np.ndarray], runs: int) -> np.ndarray:
-    """Return the number of each run's golden run, int32 [runs].
-
-    Runs with equal varied parameters have the same golden run.
+    """Return the number of each run's golden run, int32 [runs]. Runs with equal varied parameters
+    have the same golden run. varied: path -> values [runs].
     """
     golden = np.zeros(runs, np.int64)
     for values in varied.values():
         if (values != values[:1]).any():
-            value, different = pd.factorize(values)
-            golden, _ = pd.factorize(golden * len(different) + value)
+            value_numbers, distinct_values = pd.factorize(values)
+            # Each pair of an earlier number and a value gets a number, in order of first use.
+            golden, _ = pd.factorize(golden * len(distinct_values) + value_numbers)
     return golden.astype(np.int32)

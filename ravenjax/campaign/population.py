@@ -1,7 +1,6 @@
-"""Reads a file with parameters of a calibrated robot: `[parameters] from = "my_robot.toml"`.
-
-The file has a table [parameters], and a table [campaign] with the settings for which its numbers
-are valid. If the campaign also sets a parameter, the campaign's value is used.
+"""Reads a file with parameters of a calibrated robot: `[parameters] from = "my_robot.toml"`. The
+file has a table [parameters], and a table [campaign] with the settings for which its numbers are
+valid. If the campaign also sets a parameter, the campaign's value is used.
 """
 
 from pathlib import Path
@@ -15,24 +14,24 @@ KEY = "from"
 TABLES = ("campaign", "parameters")
 
 
-def with_population(raw: dict[str, Any], where: Where, source: Path | None) -> dict[str, Any]:
+def add_parameter_file(raw: dict[str, Any], where: Where, source: Path | None) -> dict[str, Any]:
     """Return the tables `raw` of a campaign, completed with the tables of its file of parameters.
-
-    The path is relative to the folder of `source`. Raise UserError for a file that cannot be used.
+    The key `from` in [parameters] names the file, relative to the folder of the campaign file
+    `source`. Without this key return `raw`. Raise UserError for a file that cannot be used.
     """
-    own = raw.get("parameters") if isinstance(raw, dict) else None
-    if not isinstance(own, dict) or KEY not in own:
+    parameters = raw.get("parameters") if isinstance(raw, dict) else None
+    if not isinstance(parameters, dict) or KEY not in parameters:
         return raw
 
     def refuse(message: str, *key: str) -> NoReturn:
         raise where.error([(key or ("parameters", KEY), message)]) from None
 
-    if not isinstance(own[KEY], str):
+    if not isinstance(parameters[KEY], str):
         refuse(
-            f"got {format_value(own[KEY])}, expected the path of a file that"
+            f"got {format_value(parameters[KEY])}, expected the path of a file that"
             " `ravenjax calibrate` wrote"
         )
-    path = Path(own[KEY]) if source is None else source.parent / own[KEY]
+    path = Path(parameters[KEY]) if source is None else source.parent / parameters[KEY]
     if not path.is_file():
         refuse(f"found no file {path}; `ravenjax calibrate LOG` writes such a file")
     try:
@@ -42,6 +41,7 @@ def with_population(raw: dict[str, Any], where: Where, source: Path | None) -> d
     if unknown := [name for name in content if name not in TABLES]:
         refuse(f"{path} has {', '.join(unknown)}, expected only [campaign] and [parameters]")
     campaign = raw.get("campaign", {})
+    # The parameters are valid only for these settings of [campaign].
     for name, value in content.get("campaign", {}).items():
         if campaign.get(name, value) != value:
             refuse(
@@ -50,9 +50,9 @@ def with_population(raw: dict[str, Any], where: Where, source: Path | None) -> d
                 "campaign",
                 name,
             )
-    rest = {name: value for name, value in own.items() if name != KEY}
+    set_here = {name: value for name, value in parameters.items() if name != KEY}
     return {
         **raw,
         "campaign": {**content.get("campaign", {}), **campaign},
-        "parameters": {**flatten_table(content.get("parameters", {})), **flatten_table(rest)},
+        "parameters": {**flatten_table(content.get("parameters", {})), **flatten_table(set_here)},
     }

@@ -40,11 +40,9 @@ from ravenjax.store.motion.summary import MotionSummary
 
 
 class Prepared(NamedTuple):
-    """Result of the function `prepare(config, varied, injection, precision)` of a robot.
-
-    varied: path -> values [runs] of the parameters that differ between runs; NaN means the robot's
-    value. injection: `ravenjax.numbers.setup.Injection`. precision:
-    `ravenjax.numbers.setup.Precision`.
+    """Result of the function `prepare(config, varied, injection, precision)` of a robot. varied:
+    path -> values [runs] of the parameters that differ between runs; NaN means the robot's value.
+    injection: `ravenjax.numbers.setup.Injection`. precision: `ravenjax.numbers.setup.Precision`.
     """
 
     loop: Loop
@@ -59,19 +57,19 @@ class Prepared(NamedTuple):
 
 
 def shared_choices(config: Any, injection: Injection, precision: Precision) -> dict[str, Any]:
-    """Return the fields of a robot's `Setup` that follow from sections of every robot's file."""
+    """Return the fields of a `Setup` that follow from sections which all robots have."""
     return {
         "arms": config.campaign.arms,
         "precision": precision,
         "injection": injection,
         "cues": len(config.haptics.cues()),
         "detectors": tuple(use for _, use, _ in config.detectors),
-        "harms": tuple(one.use for one in config.harm),
+        "harms": tuple(harm.use for harm in config.harm),
     }
 
 
 def shared_parameters(config: Any) -> dict[str, Any]:
-    """Return the parameters of haptic cue and monitor that a campaign's file sets."""
+    """Return the parameters of haptic cue and monitor that a campaign file sets. Lengths in m."""
     limits = config.outcomes
     return {
         "haptics": HapticParams(tuple(CueParams(*cue) for cue in config.haptics.cues())),

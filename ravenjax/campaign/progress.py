@@ -1,8 +1,7 @@
-"""Reports the progress of a campaign, and writes progress.json in its result folder.
-
-The file is replaced atomically, at most once a second. An error while writing it never delays or
-ends a campaign. If the process is killed, its last progress.json remains. The file names the
-process (`pid`, `host`) and the time (`updated`).
+"""Reports the progress of a campaign, and writes progress.json in its result folder. The file is
+replaced atomically, at most once a second. An error while writing it never delays or ends a
+campaign. If the process is killed, its last progress.json remains. The file names the process
+(`pid`, `host`) and the time (`updated`).
 """
 
 import contextlib
@@ -20,7 +19,7 @@ from ravenjax.errors import StoreError
 from ravenjax.store import files, manifest
 
 FILE = "progress.json"
-EVERY_S = 1.0
+WRITE_PERIOD_S = 1.0
 """Shortest time between two versions of the file in the same phase, s."""
 
 
@@ -76,7 +75,8 @@ class Progress:
         notes: tuple[str, ...] = (),
     ):
         """engine: engine and device, as text. total: number of runs of the campaign. rows: number
-        of runs that this start computes, each with `ticks` ticks.
+        of runs that this start computes, each with `ticks` ticks. on_progress: function that is
+        called with each new status.
         """
         earlier = total - rows
         self.status = Status("compile", earlier, total, engine, earlier=earlier, notes=notes)
@@ -120,28 +120,29 @@ class Progress:
             self.status.notes = (*self.status.notes, sentence)
 
     def tell(self, phase: str) -> None:
-        """Pass a copy of the status to `on_progress`."""
+        """Update the status, and pass a copy to `on_progress`. phase: see `Status.phase`."""
         status = self.status
         if self._began:
             status.run_s = time.perf_counter() - self._began
-        share = 1.0 if phase == "done" else min(1.0, self._ticks_done / self._ticks_due)
-        status.phase, status.progress = phase, share
+        status.phase = phase
+        status.progress = min(1.0, self._ticks_done / self._ticks_due) if phase != "done" else 1.0
         if self._on_progress is not None:
             self._on_progress(dataclasses.replace(status))
 
 
 class ProgressFile:
-    """Writes each `Status` to progress.json of a folder, and then calls `then` with it."""
+    """Writes a `Status` to progress.json of a folder, and then calls `on_progress` with it."""
 
-    def __init__(self, folder: Path, then: OnProgress | None = None):
-        self._then = then
+    def __init__(self, folder: Path, on_progress: OnProgress | None = None):
+        self._on_progress = on_progress
         self._path, self._started = folder / FILE, manifest.utc_now()
-        self._phase, self._written = "", -EVERY_S
+        self._phase, self._written_s = "", -WRITE_PERIOD_S
 
     def __call__(self, status: Status) -> None:
-        now = time.monotonic()
-        if status.phase != self._phase or now - self._written >= EVERY_S:
-            self._phase, self._written = status.phase, now
+        """Write the status, at most once in WRITE_PERIOD_S of the same phase."""
+        now_s = time.monotonic()
+        if status.phase != self._phase or now_s - self._written_s >= WRITE_PERIOD_S:
+            self._phase, self._written_s = status.phase, now_s
             names = "phase done total runs_per_s compile_s run_s parts workers engine notes"
             content = {name: getattr(status, name) for name in names.split()} | {
                 "share_of_this_start": round(status.progress, 6),
@@ -155,5 +156,5 @@ class ProgressFile:
             # A full disk must not end the campaign.
             with contextlib.suppress(StoreError):
                 files.write_text(self._path, json.dumps(content, indent=1) + "\n", waits=False)
-        if self._then is not None:
-            self._then(status)
+        if self._on_progress is not None:
+            self._on_progress(status)

@@ -1,8 +1,6 @@
 """Runs a campaign: computes its missing runs and stores them as Parquet files in the result folder.
-
-Every campaign can be resumed. Each file, a *part*, begins at a multiple of the campaign's chunk
-size. The result of a run does not depend on the chunk size, on the executor that computes it, or on
-earlier runs.
+Each file, a *part*, begins at a multiple of the chunk size. The result of a run does not depend on
+the chunk size, on the executor that computes it, or on earlier runs.
 """
 
 import contextlib
@@ -27,9 +25,9 @@ from ravenjax.store import files, manifest, parts, schema
 from ravenjax.store.access import lock
 from ravenjax.store.folder import ResultFolder, Results
 
-PART_TICKS, LEAST_ROWS = 2**27, 256
-"""Number of ticks in a file of the result, which a core computes in ten seconds, and the smallest
-number of its rows. So runs of long operations are stored early.
+PART_TICKS, MIN_PART_ROWS = 2**27, 256
+"""Number of ticks in a file of the result, and the smallest number of its rows. A core computes
+these ticks in ten seconds, so runs of long operations are also stored early.
 """
 
 
@@ -44,12 +42,11 @@ def run_campaign(
     shard: Shard | None = None,
     command: Sequence[str] = (),
 ) -> Results:
-    """Run a campaign, or continue it if the folder `out` contains some of its runs.
-
-    out: result folder; None: a temporary folder that is deleted with the results. The campaign may
-    have another `campaign.limit` than before. rows: compute only these rows, in addition to stored
-    rows. shard: compute only this share. command: the command line, for the manifest. Raise
-    UserError and StoreError for errors that the user can correct. Finished files are always kept.
+    """Run a campaign, or continue it if the folder `out` contains some of its runs. out: result
+    folder; None: a temporary folder that is deleted with the results. The campaign may have another
+    `campaign.limit` than before. rows: compute only these rows, in addition to stored rows. shard:
+    compute only this share. command: the command line, for the manifest. Raise UserError and
+    StoreError for errors that the user can correct. Finished files are always kept.
     """
     if out is None:
         return in_temporary_folder(
@@ -64,22 +61,23 @@ def run_campaign(
     executor = executor or Local()
     chunk = config.campaign.chunk or min(
         parts.rows_of_a_part(plan.runs, executor.workers),
-        max(LEAST_ROWS, PART_TICKS // plan.program.ticks),
+        max(MIN_PART_ROWS, PART_TICKS // plan.program.ticks),
     )
-    first = range(min(config.campaign.limit or plan.runs, plan.runs))
+    limit = min(config.campaign.limit or plan.runs, plan.runs)
     if shard is not None:
-        chunk = config.campaign.chunk or shard.chunk(len(first), chunk)
-        rows = shard.rows(len(first), chunk)
-    elif rows is None and len(first) < plan.runs:
-        rows = [first]
+        chunk = config.campaign.chunk or shard.chunk(limit, chunk)
+        rows = shard.rows(limit, chunk)
+    elif rows is None and limit < plan.runs:
+        rows = [range(limit)]
+    plan_notices = notices.of_plan(plan)
     record = make_manifest(plan, backend).model_copy(
         update={
             "rows": manifest.join_ranges(
-                None if rows is None else tuple((some.start, some.stop - 1) for some in rows)
+                None if rows is None else tuple((span.start, span.stop - 1) for span in rows)
             ),
             "shard": None if shard is None else str(shard),
             "command": tuple(command),
-            "notices": (declared := notices.of_plan(plan)),
+            "notices": plan_notices,
         }
     )
     files.require_writable(out)
@@ -92,25 +90,26 @@ def run_campaign(
             sum(map(len, missing)),
             plan.program.ticks,
             ProgressFile(out, on_progress),
-            (*folder.notes, *declared),
+            (*folder.notes, *plan_notices),
         )
         progress.count_failures(folder.manifest.failures)
 
-        def deliver(done: FinishedChunk):
-            folder.put(done.packed)
-            progress.count_part(len(done.rows), done.failures)
+        def store_chunk(finished: FinishedChunk):
+            folder.put(finished.packed)
+            progress.count_part(len(finished.rows), finished.failures)
 
         config_hash = folder.manifest.config_hash
         pack = functools.partial(parts.encode_part, shape=record.shape, config_hash=config_hash)
         phase = "stopped"
         try:
             if missing:
-                executor.run(Work(plan, backend, pack, deliver, progress), missing)
+                executor.run(Work(plan, backend, pack, store_chunk, progress), missing)
             phase = "done"
         finally:
-            # If a file could not be written, this error is already reported, and the manifest
-            # probably cannot be written either.
-            with contextlib.suppress(*[StoreError] if phase == "stopped" else ()):
+            # If the run stopped because a file could not be written, the manifest probably cannot
+            # be written either. The user then sees the first error.
+            ignored = (StoreError,) if phase == "stopped" else ()
+            with contextlib.suppress(*ignored):
                 status = progress.status
                 folder.close(status.compile_s, status.run_s, status.computed, status.notes)
             progress.tell(phase)
@@ -133,10 +132,10 @@ def make_manifest(plan: Plan, engine: Engine) -> manifest.Manifest:
     """Return the manifest of a plan before its computation."""
     config, setup = plan.config, plan.program.setup
     # Outcomes do not depend on these keys, so they are not part of the campaign's hash.
-    undecided = {"chunk", "limit"} | (
-        {"observe_ms"} if config.campaign.observe_ms is None else set()
-    )
-    content = config.model_dump(mode="json", exclude={"campaign": undecided})
+    excluded = {"chunk", "limit"}
+    if config.campaign.observe_ms is None:
+        excluded.add("observe_ms")
+    content = config.model_dump(mode="json", exclude={"campaign": excluded})
     ids = run_id.hash_run_ids(plan.rows["run_id"].to_numpy())
     return manifest.Manifest(
         campaign=config.campaign.name,
@@ -148,12 +147,12 @@ def make_manifest(plan: Plan, engine: Engine) -> manifest.Manifest:
         shape=shape_of(plan),
         cues=tuple(
             manifest.CueRecord(
-                threshold_mm=c.threshold_m * 1e3,
-                kp_per_mm=c.kp / 1e3,
-                kd_s_per_mm=c.kd / 1e3,
-                cap=c.cap,
+                threshold_mm=cue.threshold_m * 1e3,
+                kp_per_mm=cue.kp / 1e3,
+                kd_s_per_mm=cue.kd / 1e3,
+                cap=cue.cap,
             )
-            for c in config.haptics.cues()
+            for cue in config.haptics.cues()
         ),
         detectors=tuple(
             manifest.DetectorRecord(
@@ -187,7 +186,7 @@ def shape_of(plan: Plan) -> schema.Shape:
         cables=plan.config.watches_cables,
         contact=plan.config.touches,
         detectors=tuple(use.thresholds for use in setup.detectors),
-        harms=tuple(one.name for one in setup.harms),
+        harms=tuple(harm.name for harm in setup.harms),
         observes=plan.program.ends,
         own_checks=plan.config.own_checks,
         stops=plan.config.stops,

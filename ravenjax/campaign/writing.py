@@ -11,38 +11,41 @@ _ARRAYS = {*ARRAYS, "fault", "run"}
 
 
 def format_toml(content: Mapping[str, Any]) -> str:
-    """Return the text of a TOML file with these tables. Keys that are None are left out.
-
-    Raise ValueError or TypeError for values that TOML cannot represent.
+    """Return the text of a TOML file with these tables. Keys that are None are left out. Raise
+    ValueError or TypeError for values that TOML cannot represent.
     """
     import tomlkit
 
-    return _filled(tomlkit.document(), content, headed=True).as_string()
+    return _fill_table(tomlkit.document(), content, with_headers=True).as_string()
 
 
-def _filled(table, content: Mapping[str, Any], headed: bool = False) -> Any:
-    """Fill a table with this content. headed: each inner table gets a header."""
+def _fill_table(table, content: Mapping[str, Any], with_headers: bool = False) -> Any:
+    # Fills a table of tomlkit with this content, and returns the table. with_headers: each inner
+    # table gets a header such as [haptics], and is not written inline.
     import tomlkit
 
     for key, value in content.items():
         if value is not None:
-            table.append(tomlkit.key(key), _item(key, value, headed))
+            table.append(tomlkit.key(key), _make_item(key, value, with_headers))
     return table
 
 
-def _item(key: str, value, headed: bool = False) -> Any:
-    # Nested tables are written inline, except parameters, whose paths would be hard to read.
+def _make_item(key: str, value, with_header: bool = False) -> Any:
+    # Converts the value of a key to an item of tomlkit. Nested tables are written inline, except
+    # parameters, whose paths would be hard to read.
     import tomlkit
 
     if isinstance(value, Mapping):
         if key in PATHS:
             value = flatten_table(value)
-        headed = headed or key in PATHS
-        return _filled(tomlkit.table() if headed else tomlkit.inline_table(), value)
+        with_header = with_header or key in PATHS
+        return _fill_table(tomlkit.table() if with_header else tomlkit.inline_table(), value)
     if not isinstance(value, list):
         return tomlkit.item(value)
-    tables = key in _ARRAYS and value and all(isinstance(inner, Mapping) for inner in value)
-    array = tomlkit.aot() if tables else tomlkit.array()
+    has_tables = key in _ARRAYS and all(isinstance(inner, Mapping) for inner in value)
+    # An empty list has no table that could get a header.
+    is_array_of_tables = has_tables and bool(value)
+    array = tomlkit.aot() if is_array_of_tables else tomlkit.array()
     for inner in value:
-        array.append(_item("", inner, bool(tables)))
+        array.append(_make_item("", inner, with_header=is_array_of_tables))
     return array

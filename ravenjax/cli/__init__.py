@@ -1,7 +1,4 @@
-"""The command line `ravenjax`: registers all commands and parses arguments.
-
-Each command imports slow modules only when it runs.
-"""
+"""The command line `ravenjax`. Each command imports slow modules only when it runs."""
 
 import gc
 import logging
@@ -44,28 +41,30 @@ app.register_install_completion_command(
 
 
 def main(tokens: list[str] | None = None) -> int:
-    """Run the command line; return the exit code.
+    """Run the command that `tokens` (default: sys.argv) name, and return the exit code.
 
-    An error that the user can correct prints one message and gives exit code 2.
+    For an error that the user can correct, print one message and return 2.
     """
     from ravenjax import consent
     from ravenjax.errors import StoreError, UserError
 
-    # Nearly all objects of a command live until its end, so collections find little.
+    # Nearly all objects of a command live until its end, so garbage collections free little
+    # memory. They are therefore made rare: by default every 700 new objects start a collection.
     gc.set_threshold(100_000, 50, 100)
-    words = sys.argv[1:] if tokens is None else tokens
-    trusted = [consent.EVERYWHERE] if "--trust" in words else []
-    # Otherwise MuJoCo starts a process that looks for a display.
+    arguments = sys.argv[1:] if tokens is None else tokens
+    trusted_folders = [consent.EVERYWHERE] if "--trust" in arguments else []
+    # Without this variable, MuJoCo starts a process that looks for a display.
     os.environ.setdefault("MUJOCO_GL", "disable")
     # Without a home folder, matplotlib would print where it stores its fonts.
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     try:
-        for text in (*words, os.getcwd()):
+        for text in (*arguments, os.getcwd()):
+            # The two codings differ only for bytes that are not UTF-8 (lone surrogates in `text`).
             if text.encode(errors="replace") != os.fsencode(text):
                 raise UserError(f"{text!r}: the name is not UTF-8; rename the file or folder")
-        with consent.given_for(*trusted):
-            code = app(
-                [word for word in words if word != "--trust"],
+        with consent.trust_folders(*trusted_folders):
+            result = app(
+                [argument for argument in arguments if argument != "--trust"],
                 exit_on_error=False,
                 print_error=True,
                 result_action="return_value",
@@ -75,15 +74,16 @@ def main(tokens: list[str] | None = None) -> int:
             "stopped; finished results are kept, and the same command continues", console.err
         )
         return INTERRUPTED
-    except SystemExit as leaving:
-        return leaving.code if isinstance(leaving.code, int) else 1
+    except SystemExit as exit_request:
+        return exit_request.code if isinstance(exit_request.code, int) else 1
     except CycloptsError:
         # The parser has already printed what is wrong with the command line.
         return USER_ERROR
     except (UserError, StoreError) as error:
         console.print_error(f"error: {error}")
         return USER_ERROR
-    return code if isinstance(code, int) else 0
+    # Only commands with an exit code of their own return a number.
+    return result if isinstance(result, int) else 0
 
 
 def _version() -> str:

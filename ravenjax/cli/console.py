@@ -18,11 +18,8 @@ from ravenjax.errors import UserError
 if TYPE_CHECKING:
     from ravenjax.report.run.ranking import WorstRun
 
-LONGEST_NAME = 48
-"""Longest name in characters.
-
-If the first column of a table has longer texts, they are sentences and are wrapped.
-"""
+MAX_NAME_LENGTH = 48
+"""Largest length of a name, in characters. Longer texts in the first column are sentences."""
 
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f\x9b]")
 
@@ -67,9 +64,11 @@ class Listing(NamedTuple):
 def print_tables(listings: Sequence[Listing], as_json: bool) -> None:
     """Print the tables that have rows, or all as one JSON object {name: [{column: cell}]}."""
     if as_json:
-        emit_json({listing.name: _objects(listing) for listing in listings})
+        emit_json({listing.name: _row_objects(listing) for listing in listings})
         return
-    for number, listing in enumerate(listing for listing in listings if listing.rows):
+    filled = [listing for listing in listings if listing.rows]
+    for number, listing in enumerate(filled):
+        # A blank line separates two tables.
         if number:
             out.print()
         print_table(listing.title, listing.columns, listing.rows)
@@ -78,15 +77,14 @@ def print_tables(listings: Sequence[Listing], as_json: bool) -> None:
 def print_table(
     title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, ...]], to: Console | None = None
 ) -> None:
-    """Print a table of text; to: None for standard output.
-
-    Names in the first column are not wrapped, so that they can be copied.
+    """Print a table of text to a console; `to` None: standard output. Names in the first column are
+    not wrapped, so that they can be copied. Sentences are wrapped.
     """
     grid = Table(title=title, title_justify="left", show_edge=False)
-    has_names = max((len(row[0]) for row in rows), default=0) <= LONGEST_NAME
+    has_names = all(len(row[0]) <= MAX_NAME_LENGTH for row in rows)
     for number, column in enumerate(columns):
         grid.add_column(column, overflow="fold", no_wrap=has_names and number == 0)
-    # Rich would read text in square brackets as markup.
+    # A terminal would obey control characters, and Rich would obey text in square brackets.
     for row in rows:
         grid.add_row(*(_CONTROL.sub("", cell).replace("[", r"\[") for cell in row))
     (to or out).print(grid)
@@ -100,7 +98,7 @@ def emit_json(value: Any) -> None:
 
 
 def print_text(text: object, to: Console | None = None, style: str | None = None) -> None:
-    """Print text without markup; to: None for standard output."""
+    """Print text without markup to a console; `to` None: standard output."""
     # A terminal would obey control characters of a foreign file.
     plain = _CONTROL.sub("", str(text))
     (to or out).print(plain, style=style, markup=False, highlight=False, soft_wrap=True)
@@ -113,8 +111,9 @@ def print_findings(
     files: Sequence[Path] = (),
     **content: Any,
 ) -> None:
-    """Print sentences, tables and the paths of written files, or sentences, files and `content` as
-    JSON. tables: title and rows, of which the first has the headings.
+    """Print sentences, tables and the paths of written files. As JSON, print one object with the
+    keys `sentences` and `files` and those of `content`, without the tables. tables: (title, rows)
+    of each table; its first row has the headings.
     """
     if as_json:
         return emit_json(content | {"sentences": sentences, "files": files})
@@ -131,24 +130,26 @@ def print_written(paths: Iterable[Path]) -> None:
 
 
 def render_template(template: str, **content: Any) -> str:
-    """Return the text of a template of this package."""
+    """Return the text of a template of this package, filled with `content`."""
     from ravenjax.report.wording import text_templates
 
     return text_templates("ravenjax.cli").get_template(template).render(content).rstrip("\n")
 
 
 def fill_listings(template: str, **content: Any) -> list[Listing]:
-    """Render a template of this package and return the tables that it describes.
-
-    In the rendered text a blank line separates two tables. The first line of a table has its name
-    and title, the second its columns, and each further line a row. Cells are separated by "|".
-    Only the last cell of a line may contain "|".
+    """Render a template of this package and return the tables that it describes. In the rendered
+    text a blank line separates two tables. The first line of a table has its name and title, the
+    second its columns, and each further line a row. Cells are separated by "|". Only the last cell
+    of a line may contain "|".
     """
     listings = []
     for table in render_template(template, **content).split("\n\n"):
-        (name, title), columns, *rows = (line.split("|") for line in table.splitlines())
-        rows = [(*row[: len(columns) - 1], "|".join(row[len(columns) - 1 :])) for row in rows]
-        listings.append(Listing(name, title, tuple(columns), rows))
+        name_and_title, headings, *lines = table.splitlines()
+        name, title = name_and_title.split("|")
+        columns = tuple(headings.split("|"))
+        # With this limit on the number of splits, the last cell keeps its "|".
+        rows = [tuple(line.split("|", len(columns) - 1)) for line in lines]
+        listings.append(Listing(name, title, columns, rows))
     return listings
 
 
@@ -179,9 +180,8 @@ def load_module(name: str) -> Any:
 
 
 def worst_runs(folder: Path, most: int | None, by: str) -> list[WorstRun]:
-    """Return the worst runs of a result folder, at most `most`; no run if `most` is None.
-
-    by: name of a ranking. Prints a note if there are fewer runs.
+    """Return the `most` worst runs of a result folder, worst first; [] if `most` is None. by: name
+    of the ranking. If the ranking has fewer runs, return these and print a note.
     """
     from ravenjax.report.run import ranking
 
@@ -189,13 +189,15 @@ def worst_runs(folder: Path, most: int | None, by: str) -> list[WorstRun]:
         return []
     ranked = ranking.worst_runs(folder, most, by)
     if len(ranked) < most:
-        have, rank = "run has" if len(ranked) == 1 else "runs have", ranking.RANKINGS[by]
+        have = "run has" if len(ranked) == 1 else "runs have"
+        rank = ranking.RANKINGS[by]
         # For example: "results: only 3 runs have more than 0 mm: largest unintended motion".
         print_note(f"{folder}: only {len(ranked)} {have} more than 0 {rank.unit}: {rank.meaning}")
     return ranked
 
 
-def _objects(listing: Listing) -> list[dict[str, str]]:
+def _row_objects(listing: Listing) -> list[dict[str, str]]:
+    # Returns each row of a table as {key: cell}. Keys are headings in lower case with underscores.
     keys = [re.sub(r"[^a-z0-9]+", "_", column.lower()).strip("_") for column in listing.columns]
     return [dict(zip(keys, row, strict=True)) for row in listing.rows]
 
@@ -204,11 +206,14 @@ def _plain(value) -> Any:
     """Convert a value to types that JSON has. A named tuple becomes an object."""
     if hasattr(value, "_asdict"):
         value = value._asdict()
+    # NumPy's scalars become Python's numbers.
+    if hasattr(value, "item") and getattr(value, "ndim", 0) == 0:
+        value = value.item()
     if isinstance(value, dict):
         return {str(key): _plain(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple | set):
         return [_plain(inner) for inner in value]
-    value = value.item() if hasattr(value, "item") and getattr(value, "ndim", 0) == 0 else value
     if isinstance(value, float):
-        return value if abs(value) < float("inf") else None  # NaN fails this comparison as well
+        # The comparison is false for NaN, too.
+        return value if abs(value) < float("inf") else None
     return value if isinstance(value, str | int | bool | None) else str(value)

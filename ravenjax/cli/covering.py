@@ -1,6 +1,4 @@
-"""The command `ravenjax coverage`: which harmful faults each check detects, and which pairs of
-faults harm together.
-"""
+"""The command `ravenjax coverage`: the harmful faults that checks detect, and harmful pairs."""
 
 import contextlib
 from pathlib import Path
@@ -18,7 +16,7 @@ HEADINGS = ("run", "site", "fault from, ms", "harm from, ms", "detected, ms", "d
 def coverage(
     folder: ResultFolder,
     *,
-    of: Annotated[str | None, Parameter(name="--runs")] = None,
+    check_name: Annotated[str | None, Parameter(name="--runs")] = None,
     pairs: Switch = False,
     most: Count = None,
     out: Path | None = None,
@@ -31,8 +29,8 @@ def coverage(
     `ravenjax deadline` has computed deadlines, it also counts detections in time for a stop.
 
     Args:
-        of: instead, list the harmful runs with the time at which this check or set of checks
-            detects the fault
+        check_name: instead, list the harmful runs with the time at which this check or set of
+            checks detects the fault
         pairs: instead, compare runs with two faults with runs that have only one of them
         most: with --pairs: number of pairs of each kind to list; default 5
         out: folder of the files; default FOLDER/coverage
@@ -45,7 +43,7 @@ def coverage(
     from ravenjax.report.sections import tables
     from ravenjax.store import files, manifest
 
-    if pairs and of is not None:
+    if pairs and check_name is not None:
         raise UserError("--runs and --pairs print different lists: give only one of them")
     if most is not None and not pairs:
         console.print_note("--most has no effect without --pairs")
@@ -55,10 +53,9 @@ def coverage(
             found = double_faults.measure_pairs(runs)
         else:
             found = checks.measure_coverage(runs, read_deadlines(folder))
-            if of is not None:
-                listing = Listing(
-                    "runs", f"Harmful runs: {of}", HEADINGS, found.list_runs(of, runs)
-                )
+            if check_name is not None:
+                rows = found.list_runs(check_name, runs)
+                listing = Listing("runs", f"Harmful runs: {check_name}", HEADINGS, rows)
                 return console.print_tables([listing], as_json)
     files.require_writable(out_folder)
     if isinstance(found, double_faults.DoubleFaults):
@@ -70,6 +67,7 @@ def coverage(
         }
     else:
         paths = [out_folder / "coverage.csv"]
+        # These columns are indices that only the computation uses.
         table = found.harmful.drop(columns=["row", "distinct"]).map(files.without_formula)
         files.write_text(paths[0], table.to_csv(index=False))
         content = {"rows": found.rows, "smallest": found.smallest}

@@ -38,12 +38,13 @@ def deadline(
     files.require_writable(files.path_inside(folder, path.parent.name))
     table = finding.find_deadlines(folder, engine, group, print_progress)
     if not len(table):
-        words = "No fault causes harm, so there is no deadline to find."
-        return console.print_findings([words], as_json, harmful=0)
+        sentence = "No fault causes harm, so there is no deadline to find."
+        return console.print_findings([sentence], as_json, harmful=0)
     explained.write_rows(path, table, record)
-    paths = [path, path.with_suffix(".csv")]
-    files.write_text(paths[1], table.map(files.without_formula).to_csv(index=False))
+    csv_path = path.with_suffix(".csv")
+    files.write_text(csv_path, table.map(files.without_formula).to_csv(index=False))
     with contextlib.closing(Runs.open(folder, record)) as runs:
         summary = section.summarize_deadlines(runs, table)
-    sentences, found = section.deadline_sentences(summary), section.deadline_tables(summary)
-    return console.print_findings(sentences, as_json, found, paths, **summary._asdict())
+    sentences, tables = section.deadline_sentences(summary), section.deadline_tables(summary)
+    files_written = [path, csv_path]
+    return console.print_findings(sentences, as_json, tables, files_written, **summary._asdict())

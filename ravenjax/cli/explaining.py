@@ -1,6 +1,5 @@
-"""The commands `ravenjax trace` and `ravenjax explain`, which compute runs again.
-
-`trace` writes the time series of runs. `explain` shows how a fault becomes a failure.
+"""The commands `ravenjax trace` and `ravenjax explain`, which compute runs again. `trace` writes
+the time series of runs. `explain` shows how a fault becomes a failure.
 """
 
 from __future__ import annotations
@@ -27,7 +26,8 @@ def trace(
     engine: SameEngine = "auto",
     as_json: AsJson = False,
 ) -> None:
-    """Compute single runs of a result again and write their time series: MCAP, CSV and a plot.
+    """Compute single runs of a result again, and write an MCAP file, a CSV table and a plot of the
+    time series of each run.
 
     Args:
         worst: trace the N worst runs instead of runs that you name
@@ -54,10 +54,11 @@ def trace(
     replayer = Replayer.of_folder(folder, engine) if runs else None
     for run in runs:
         assert replayer is not None
-        again = replayer.replay(run)
-        row = again.row.to_dict()
-        summary = summarize_run(row, record.rules, again.series, again.golden, record.robot)
-        paths = _write(out_folder, record, again, [event._asdict() for event in summary.events])
+        replay = replayer.replay(run)
+        row = replay.row.to_dict()
+        summary = summarize_run(row, record.rules, replay.series, replay.golden, record.robot)
+        events = [event._asdict() for event in summary.events]
+        paths = _write_trace(out_folder, record, replay, events)
         records.append({"run_id": row["run_id"], **summary._asdict(), "files": paths})
         if not as_json:
             console.print_text("\n".join(summary.lines()))
@@ -67,7 +68,7 @@ def trace(
         console.emit_json(records)
 
 
-def _write(out_folder: Path, record: Manifest, again: Replay, events: list[dict]) -> list[Path]:
+def _write_trace(folder: Path, record: Manifest, replay: Replay, events: list[dict]) -> list[Path]:
     # Writes the trace of a recomputed run as MCAP file, CSV table and figure. Returns the paths.
     from ravenjax.report import wording
     from ravenjax.report.run.plot import trace_plot
@@ -75,22 +76,23 @@ def _write(out_folder: Path, record: Manifest, again: Replay, events: list[dict]
     from ravenjax.store.logs import time_series
     from ravenjax.store.logs.trace import log as trace_log
 
-    row, series, rules = again.row.to_dict(), again.series, record.rules
-    described = wording.describe_fault(row, record.robot)
+    row, rules = replay.row.to_dict(), record.rules
+    fault_text = wording.describe_fault(row, record.robot)
     metadata = {
         name: value
         for name, value in row.items()
         if isinstance(value, str)
         or name in ("index", "seed")
+        # NaN, which does not equal itself, marks a number that this run does not have.
         or (name.startswith(("fault", "param:")) and value == value)
     } | {
-        "fault": described,
+        "fault": fault_text,
         "campaign": record.campaign,
         "config_hash": record.config_hash,
         "duration_ms": record.duration_ms,
         "limit_mm": record.rules.limit_mm,
         "cue_threshold_mm": record.rules.threshold_mm,
-        "engine": again.engine,
+        "engine": replay.engine,
         "version": manifest.package_versions()["ravenjax"],
         "code_hash": manifest.code_hash(record.robot),
         "campaign_engine": f"{record.engine} on {record.device}",
@@ -98,26 +100,30 @@ def _write(out_folder: Path, record: Manifest, again: Replay, events: list[dict]
         "campaign_code_hash": record.code_hash,
     }
     header = {name: str(value) for name, value in metadata.items()}
-    log, table, plot = (out_folder / f"{row['run_id']}.{kind}" for kind in ("mcap", "csv", "svg"))
-    trace_log.write_trace(log, series, header, bases=again.bases, events=events, robot=record.robot)
-    time_series.write_csv(table, series, record.robot)
-    named = {
+    paths = [folder / f"{row['run_id']}.{ending}" for ending in ("mcap", "csv", "svg")]
+    log_path, csv_path, plot_path = paths
+    trace_log.write_trace(
+        log_path, replay.series, header, bases=replay.bases, events=events, robot=record.robot
+    )
+    time_series.write_csv(csv_path, replay.series, record.robot)
+    event_columns = {
         "fault": "first_active_ms",
         "cue": f"cue{rules.cue}_first_ms",
         str(row["response"]): "response_ms",
+        "unintended motion": "unintended_first_ms",
+        "loss of motion": "loss_first_ms",
     }
-    named |= {"unintended motion": "unintended_first_ms", "loss of motion": "loss_first_ms"}
     trace_plot(
-        series,
-        plot,
+        replay.series,
+        plot_path,
         title=f"run {row['run_id']} · {row['verdict'] or row['failed']}\n"
-        f"{row['group']}: {described}",
+        f"{row['group']}: {fault_text}",
         threshold_mm=rules.threshold_mm,
         cue=rules.cue,
         robot=record.robot,
-        events={name: float(row[column]) for name, column in named.items()},
+        events={name: float(row[column]) for name, column in event_columns.items()},
     )
-    return [log, table, plot]
+    return paths
 
 
 def explain(
@@ -154,37 +160,39 @@ def explain(
     ranked = console.worst_runs(folder, worst, by)
     if worst is not None and not ranked:
         return console.emit_json([]) if as_json else None
-    together = None if run_ids or ranked else ranking.faulty_rows(folder, group)
-    if together == []:
-        words = "No fault evades the checks, so there is nothing to explain."
-        return console.print_findings([words], as_json, evading=0)
+    # Without chosen runs, all runs with a fault are summarised together.
+    summary_rows = None if run_ids or ranked else ranking.faulty_rows(folder, group)
+    if summary_rows == []:
+        sentence = "No fault evades the checks, so there is nothing to explain."
+        return console.print_findings([sentence], as_json, evading=0)
     out_folder = out or files.path_inside(folder, explained.FOLDER)
     files.require_writable(out_folder)
     explainer = Explainer.of_folder(folder, engine)
     rows: Any = (
         list(dict.fromkeys(explainer.index(run) for run in run_ids))
         or [run.row for run in ranked]
-        or together
+        or summary_rows
     )
-    quiet = as_json or len(rows) < 100
-    with contextlib.nullcontext() if quiet else terminal.Watch(console.err) as watch:
+    # Fewer runs take so little time that progress is not of interest.
+    hides_progress = as_json or len(rows) < 100
+    with contextlib.nullcontext() if hides_progress else terminal.Watch(console.err) as watch:
         explanation = explainer.explain(rows, watch)
     explained.add_explained(out_folder, explanation.ticks, record)
-    if others := ranking.count_changed(folder, explanation.results):
+    if changed := ranking.count_changed(folder, explanation.results):
         code = "this" if record.code_hash == manifest.code_hash(record.robot) else "another"
         console.print_note(
-            f"{folder}: {others} of {len(explanation.ticks)} runs now have another outcome than the"
-            f" stored one, which engine {record.engine} and {code} version of the code computed"
+            f"{folder}: {changed} of {len(explanation.ticks)} runs now have another outcome than"
+            f" the stored one, which engine {record.engine} and {code} version of the code computed"
         )
-    if together is None:
-        _one_by_one(out_folder, record, explanation, as_json)
+    if summary_rows is None:
+        _explain_each_run(out_folder, record, explanation, as_json)
     else:
-        _together(folder, out_folder, record, as_json)
+        _summarize_runs(folder, out_folder, record, as_json)
     return None
 
 
-def _one_by_one(out_folder: Path, record: Manifest, explanation: Explained, as_json: bool):
-    # Prints how the fault spread in each run, and writes a table and a figure per run.
+def _explain_each_run(out_folder: Path, record: Manifest, explanation: Explained, as_json: bool):
+    # Prints how the error propagated in each run, and writes a table and a figure per run.
     from ravenjax.report import downloads, wording
     from ravenjax.report.drawing import save_figure
     from ravenjax.report.run import chain, chain_words
@@ -195,27 +203,28 @@ def _one_by_one(out_folder: Path, record: Manifest, explanation: Explained, as_j
         explanation.results.to_dict("records"), explanation.ticks.to_dict("records"), strict=True
     ):
         explained = chain.trace_chain(row, ticks, record.robot, record.shape.arms, record.rules.cue)  # type: ignore[arg-type]
-        table, plot = (out_folder / f"{explained.run_id}.{kind}" for kind in ("csv", "svg"))
-        write_text(table, downloads.format_csv(explained.links) or "layer,signal\n")
-        paths = [table]
+        paths = [out_folder / f"{explained.run_id}.csv"]
+        # If no signal differs from the golden run, the table has only its headings.
+        write_text(paths[0], downloads.format_csv(explained.links) or "layer,signal\n")
         if (figure := chain_words.timeline_figure(explained)) is not None:
-            save_figure(figure, plot)
-            paths.append(plot)
+            paths.append(out_folder / f"{explained.run_id}.svg")
+            save_figure(figure, paths[1])
         records.append(explained._asdict() | {"visible": explained.first, "files": paths})
         if as_json:
             continue
-        names = ("links.txt.j2", "near_checks.txt.j2")
-        tables = [("", wording.fill_table(name, chain=explained)) for name in names]
-        words = [chain_words.chain_title(explained), *chain_words.chain_sentences(explained)]
-        text = "\n  ".join(words)
-        console.print_findings([text], as_json, [table for table in tables if table[1][1:]], paths)
+        templates = ("links.txt.j2", "near_checks.txt.j2")
+        tables = [wording.fill_table(template, chain=explained) for template in templates]
+        lines = [chain_words.chain_title(explained), *chain_words.chain_sentences(explained)]
+        # A table with only its headings is not printed.
+        filled = [("", table) for table in tables if len(table) > 1]
+        console.print_findings(["\n  ".join(lines)], as_json, filled, paths)
         console.print_text("")
     if as_json:
         console.emit_json(records)
 
 
-def _together(folder: Path, out_folder: Path, record: Manifest, as_json: bool):
-    # Prints which signals transmitted the faults of all explained runs, and writes table and chart.
+def _summarize_runs(folder: Path, out_folder: Path, record: Manifest, as_json: bool):
+    # Prints how many runs each signal transmitted the error in, and writes a table and a chart.
     from ravenjax.report import downloads, wording
     from ravenjax.report.data.runs import Runs
     from ravenjax.report.sections import chains
@@ -233,5 +242,7 @@ def _together(folder: Path, out_folder: Path, record: Manifest, as_json: bool):
     if chains.draw_charts(summary, out_folder / "signals.svg"):
         paths.append(out_folder / "signals.svg")
     table = wording.fill_table("carriers.txt.j2", all=summary)
-    tables, sentences = [("", table)] if table[1:] else [], chains.chain_sentences(summary)
+    # A table with only its headings is not printed.
+    tables = [("", table)] if len(table) > 1 else []
+    sentences = chains.chain_sentences(summary)
     console.print_findings(sentences, as_json, tables, paths, **summary._asdict())

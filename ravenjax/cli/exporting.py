@@ -1,6 +1,6 @@
-"""The commands `ravenjax explore`, `ravenjax export` and `ravenjax schema`.
-
-They write a page that simulates faults, a robot as a C library, and the schema of campaigns.
+"""The commands `ravenjax explore`, `ravenjax export` and `ravenjax schema`. `explore` writes a page
+that simulates faults, `export` writes a robot as a C library, and `schema` prints the schema of
+campaign, search and scenario files.
 """
 
 import json
@@ -43,7 +43,8 @@ def explore(
                 "got --out and --gallery; leave out --out, because the pages of a gallery are named"
                 " after their campaigns"
             )
-        cards, index = galleries.build_gallery(gallery, sources), gallery / galleries.INDEX
+        cards = galleries.build_gallery(gallery, sources)
+        index = gallery / galleries.INDEX
         if as_json:
             return console.emit_json({"index": index, "campaigns": [vars(card) for card in cards]})
         for card in cards:
@@ -102,6 +103,7 @@ def export(
     written = c_folder.write_library(folder, software, robot, cpu)
     if as_json:
         return console.emit_json(written)
+    # Without a C compiler, the path of the shared library is None.
     for path in written:
         if path is not None:
             console.print_text(path)
@@ -127,6 +129,7 @@ def schema(kind: Kind = "campaign", *, out: Path | None = None) -> None:
     from ravenjax.robots.raven2 import ROBOT
     from ravenjax.store import files
 
+    # Only the imports that the kind of file needs are made, because they are slow.
     if kind == "search":
         from ravenjax.analyses.search.file import config as searches
 

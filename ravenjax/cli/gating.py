@@ -38,14 +38,15 @@ def gate(
     from ravenjax.document.html import markdown_table
     from ravenjax.store.files import write_text
 
-    found = gates.judge_folders(first, second, [gates.parse_margin(text) for text in margin], most)
-    listings = console.fill_listings("gate.j2", gate=found)
-    content = {"gate": found, "listings": listings, "markdown_table": markdown_table}
+    margins = [gates.parse_margin(text) for text in margin]
+    result = gates.judge_folders(first, second, margins, most)
+    listings = console.fill_listings("gate.j2", gate=result)
+    content = {"gate": result, "listings": listings, "markdown_table": markdown_table}
     for path, template in ((markdown, "gate.md.j2"), (junit, "gate.xml.j2")):
         if path is not None:
             write_text(path, console.render_template(template, **content) + "\n")
     if not as_json:
-        for sentence in found.compared.sentences():
+        for sentence in result.compared.sentences():
             console.print_text(sentence)
     console.print_tables(listings, as_json)
-    return found.exit_code
+    return result.exit_code

@@ -1,8 +1,7 @@
-"""Commands that use the folder `analysis` of a checkout, and `ravenjax doctor`.
-
-`bench` measures the speed of this machine. `reproduce` runs studies, and `credibility` prints the
-evidence for each of their claims. `evidence` writes tables and an argument for a risk file.
-`doctor` checks the installation.
+"""Commands that use the folder `analysis` of a checkout, and `ravenjax doctor`. `bench` measures
+the speed of this machine. `reproduce` runs studies, and `credibility` prints the evidence for each
+of their claims. `evidence` writes tables and an argument for a risk file. `doctor` checks the
+installation.
 """
 
 from collections.abc import Callable
@@ -109,61 +108,64 @@ def doctor(*, realtime: Switch = False, seconds: float = 60.0, as_json: AsJson =
 
     if realtime:
         return _measure_realtime(seconds, as_json)
-    rows = list(terminal.describe_machine())
-    about = Listing("machine", "This machine", ("property", "value"), rows)
+    properties = list(terminal.describe_machine())
+    machine_table = Listing("machine", "This machine", ("property", "value"), properties)
+    # The tests take seconds, so the first table is printed before they start.
     if not as_json:
-        console.print_tables([about], as_json)
+        console.print_tables([machine_table], as_json)
         console.out.print()
     tests: dict[str, Callable[[], str]] = {
-        "jax computes": _jax_computes,
-        "engine auto": _engine_chosen,
-        "robot model": _model_loads,
-        "campaigns": _campaigns_load,
-        "results": _results_writable,
-        "console port": _port_opens,
+        "jax computes": _test_jax,
+        "engine auto": _choose_engine,
+        "robot model": _load_robot_model,
+        "campaigns": _load_bundled_campaigns,
+        "results": _create_file,
+        "console port": _open_console_port,
     }
-    states = list(terminal.run_checks(tests))
-    works = Listing("works", "What works", ("test", "state", "detail"), states)
-    console.print_tables([about, works] if as_json else [works], as_json)
-    return int(any(state != "ok" for _, state, _ in works.rows))
+    results = list(terminal.run_checks(tests))
+    test_table = Listing("works", "What works", ("test", "state", "detail"), results)
+    console.print_tables([machine_table, test_table] if as_json else [test_table], as_json)
+    return int(any(state != "ok" for _, state, _ in results))
 
 
 def _measure_realtime(seconds: float, as_json: bool) -> int:
-    # Prints how punctual ticks of 1 ms are on this machine. Returns the exit status.
+    # Prints how punctually this machine computes ticks of 1 ms. Returns 1 if it is too slow.
     from ravenjax.cli import timing
 
-    measured = timing.measure_timing(seconds, lambda what: console.print_text(what, console.err))
-    rows = [timing.timing_row(*loop) for loop in measured.items()]
-    loops = Listing("loops", "Timing of one tick per millisecond", timing.COLUMNS, rows)
-    states = timing.timing_verdict(measured)
-    verdict = Listing("verdict", "", ("state", "sentence"), list(states))
-    console.print_tables([loops, verdict], as_json)
-    return int(any(state != "ok" for state, _ in states))
+    measured = timing.measure_timing(seconds, lambda text: console.print_text(text, console.err))
+    rows = [timing.timing_row(loop, loop_timing) for loop, loop_timing in measured.items()]
+    loop_table = Listing("loops", "Timing of one tick per millisecond", timing.COLUMNS, rows)
+    requirements = timing.timing_verdict(measured)
+    verdict_table = Listing("verdict", "", ("state", "sentence"), requirements)
+    console.print_tables([loop_table, verdict_table], as_json)
+    return int(any(state != "ok" for state, _ in requirements))
 
 
-def _jax_computes() -> str:
-    # Runs a small JAX program; returns the devices.
+def _test_jax() -> str:
+    # Runs a small JAX program. Returns the devices on which JAX can compute.
     import jax
     import jax.numpy as jnp
 
     total = float(jax.jit(lambda x: (x * x).sum())(jnp.arange(4.0)))
     if total != 14.0:
         raise ArithmeticError(f"JAX computed 0 + 1 + 4 + 9 = {total}, expected 14")
-    return ", ".join(f"{one.platform}:{one.id} {one.device_kind}" for one in jax.devices())
+    return ", ".join(
+        f"{device.platform}:{device.id} {device.device_kind}" for device in jax.devices()
+    )
 
 
-def _engine_chosen() -> str:
-    # Returns the engine for campaigns on this machine, and why no faster engine is used.
+def _choose_engine() -> str:
+    # Returns the engine that campaigns use on this machine, and why they use no faster engine.
     from ravenjax.engines import selection
     from ravenjax.numbers.setup import CAMPAIGN
 
-    name, why = selection.fastest_engine(CAMPAIGN)
+    name, reason = selection.fastest_engine(CAMPAIGN)
     device = selection.select_engine(name, CAMPAIGN).device
-    return f"{name} on {device}" + (f"; {why}" if why else "")
+    return f"{name} on {device}" + (f"; {reason}" if reason else "")
 
 
-def _model_loads() -> str:
-    # Loads the MuJoCo model of the Raven-II.
+def _load_robot_model() -> str:
+    # Loads the MuJoCo model of the Raven-II. Returns its path and number of joints.
     import mujoco
 
     from ravenjax.bundled import resources
@@ -173,8 +175,8 @@ def _model_loads() -> str:
     return f"{path}, {model.njnt} joints"
 
 
-def _campaigns_load() -> str:
-    # Checks all bundled campaign files.
+def _load_bundled_campaigns() -> str:
+    # Loads each bundled campaign file, which raises an error for an invalid file.
     from ravenjax.bundled import resources
     from ravenjax.campaign import loading
 
@@ -184,15 +186,16 @@ def _campaigns_load() -> str:
     return f"{len(files)} bundled campaigns are valid"
 
 
-def _results_writable() -> str:
+def _create_file() -> str:
+    # Creates and deletes a folder in the current folder, in which commands write results.
     import tempfile
 
     with tempfile.TemporaryDirectory(dir=Path.cwd()):
         return f"files can be created in {Path.cwd()}"
 
 
-def _port_opens() -> str:
-    # Checks that the UDP port for console packets can be opened.
+def _open_console_port() -> str:
+    # Opens and closes the UDP port for console packets, which fails if a program uses the port.
     import socket
 
     from ravenjax.robots.raven2.console.packet import UDP_PORT

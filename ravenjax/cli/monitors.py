@@ -1,7 +1,6 @@
-"""The commands `ravenjax monitor` and `ravenjax counterfactual`.
-
-`monitor` calibrates checks on fault-free motion to a stated false-alarm rate, and tests whether the
-calibration is still valid. `counterfactual` finds checks for faults that evade the robot's checks.
+"""The commands `ravenjax monitor` and `ravenjax counterfactual`. `monitor` calibrates checks on
+fault-free motion to a stated false-alarm rate, and tests whether the calibration is still valid.
+`counterfactual` finds checks for faults that evade the robot's checks.
 """
 
 import contextlib
@@ -69,16 +68,17 @@ def calibrate(
     request = calibration.Request(
         config, signals or (), segments, rate, confidence, length_s, robots, motions or (), seed
     )
-    place = out or Path("results/monitors") / config.campaign.name
-    with _progress(as_json) as progress:
-        result = calibration.calibrate_monitor(request, place, hours, engine, progress)
-    _, record = writing.read_monitor(place)
+    folder = out or Path("results/monitors") / config.campaign.name
+    with _show_progress(as_json) as update_progress:
+        result = calibration.calibrate_monitor(request, folder, hours, engine, update_progress)
+    _, record = writing.read_monitor(folder)
     if as_json:
-        return console.emit_json({"folder": place, **record})
+        return console.emit_json({"folder": folder, **record})
     terms = zip(result.monitor.terms, result.monitor.limits.tolist(), strict=True)
     console.print_tables(console.fill_listings("terms.j2", terms=terms), as_json)
+    # The sentence that states the false-alarm rate and its confidence.
     words = record["promise"]["words"]
-    text = console.render_template("monitor.j2", words=words, result=result, place=place)
+    text = console.render_template("monitor.j2", words=words, result=result, folder=folder)
     return console.print_text(text)
 
 
@@ -105,9 +105,9 @@ def operate(
     """
     from ravenjax.analyses.monitors.calibrate import simulate_new_operators
 
-    with _progress(as_json) as progress:
+    with _show_progress(as_json) as update_progress:
         peaks = simulate_new_operators(
-            folder, out, hours, overrides or (), robots, engine, progress
+            folder, out, hours, overrides or (), robots, engine, update_progress
         )
     if as_json:
         return console.emit_json(
@@ -135,12 +135,13 @@ def check(
     from ravenjax.analyses.monitors import checking
 
     result = checking.check_exchangeability(folder, sources, level, seed)
-    shifted, about, rows = bool(result["shifted"].any()), result.attrs, result.to_dict("records")
+    shifted = bool(result["shifted"].any())
+    counts, rows = result.attrs, result.to_dict("records")
     if as_json:
-        console.emit_json({"signals": rows, **about, "shifted": shifted})
+        console.emit_json({"signals": rows, **counts, "shifted": shifted})
         return int(shifted)
     console.print_tables(console.fill_listings("shift.j2", rows=rows), as_json)
-    console.print_text(console.render_template("shifted.j2", about=about, shifted=shifted))
+    console.print_text(console.render_template("shifted.j2", counts=counts, shifted=shifted))
     return int(shifted)
 
 
@@ -205,9 +206,9 @@ def counterfactual(
 
     question = Question(false_alarms_per_hour, lead_ms, hours, most, tuple(group or ()), seed)
     config = loading.load_source(file, overrides or ())
-    place = out or Path("results") / f"{config.campaign.name}_counterfactual"
+    folder = out or Path("results") / f"{config.campaign.name}_counterfactual"
     question.require()
-    files.require_writable(place)
+    files.require_writable(folder)
 
     def print_stage(text: str):
         if not as_json:
@@ -215,12 +216,14 @@ def counterfactual(
 
     with terminal.Watch(console.err) as watch:
         found = finding.find_checks(config, question, engine, print_stage, watch)
-        paths = output.write_files(found, place)
+        paths = output.write_files(found, folder)
         sentences = [*output.finding_sentences(found)]
         if confirm:
-            confirmed_seed = config.campaign.seed + 1
-            sure = finding.confirm_checks(found, paths[-1], confirmed_seed, engine, watch)
-            sentences.append(sure.sentence)
+            # With another seed, the faults are not those with which the checks were selected. The
+            # last file is the campaign with the selected checks as detectors.
+            new_seed = config.campaign.seed + 1
+            confirmation = finding.confirm_checks(found, paths[-1], new_seed, engine, watch)
+            sentences.append(confirmation.sentence)
     checks = [row for row in output.candidate_table(found) if row["chosen"]]
     if not as_json:
         console.print_tables(console.fill_listings("counterfactual.j2", found=found), as_json)
@@ -230,8 +233,9 @@ def counterfactual(
 
 
 @contextlib.contextmanager
-def _progress(as_json: bool) -> Iterator[Callable[[int, int], None]]:
-    # Shows a progress bar on the terminal. Yields a function that takes (done, total).
+def _show_progress(as_json: bool) -> Iterator[Callable[[int, int], None]]:
+    # Shows a progress bar on standard error, but none with JSON. Yields the function that updates
+    # the bar; its arguments are the numbers of finished and of all operators.
     from rich.progress import MofNCompleteColumn, Progress
 
     columns = (*Progress.get_default_columns(), MofNCompleteColumn())

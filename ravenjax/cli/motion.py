@@ -1,6 +1,5 @@
-"""Commands on recordings of operators, `ravenjax motion`, and logs of robots, `calibrate`.
-
-The module also prints the lines of `ravenjax run` about recorded operators.
+"""Commands on recordings of operators, `ravenjax motion`, and logs of robots, `calibrate`. The
+module also prints what `ravenjax run` says about a recorded operator.
 """
 
 from __future__ import annotations
@@ -19,9 +18,9 @@ if TYPE_CHECKING:
     from ravenjax.store.motion.summary import MotionSummary
 
 
-SET = "power_consistent"
+PRIOR_SET = "power_consistent"
 """Parameter set whose values are the means of the prior distributions."""
-EVERYTHING = "friction,offsets,motors,cables,delays"
+ALL_PARAMETER_GROUPS = "friction,offsets,motors,cables,delays"
 
 
 def motion(
@@ -52,23 +51,26 @@ def motion(
     from ravenjax.robots.raven2.campaign import hands
     from ravenjax.store.motion import reach, recording, replay
 
-    config, whole = _config(file, campaign, arms, overrides or [])
-    ticks, bounds = None if whole else config.campaign.ticks, hands.operator_bounds(config)
-    options, scale = config.operator.options, config.operator.scale
+    config, replay_all = _configure_replay(file, campaign, arms, overrides or [])
+    ticks = None if replay_all else config.campaign.ticks
+    bounds = hands.operator_bounds(config)
+    options = config.operator.options
     try:
         made = replay.replay_motion(
-            file, config.campaign.arms, options, ticks, scale, bounds=bounds
+            file, config.campaign.arms, options, ticks, config.operator.scale, bounds=bounds
         )
     except UserError:
-        # If the file cannot even be read, this raises that error.
+        # If the file cannot be read at all, the next line raises that error again.
         raw = recording.load_recording(file, config.campaign.arms, options)
-        courses = replay.tip_courses(raw, reach.reach_poses(raw.poses, bounds).inside, np.zeros(0))
-        _draw(file, out, courses, "cannot be replayed as it is")
+        inside = reach.reach_poses(raw.poses, bounds).inside
+        # No row of the recording is replayed.
+        courses = replay.tip_courses(raw, inside, np.zeros(0))
+        _draw_motion(file, out, courses, "cannot be replayed as it is")
         raise
-    _table(made.summary, console.out)
+    _print_summary(made.summary, console.out)
     begin, end = made.summary.window_s
     courses = replay.tip_courses(made.recording, made.reach.inside, made.rows)
-    _draw(file, out, courses, f"{begin:.3f} to {end:.3f} s are replayed")
+    _draw_motion(file, out, courses, f"{begin:.3f} to {end:.3f} s are replayed")
 
 
 def show_operator(config: CampaignConfig, to: Console) -> None:
@@ -82,13 +84,14 @@ def show_operator(config: CampaignConfig, to: Console) -> None:
     if not isinstance(config, RavenConfig) or config.operator.file is None:
         return
     if (made := hands.operator_replay(config)) is not None:
-        _table(made.summary, to)
+        _print_summary(made.summary, to)
 
 
-def _config(
+def _configure_replay(
     file: Path, campaign: str | None, arms: list[str] | None, overrides: list[str]
 ) -> tuple[RavenConfig, bool]:
-    # Returns a campaign with the recording as its operator, and whether to replay all of it.
+    # Returns a campaign whose operator is the recording `file`, and whether to replay all of it
+    # instead of the campaign's duration. campaign: path or bundled name; None: default settings.
     from ravenjax.campaign import loading
     from ravenjax.robots.raven2.campaign.config import of_raven
     from ravenjax.store.motion import recording
@@ -99,25 +102,26 @@ def _config(
             "operator": {"file": str(file)},
             "group": [{"name": "fault_free"}],
         }
-        whole = not any(text.startswith("campaign.duration_s") for text in overrides)
-        return of_raven(loading.from_dict(raw, overrides=overrides)), whole
+        replay_all = not any(text.startswith("campaign.duration_s") for text in overrides)
+        return of_raven(loading.from_dict(raw, overrides=overrides)), replay_all
     base = of_raven(loading.load_campaign(campaign))
-    replaced = [f"operator.file={file.absolute()}"]
-    # The options of the generated motion are then dropped.
+    changes = [f"operator.file={file.absolute()}"]
+    # A recording replaces a generated motion, so the options of the generated motion are removed.
     if base.operator.file is None:
-        replaced = ["operator={}", f"operator.scale={base.operator.scale}", *replaced]
+        changes = ["operator={}", f"operator.scale={base.operator.scale}", *changes]
     if arms:
-        replaced.append(f"campaign.arms={arms}")
-    return of_raven(loading.load_campaign(campaign, [*replaced, *overrides])), False
+        changes.append(f"campaign.arms={arms}")
+    return of_raven(loading.load_campaign(campaign, [*changes, *overrides])), False
 
 
-def _table(summary: MotionSummary, to: Console):
+def _print_summary(summary: MotionSummary, to: Console):
     from ravenjax.store.motion.summary import table_rows
 
     console.print_table("Recorded operator", ("property", "value"), table_rows(summary), to)
 
 
-def _draw(file: Path, out: Path, courses, title: str):
+def _draw_motion(file: Path, out: Path, courses, title: str):
+    # Draws the tip positions of a recording into the folder `out`, and prints the files' paths.
     from ravenjax.report.run.motion_plot import motion_plot
 
     for path in motion_plot(courses, out, file.stem, f"{file.name}: {title}"):
@@ -135,7 +139,7 @@ def calibrate(
     period_ms: float | None = None,
     columns: str = "",
     topics: str | None = None,
-    ask: str = EVERYTHING,
+    ask: str = ALL_PARAMETER_GROUPS,
     draws: int = 200,
 ) -> None:
     """Estimate your robot's parameters from a log of its joint positions.
@@ -174,13 +178,13 @@ def calibrate(
     if draws < 1:
         raise UserError(f"--draws is {draws}, expected at least 1 robot")
     tool = tool or DEFAULT_TOOLS[software][arm]
-    given = [word.strip() for word in columns.split(",")] if columns else []
-    named = dict(word.split("=", 1) for word in given if "=" in word)
+    column_names = [word.strip() for word in columns.split(",")] if columns else []
+    renamed = dict(word.split("=", 1) for word in column_names if "=" in word)
     setup = RavenSetup(software=software, arms=(arm,), tools=(tool,))
     controller = position_loop.CONTROLLERS[gains or software]
     logged = LoggedRobot(
         joint_log.read_joint_log(
-            log, arm, tool, software, controller, period_ms, named or given, topics
+            log, arm, tool, software, controller, period_ms, renamed or column_names, topics
         ),
         setup,
         arm,
@@ -189,15 +193,16 @@ def calibrate(
     for note in logged.log.notes:
         console.print_text(note)
     asked = parameters.select_unknowns(logged.log.joints, [word.strip() for word in ask.split(",")])
-    calibrated = logged.calibrated(robot.params(setup, arm, SET), asked)
+    calibrated = logged.calibrated(robot.params(setup, arm, PRIOR_SET), asked)
     models = {"before": calibrated.base, "calibrated": calibrated.robot}
-    where = ("in the first half, which was fitted", "in the second half, which was not fitted")
-    for place, part in zip(where, logged.halves, strict=True):
-        title = f"Following error {place}: rms (times the log's), off by"
-        errors = logged.following_errors(part, models)
+    halves = ("in the first half, which was fitted", "in the second half, which was not fitted")
+    for half, samples in zip(halves, logged.halves, strict=True):
+        title = f"Following error {half}: rms (times the log's), off by"
+        errors = logged.following_errors(samples, models)
         console.print_table(title, *tables.by_joint(errors, logged.log.joints))
     fitted = tables.tabulate_parameters(calibrated)
     console.print_table("Estimated parameters", tables.PARAMETER_COLUMNS, fitted)
+    # The controller's integral of such a joint acts as an offset of the joint does.
     integrated = [
         unknown.path
         for unknown in calibrated.unknowns
@@ -207,7 +212,7 @@ def calibrate(
         console.print_text(text)
     drawn = parameters.values_by_path(calibrated.base, calibrated.unknowns, calibrated.draws(draws))
     out.parent.mkdir(parents=True, exist_ok=True)
-    write_text(out, parameters.format_robot_file(drawn, arm, SET, log))
+    write_text(out, parameters.format_robot_file(drawn, arm, PRIOR_SET, log))
     pictures = out.with_suffix(".svg"), out.with_name(f"{out.stem}_parameters.svg")
     whole = logged.log.compared(0, len(logged.log.desired))
     replayed = logged.replay(whole, [calibrated.robot])[0]

@@ -44,25 +44,29 @@ def verify(
 
     verified = verification.verify_folder(folder, sample, engine, seed)
     if as_json:
-        again = verified.rerun
-        rerun = again and again._replace(rows=again.rows.tolist(), columns=again.differing)  # pyright: ignore[reportArgumentType]
+        rerun = verified.rerun
+        # JSON lists only the columns that differ.
+        if rerun is not None:
+            rerun = rerun._replace(rows=rerun.rows.tolist(), columns=rerun.differing)  # pyright: ignore[reportArgumentType]
         checks = [check._asdict() | {"fine": check.fine} for check in verified.checks]
         content = {"folder": folder, "fine": verified.fine, "checks": checks, "rerun": rerun}
         console.emit_json(content)
         return 0 if verified.fine else 1
-    rows = [(one.name, "ok" if one.fine else "WRONG", one.looked_at) for one in verified.checks]
+    rows = [
+        (check.name, "ok" if check.fine else "WRONG", check.looked_at) for check in verified.checks
+    ]
     console.print_table(f"Verified: {folder}", ("check", "result", "what was checked"), rows)
     for check in verified.checks:
         for problem in check.problems:
             console.print_error(f"{check.name}: {problem}")
     if verified.rerun is not None and verified.rerun.differing:
-        n = len(verified.rerun.rows)
-        apart = [
-            (column.name, f"{n - column.equal} of {n}", f"{column.largest:.3g}")
+        run_count = len(verified.rerun.rows)
+        rows = [
+            (column.name, f"{run_count - column.equal} of {run_count}", f"{column.largest:.3g}")
             for column in verified.rerun.differing
         ]
         columns = ("column", "runs that differ", "largest difference")
-        console.print_table("Columns that differ when computed again", columns, apart)
+        console.print_table("Columns that differ when computed again", columns, rows)
     return 0 if verified.fine else 1
 
 
@@ -84,18 +88,20 @@ def merge(
     """
     from ravenjax.store.access import merging, query
 
-    done = merging.merge_shards(out, shards, partial)
-    record = done.manifest
+    merged = merging.merge_shards(out, shards, partial)
+    record = merged.manifest
     parts = len(record.parts)
-    count = f"{record.done} of {record.runs} runs in {parts} part{'s' if parts != 1 else ''}"
-    ways = f"{done.linked} files linked, {done.copied} copied, {done.present} already present"
-    console.print_text(f"merged: {out}: {count} ({ways})")
-    if done.missing:
-        console.print_text(f"missing runs: {query.in_words(done.missing)}")
+    runs = f"{record.done} of {record.runs} runs in {parts} part{'s' if parts != 1 else ''}"
+    files = (
+        f"{merged.linked} files linked, {merged.copied} copied, {merged.present} already present"
+    )
+    console.print_text(f"merged: {out}: {runs} ({files})")
+    if merged.missing:
+        console.print_text(f"missing runs: {query.in_words(merged.missing)}")
 
 
 def write_report(folder: Path, prints: bool = True) -> Path:
-    """Write the report and return its path. prints: also print the path."""
+    """Write report.html into a result folder and return its path. prints: also print the path."""
     from ravenjax.report import page
 
     path = page.build_report(folder)
@@ -123,6 +129,7 @@ def compare(first: ResultFolder, second: Path, *, most: int = 10, as_json: AsJso
     result = comparison.compare_folders(first, second, most)
     if as_json:
         content = result._asdict()
+        # The key of code and machine in JSON is `made`.
         content["made"] = content.pop("environment")
         console.emit_json(content)
         return

@@ -20,9 +20,9 @@ from ravenjax.cli.results import write_report
 if TYPE_CHECKING:
     from ravenjax.store.manifest import Manifest
 
-MOST_ROWS = 40
+MAX_GROUPS = 40
 """Number of groups that `check` prints; further groups are only counted."""
-ENDED = "ended by a signal; finished results are kept, and the same command continues"
+SIGNAL_MESSAGE = "ended by a signal; finished results are kept, and the same command continues"
 
 
 def run(
@@ -61,13 +61,12 @@ def run(
     from ravenjax.campaign.executors import choose_executor, shards
     from ravenjax.cli import terminal
 
-    sizes = {"chunk": chunk, "limit": limit}
-    changes = [
-        *(overrides or ()),
-        *(f"campaign.{key}={value}" for key, value in sizes.items() if value is not None),
-    ]
+    changes = list(overrides or ())
+    for key, value in (("chunk", chunk), ("limit", limit)):
+        if value is not None:
+            changes.append(f"campaign.{key}={value}")
     share = shards.parse_shard(shard) if shard is not None else None
-    who = choose_executor(executor, workers, ray_address)
+    chosen_executor = choose_executor(executor, workers, ray_address)
     config = loading.load_campaign(file, changes)
     folder = out or Path("results") / config.campaign.name / (share.folder if share else "")
 
@@ -76,25 +75,31 @@ def run(
 
     screen = console.err if as_json else console.out
     show_operator(config, screen)
-    # The exit then does not look through all imported modules, which takes 0.2 s.
+    # The last garbage collection, at the exit, then skips all imported modules. This saves 0.2 s.
     gc.freeze()
-    with _ended_by_signals(), terminal.Watch(screen) as watch:
+    with _exit_on_signals(), terminal.Watch(screen) as watch:
         adaptive.run_adaptively(
-            config, folder, engine, on_progress=watch, executor=who, shard=share, command=sys.argv
+            config,
+            folder,
+            engine,
+            on_progress=watch,
+            executor=chosen_executor,
+            shard=share,
+            command=sys.argv,
         )
     record = manifest.read_manifest(folder)
-    head, counted = _count_faults(folder, record)
+    counts, faults_by_verdict = _count_faults(folder, record)
     if not as_json:
-        _summary(folder, record, head, counted)
+        _print_summary(folder, record, counts, faults_by_verdict)
     page = write_report(folder, prints=not as_json) if report and share is None else None
     if as_json:
         names = "campaign config_hash runs engine device code_hash compile_s run_s runs_per_s"
         content = {name: getattr(record, name) for name in names.split()} | {
             "folder": folder,
             "finished": record.done,
-            "verdicts_of_distinct_faults": counted,
+            "verdicts_of_distinct_faults": faults_by_verdict,
             "runs_without_valid_outcome": record.failures,
-            "runs_not_counted": {key: head.get(key, 0) for key in NOT_COUNTED},
+            "runs_not_counted": {key: counts.get(key, 0) for key in NOT_COUNTED},
             "stop_rule": decisions.describe_stop(folder) or None,
             "report": page,
             "shard": None if share is None else str(share),
@@ -127,10 +132,13 @@ def check(
     from ravenjax.campaign.inspection.preview import preview_campaign
     from ravenjax.report import wording
 
-    sizes = [] if limit is None else [f"campaign.limit={limit}"]
-    config = loading.load_campaign(file, [*(overrides or ()), *sizes], runs=False)
-    view, sample = preview_campaign(config, out or Path("results") / config.campaign.name, engine)
-    view["sample"] = [
+    changes = list(overrides or ())
+    if limit is not None:
+        changes.append(f"campaign.limit={limit}")
+    config = loading.load_campaign(file, changes, runs=False)
+    folder = out or Path("results") / config.campaign.name
+    preview, sample = preview_campaign(config, folder, engine)
+    preview["sample"] = [
         {
             "index": int(row["index"]),
             "run_id": row["run_id"],
@@ -140,11 +148,11 @@ def check(
         for row in sample.to_dict("records")
     ]
     if as_json:
-        console.emit_json(view)
+        console.emit_json(preview)
         return
-    content = view | {"config": config, "duration": format_estimate, "most": MOST_ROWS}
+    content = preview | {"config": config, "duration": format_estimate, "max_groups": MAX_GROUPS}
     console.print_tables(console.fill_listings("check.j2", **content), as_json)
-    for notice in view["notices"]:
+    for notice in preview["notices"]:
         console.print_text(f"note: {notice}")
 
 
@@ -170,26 +178,28 @@ def fault_free(
             time
         report: write report.html of FOLDER again at the end
     """
-    from ravenjax.campaign.inspection import fault_free as more_motion
+    from ravenjax.campaign.inspection.fault_free import extend_fault_free
     from ravenjax.cli import terminal
     from ravenjax.report import wording
     from ravenjax.store.access.fault_free import FOLDER
 
     motions_folder, screen = folder / FOLDER, console.err if as_json else console.out
 
-    def began(there: float, path: Path):
-        so_far = f"{wording.format_hours(there)} of {wording.format_hours(hours)} computed"
-        console.print_text(f"{so_far}; next folder: {path}", screen)
+    def announce_motion(hours_computed: float, path: Path):
+        # Prints the hours that are computed when the next motion begins.
+        share = f"{wording.format_hours(hours_computed)} of {wording.format_hours(hours)} computed"
+        console.print_text(f"{share}; next folder: {path}", screen)
 
-    with _ended_by_signals(), terminal.Watch(screen) as watch:
-        there = more_motion.extend_fault_free(
-            folder, hours, engine, on_motion=began, on_progress=watch, command=sys.argv
+    with _exit_on_signals(), terminal.Watch(screen) as watch:
+        total_hours = extend_fault_free(
+            folder, hours, engine, on_motion=announce_motion, on_progress=watch, command=sys.argv
         )
     if not as_json:
-        console.print_text(f"fault-free motion: {wording.format_hours(there)} in {motions_folder}")
+        total = wording.format_hours(total_hours)
+        console.print_text(f"fault-free motion: {total} in {motions_folder}")
     page = write_report(folder, prints=not as_json) if report else None
     if as_json:
-        console.emit_json({"folder": motions_folder, "hours": there, "report": page})
+        console.emit_json({"folder": motions_folder, "hours": total_hours, "report": page})
 
 
 NOT_COUNTED = {
@@ -197,34 +207,40 @@ NOT_COUNTED = {
     "repeats": "that repeat a fault",
     "reacting": "with an operator who reacts",
 }
+"""Count on the report's first page -> the runs that it counts. No verdict counts these runs."""
 
 
 def _count_faults(folder: Path, record: Manifest) -> tuple[dict[str, Any], dict[str, int]]:
-    # Returns the counts of the report's first page, and the number of distinct faults by verdict.
+    # Returns the counts of the report's first page, by name, and the number of distinct faults of
+    # each verdict. Both are empty if no run is finished.
     from ravenjax.report.data.runs import Runs
     from ravenjax.report.sections import tables
 
     if not record.done:
         return {}, {}
     with contextlib.closing(Runs.open(folder, record)) as runs:
-        counted = {name: n for name, _, n in tables.class_counts(runs, "verdict::VARCHAR", ())}
-        return tables.headline_counts(runs, record), counted
+        verdict_rows = tables.class_counts(runs, "verdict::VARCHAR", ())
+        faults_by_verdict = {verdict: count for verdict, _, count in verdict_rows}
+        return tables.headline_counts(runs, record), faults_by_verdict
 
 
-def _summary(folder: Path, record: Manifest, head: dict[str, Any], counted: dict[str, int]):
-    # Prints the verdicts of a finished or interrupted campaign.
+def _print_summary(
+    folder: Path, record: Manifest, counts: dict[str, Any], faults_by_verdict: dict[str, int]
+):
+    # Prints tables of verdicts and failed runs, how many faults evade the checks, and which runs
+    # are not counted. The campaign may be interrupted. For counts see `_count_faults`.
     from ravenjax.campaign.stop import decisions
     from ravenjax.cli import terminal
     from ravenjax.outcomes import events
 
-    verdicts = terminal.share_rows(counted, sum(counted.values()))
+    verdicts = terminal.share_rows(faults_by_verdict, sum(faults_by_verdict.values()))
     content = {
         "record": record,
         "verdicts": [(events.name_harm(name, record.rules), *row) for name, *row in verdicts],
         "failures": terminal.share_rows(record.failures, record.done),
-        "head": head,
+        "counts": counts,
         "not_counted": NOT_COUNTED,
-        "why": decisions.describe_stop(folder),
+        "stop_reason": decisions.describe_stop(folder),
     }
     console.print_tables(console.fill_listings("summary.j2", **content), as_json=False)
     if verdicts:
@@ -233,14 +249,14 @@ def _summary(folder: Path, record: Manifest, head: dict[str, Any], counted: dict
 
 
 @contextlib.contextmanager
-def _ended_by_signals() -> Iterator[None]:
+def _exit_on_signals() -> Iterator[None]:
     """Exit on SIGTERM and SIGHUP as on Ctrl-C, with exit code 128 + the number of the signal."""
     with interruption.exit_on_signals(signal.SIGTERM, signal.SIGHUP):
         try:
-            with interruption.ended_in_time(ENDED), interruption.held_back():
+            with interruption.limit_shutdown_time(SIGNAL_MESSAGE), interruption.delay_signals():
                 yield
         except SystemExit:
-            console.print_text(ENDED, console.err)
+            console.print_text(SIGNAL_MESSAGE, console.err)
             raise
 
 
@@ -268,7 +284,7 @@ def search(
 
     screen = console.err if as_json else console.out
     show_operator(loading.load_search(file, overrides or ()).campaign, screen)
-    with _ended_by_signals(), terminal.Watch(screen) as watch:
+    with _exit_on_signals(), terminal.Watch(screen) as watch:
         result = runner.run_search(file, out, engine, overrides or (), watch)
     if as_json:
         numbers = json.loads((result.out / runner.NUMBERS).read_text(encoding="utf-8"))

@@ -79,30 +79,30 @@ def train(
     say = console.print_text
     if not (page or headless or script or crtk) and itp_port is None:
         raise UserError("nobody moves the robot: add --page, --script, --itp-port or --crtk")
-    with _exit_with_message(), interruption.held_back(), contextlib.ExitStack() as stack:
+    with _exit_with_message(), interruption.delay_signals(), contextlib.ExitStack() as stack:
         helpers = None
         if not headless:
             from ravenjax.train import page as pages
             from ravenjax.train.processes import SessionHelpers
 
             # The page answers at once, while this process and the helper processes import modules.
-            listening = None
+            open_port = None
             if page:
                 token, instructor_token = pages.choose_tokens(host, token, instructor_token)
-                listening = pages.open_port(host, port, token, instructor_token, say)
-            helpers = SessionHelpers(stack, listening)
-            beginning = f"{scenario}: preparing the session; the first time takes longest"
-            helpers.show_progress(beginning, say)
+                open_port = pages.open_port(host, port, token, instructor_token, say)
+            helpers = SessionHelpers(stack, open_port)
+            message = f"{scenario}: preparing the session; the first time takes longest"
+            helpers.show_progress(message, say)
         from ravenjax.train import launch
         from ravenjax.train import scenario as scenarios
 
         interruption.check_interruption()
-        setting = scenarios.load_scenario(scenario, overrides or ())
-        drawn_by = setting.seed if seed is None else seed
+        chosen = scenarios.load_scenario(scenario, overrides or ())
+        chosen_seed = chosen.seed if seed is None else seed
         options = launch.SessionOptions(
-            scenario=setting,
-            folder=out or launch.new_folder_path(setting.name, participant, drawn_by),
-            seed=drawn_by,
+            scenario=chosen,
+            folder=out or launch.new_folder_path(chosen.name, participant, chosen_seed),
+            seed=chosen_seed,
             participant=participant,
             group=group,
             cue=cue,
@@ -124,12 +124,12 @@ def train(
             result = launch.run_realtime(
                 options, with_page=page, linger_s=linger, say=say, helpers=helpers
             )
-    # The same address, so that browser windows reconnect.
+    # Further sessions use the same address, so that browser windows reconnect.
     while result.next_command is not None:
         say(f"session: {result.folder} ({result.ended})")
         options = launch.next_options(options, result)
         say(f"{options.scenario.name}: preparing the next session")
-        with _exit_with_message(), interruption.held_back():
+        with _exit_with_message(), interruption.delay_signals():
             result = launch.run_realtime(options, with_page=page, linger_s=linger, say=say)
     say(f"session: {result.folder} ({result.ended})")
 
@@ -140,9 +140,9 @@ def _exit_with_message() -> Iterator[None]:
     with interruption.exit_on_signals(signal.SIGTERM):
         try:
             yield
-        except (KeyboardInterrupt, SystemExit) as stop:
+        except (KeyboardInterrupt, SystemExit) as interrupt:
             console.print_text("stopped; if a session began, its recording is kept", console.err)
-            code = stop.code if isinstance(stop, SystemExit) else 128 + signal.SIGINT
+            code = interrupt.code if isinstance(interrupt, SystemExit) else 128 + signal.SIGINT
             raise SystemExit(code) from None
 
 
@@ -209,8 +209,8 @@ def play(
     recorded, _ = packet_file.time_packets(packets, console_profile)
     for note in recorded.notes:
         console.print_text(note)
-    played = player.play_packets(recorded.datagrams, recorded.time, address, console.print_text)
-    console.print_text(played)
+    summary = player.play_packets(recorded.datagrams, recorded.time, address, console.print_text)
+    console.print_text(summary)
 
 
 @study.default
@@ -248,8 +248,8 @@ def assign(
     from ravenjax.train.recording.reader import as_csv
 
     studies = load_module("training.study")
-    drawn = studies.assign_groups(participants, groups, seed)
-    rows = (assignment._asdict() for assignment in drawn)
+    assignments = studies.assign_groups(participants, groups, seed)
+    rows = (assignment._asdict() for assignment in assignments)
     console.print_text(as_csv(studies.Assignment._fields, rows).rstrip())
 
 
@@ -284,7 +284,7 @@ def recover(file: Path, *, out: Path | None = None) -> None:
 
     if out is not None and out.exists() and file.exists() and out.samefile(file):
         raise UserError(
-            f"--out {out}: is the recording itself; expected another file, because the damaged"
+            f"--out {out} is the recording itself; expected another file, because the damaged"
             " recording is kept"
         )
     console.print_text(store.recover_records(file, out))

@@ -87,7 +87,7 @@ class Campaign:
             file = location.find_campaign_file(source, "campaigns", "campaign", command)
             raw, text = location.read_toml(file)
         config = loading.from_dict(raw, source=file, text=text, overrides=overrides)
-        tables, _ = overriding.all_applied(raw, overrides)
+        tables, _ = overriding.apply_overrides(raw, overrides)
         if "robot" in tables["campaign"]:
             tables["campaign"] |= {"robot": config.campaign.robot}
         campaign = cls.__new__(cls)

@@ -4,21 +4,15 @@ A run is compared with its *golden run*: the same operator, robot and random num
 fault. definitions.toml defines each word, events.toml defines the events of stop rules and
 searches, and docs/outcomes.md gives the reasons.
 
-    response                 hazard                      cue
-    stopped ---------------> unintended motion --------> cue
-    flagged ---------------> loss of motion -----------> no cue
-    limited  \ without      false report
-    silent   /  an alarm     none
-
-A check counts if it tripped more often or sooner than in the golden run. Users' checks count by
-their action (`[[check]] acts`); a check that only watches does not count. The columns
-`built_in_response` and `built_in_told_ms` have the response of the built-in checks alone, also in
-campaigns with a detector that may stop the robot. If an added check or detector changed the course
-of a run, these columns count only what the built-in checks did before this change, because a stop
-makes built-in checks trip too.
+A check counts if it tripped more often or sooner than in the golden run. A user's check counts with
+the action that the campaign file gives it (`[[check]] acts`). A check that only watches does not
+count. If a campaign adds checks or detectors, the columns `built_in_response` and
+`built_in_told_ms` have the response of the built-in checks alone. If an added check or detector
+changed the course of a run, these columns count only what the built-in checks did before this
+change, because a stop makes built-in checks trip too.
 
 Each robot defines when it is *live* (`Robot.live`). The column `unintended_off_mm` has the motion
-while the robot is not live (it coasts, or drops). This motion decides no hazard. A run has
+while the robot is not live (it coasts, or drops). This motion is no hazard. A run has
 **failed** if a number of the robot, of its nominal model or of its observers becomes infinite or
 NaN (`ravenjax.vocabulary.failures`). A failed run has no verdict and is in no rate.
 """

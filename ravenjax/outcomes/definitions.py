@@ -21,29 +21,31 @@ class Definition(NamedTuple):
     meaning: str
 
     def clause(self) -> str:
-        """Return the meaning as a part of a sentence: "a check stopped the robot"."""
+        """Return the meaning as one clause of a sentence: "a check stopped the robot"."""
         sentences = self.meaning.rstrip(".").split(". ")
         return ", and ".join(sentence[0].lower() + sentence[1:] for sentence in sentences)
 
 
 def definition_rows(rules: Rules, robot: Robot) -> list[Definition]:
-    """Return all words and meanings: responses first, and the strongest of each kind first."""
+    """Return all words and meanings in the order of definitions.toml: by kind, the strongest word
+    of each kind first. The meanings contain the limits of `rules`.
+    """
     terms = {
         "limit": f"{rules.limit_mm:g} mm",
         "threshold": f"{rules.threshold_mm:g} mm",
         "halt_ms": HALT_MS,
-        "condition": f" while the operator held the {robot.dead_man} down" * bool(robot.dead_man),
+        "condition": (
+            f" while the operator held the {robot.dead_man} down" if robot.dead_man else ""
+        ),
         "live": robot.live[:1].upper() + robot.live[1:],
     }
-    kinds = resources.read_tables(__file__, "definitions.toml")
-    return [
-        Definition(
-            kind,
-            word,
-            f"{meaning.format(**terms) * (word != HAZARDS[0] or rules.limit_counts)}"
-            f" {describe_harms(rules) * (word == HAZARDS[0])}".strip(),
-        )
-        for kind, words in kinds.items()
-        for word, meaning in words.items()
-        if robot.dead_man or word != RESTART
-    ]
+    rows = []
+    for kind, meanings in resources.read_tables(__file__, "definitions.toml").items():
+        for word, meaning in meanings.items():
+            text = meaning.format(**terms)
+            # A campaign may define harms in addition to the limit, or instead of it.
+            if word == HAZARDS[0]:
+                text = f"{text if rules.limit_counts else ''} {describe_harms(rules)}".strip()
+            if robot.dead_man or word != RESTART:
+                rows.append(Definition(kind, word, text))
+    return rows

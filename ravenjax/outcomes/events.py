@@ -1,6 +1,5 @@
-"""Defines events of runs as SQL expressions over columns of the result table, for DuckDB.
-
-Stop rules, reports and searches use the same events, on Parquet files, Arrow tables and DataFrames.
+"""Defines events of runs as SQL expressions over columns of the result table, for DuckDB. Stop
+rules, reports and searches use the same events, on Parquet files, Arrow tables and DataFrames.
 """
 
 from __future__ import annotations
@@ -37,32 +36,35 @@ class Rules(NamedTuple):
         return " or ".join(["unintended motion"] * self.limit_counts + own)
 
 
-def _among(words: Iterable[str]) -> str:
+def _sql_list(words: Iterable[str]) -> str:
+    # Returns words as the right side of SQL's IN: "('limited', 'silent')".
     return "(" + ", ".join(f"'{word}'" for word in words) + ")"
 
 
 def beyond_golden_sql(column: str) -> str:
-    """Return SQL for the time of an event, with the meaning of `verdict.beyond_golden`."""
+    """Return SQL for the time of an event in ms; -1 if the event never occurs, or if it had
+    occurred in the golden run by that time. The SQL equals `verdict.beyond_golden`.
+    """
     ms, golden = f'"{column}"', f'"golden_{column}"'
     return f"CASE WHEN {ms} >= 0 AND NOT ({golden} >= 0 AND {golden} <= {ms}) THEN {ms} ELSE -1 END"
 
 
 def check_ms_sql(name: str) -> str:
     """Return SQL for the first time at which a check acted more than in the golden run; -1: never.
-
     The SQL equals `verdict.classify_responses`.
     """
     ms = f'"check_{name}_first_ms"'
-    more = f'"check_{name}_count" > "golden_check_{name}_count"'
-    sooner = beyond_golden_sql(f"check_{name}_first_ms")
-    later = f"greatest({ms}, first_active_ms)"
-    return f"CASE WHEN ({sooner}) >= 0 THEN {ms} WHEN {more} THEN {later} ELSE -1 END"
+    more_often = f'"check_{name}_count" > "golden_check_{name}_count"'
+    sooner_ms = beyond_golden_sql(f"check_{name}_first_ms")
+    # The first trip may be the one of the golden run, but the response is not before the fault.
+    later_ms = f"greatest({ms}, first_active_ms)"
+    return f"CASE WHEN ({sooner_ms}) >= 0 THEN {ms} WHEN {more_often} THEN {later_ms} ELSE -1 END"
 
 
 EVENTS: dict[str, dict[str, str]] = resources.read_tables(__file__, "events.toml")
 """Meaning and SQL of each event."""
 
-TOLD_SQL = f"response IN {_among(TOLD)}"
+TOLD_SQL = f"response IN {_sql_list(TOLD)}"
 
 UNWATCHED = (
     "but the cable tensions of this robot are unknown; for a Raven-II write"
@@ -76,8 +78,8 @@ VALID_SQL = "failed = ''"
 def event_sql(name: str, rules: Rules) -> str:
     """Return the SQL expression of an event for a campaign's rules."""
     return EVENTS[name]["sql"].format(
-        untold=_among(UNTOLD),
-        told=_among(TOLD),
+        untold=_sql_list(UNTOLD),
+        told=_sql_list(TOLD),
         cue_ms=beyond_golden_sql(f"cue{rules.cue}_first_ms"),
         cable_overload_ms=beyond_golden_sql("cable_overload_first_ms"),
         jump=rules.jump,
@@ -98,31 +100,32 @@ def describe_harms(rules: Rules) -> str:
 
 
 def name_harm(text: str, rules: Rules, own: Iterable[str] = ()) -> str:
-    """Return a text about unintended motions with the names of the harms that the campaign
-    defines, if any. own: words of the user, which stay.
+    """Return a text with "unintended motion" replaced by the harms that the campaign defines, if
+    any. own: words of the user, in which nothing is replaced.
     """
     if not rules.harms:
         return text
+    # (?!) matches nothing.
     kept = "|".join(map(re.escape, own)) or "(?!)"
     motion = r"\b(?:[Aa]n )?[Uu]nintended(?: |<br>)motions?(?: over [\d.]+ mm)?"
-    text = re.sub(f"({kept})|{motion}", lambda found: found[1] or rules.harm, text)
+    text = re.sub(f"({kept})|{motion}", lambda match: match[1] or rules.harm, text)
     return re.sub(r"the motion (reache[sd]|exceed(s|ed)) [\d.]+ mm", "the harm began", text)
 
 
 def event_columns(names: Sequence[str], rules: Rules) -> list[str]:
     """Return the columns of the result table that these events need, and `failed`."""
-    text = " ".join(event_sql(name, rules) for name in names)
-    words = re.findall(r"[a-z_][a-z0-9_]*", re.sub(r"'[^']*'", "", text))
-    return list(dict.fromkeys(["failed", *words]))
+    sql = " ".join(event_sql(name, rules) for name in names)
+    # Texts in quotes are values, and words in upper case are SQL. All other words are columns.
+    columns = re.findall(r"[a-z_][a-z0-9_]*", re.sub(r"'[^']*'", "", sql))
+    return list(dict.fromkeys(["failed", *columns]))
 
 
 def events_happened(
     table: pa.Table, names: Sequence[str], rules: Rules, valid: str = VALID_SQL
 ) -> np.ndarray:
     """Return which rows are valid, and in which rows each event happened: bool [1 + names, rows].
-
-    `table`: Arrow table with `event_columns`. `valid`: SQL expression of valid rows, the first row
-    of the result. Events of other rows have no meaning.
+    The first row of the result is for `valid`, an SQL expression; the next rows are for `names`.
+    Events of rows that are not valid have no meaning. table: Arrow table with `event_columns`.
     """
     import duckdb
     import numpy as np
@@ -131,5 +134,5 @@ def events_happened(
     columns = [f"coalesce(({sql})::BOOLEAN, false) AS e{k}" for k, sql in enumerate(conditions)]
     with duckdb.connect(config={"threads": 1}) as connection:
         connection.register("runs", table)
-        rows = connection.execute(f"SELECT {', '.join(columns)} FROM runs").fetchnumpy()
-    return np.array([np.asarray(column, bool) for column in rows.values()])
+        values = connection.execute(f"SELECT {', '.join(columns)} FROM runs").fetchnumpy()
+    return np.array([np.asarray(column, bool) for column in values.values()])

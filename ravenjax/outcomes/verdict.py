@@ -1,6 +1,5 @@
-"""Computes response, hazard and verdict of each run from an engine's output, with NumPy.
-
-The docstring of `ravenjax.outcomes` defines these words.
+"""Computes response, hazard and verdict of each run from an engine's output, with NumPy. The
+docstring of `ravenjax.outcomes` defines these words.
 """
 
 from collections.abc import Iterable, Mapping
@@ -62,11 +61,10 @@ class Response(NamedTuple):
 
 
 def classify_responses(outcomes: Outcomes, golden: Outcomes, robot: Robot) -> Response:
-    """Return the response of the checks in each run, compared with its golden run.
-
-    Checks also trip in fault-free motion, for example if a command is clipped. So a check counts
-    only if it tripped more often than in the golden run, or sooner. `golden`: columns
-    `check_*_count` and `check_*_first_ms` of the golden runs.
+    """Return the response of the checks in each run, compared with its golden run. Checks also trip
+    in fault-free motion, for example if a command is clipped. So a check counts only if it tripped
+    more often than in the golden run, or sooner. `golden`: columns `check_*_count` and
+    `check_*_first_ms` of the golden runs.
     """
     counted = [name for name in checks.check_names(outcomes) if robot.check(name).action != "watch"]
     return _responses(outcomes, golden, robot, counted, None)
@@ -75,98 +73,109 @@ def classify_responses(outcomes: Outcomes, golden: Outcomes, robot: Robot) -> Re
 def built_in_responses(
     outcomes: Outcomes, golden: Outcomes, robot: Robot, detectors: Iterable[int] = ()
 ) -> Response:
-    """Return the response of the built-in checks alone.
-
-    A stop by an added check makes built-in checks trip too: the software E-stop, then the PLC. So
-    if an added check or detector changed the course of a run, only trips before this change count.
-    `detectors`: numbers of detectors that may stop the robot; `golden` needs their columns
-    `detector<d>_threshold0_*`.
+    """Return the response of the built-in checks alone. A stop by an added check makes built-in
+    checks trip too: the software E-stop, then the PLC. So if an added check or detector changed the
+    course of a run, only trips before this change count. `detectors`: numbers of detectors that may
+    stop the robot; `golden` needs their columns `detector<d>_threshold0_*`.
     """
     names = checks.check_names(outcomes)
-    acting = [name for name in names if robot.check(name).own and robot.check(name).acts]
-    added = [(f"check_{name}_count", f"check_{name}_first_ms") for name in acting]
-    levels = [f"detector{d}_threshold0" for d in detectors]
-    added += [(f"{level}_alarms", f"{level}_first_ms") for level in levels]
+    # Columns of the number of trips and of the first trip, of all that may change the course.
+    columns = [
+        (f"check_{name}_count", f"check_{name}_first_ms")
+        for name in names
+        if robot.check(name).own and robot.check(name).acts
+    ]
+    columns += [
+        (f"detector{d}_threshold0_alarms", f"detector{d}_threshold0_first_ms") for d in detectors
+    ]
     onset, never = np.asarray(outcomes["first_active_ms"]), np.iinfo(np.int32).max
     # Time at which an added check or detector first acted differently than in the golden run, ms.
-    acted = np.full(len(onset), never)
-    for often, when in added:
-        count, ms = np.asarray(outcomes[often]), np.asarray(outcomes[when])
-        otherwise = (count != np.asarray(golden[often])) | (ms != np.asarray(golden[when]))
-        acted = np.where(otherwise & (ms >= 0), np.minimum(acted, np.maximum(ms, onset)), acted)
+    changed_ms = np.full(len(onset), never)
+    for count_column, ms_column in columns:
+        count, ms = np.asarray(outcomes[count_column]), np.asarray(outcomes[ms_column])
+        same = (count == np.asarray(golden[count_column])) & (ms == np.asarray(golden[ms_column]))
+        earliest_ms = np.minimum(changed_ms, np.maximum(ms, onset))
+        changed_ms = np.where(~same & (ms >= 0), earliest_ms, changed_ms)
     built_in = [name for name in names if not robot.check(name).own]
-    until = np.where(acted < never, acted, -1)
-    return _responses(outcomes, golden, robot, built_in, until)
+    end_ms = np.where(changed_ms < never, changed_ms, -1)
+    return _responses(outcomes, golden, robot, built_in, end_ms)
 
 
 def _responses(
-    outcomes: Outcomes, golden: Outcomes, robot: Robot, names: list[str], until: np.ndarray | None
+    outcomes: Outcomes, golden: Outcomes, robot: Robot, names: list[str], end_ms: np.ndarray | None
 ) -> Response:
-    """Return the response of the checks `names`.
-
-    `until`: ms [rows], last time at which trips count (with `follows`: before it); -1: all count.
-    """
+    # Returns the response of the checks `names`. end_ms: [rows] last time at which a trip counts;
+    # -1 or None: all trips count. Trips of checks that follow a stop by another check
+    # (`Check.follows`) count only before this time.
     onset = np.asarray(outcomes["first_active_ms"])
     response = np.full(len(onset), SILENT, np.int8)
     cause = np.zeros(len(onset), np.int8)
-    first, alarm = np.full((2, len(onset)), -1, np.int32)
-    for place, name in enumerate(names, start=1):
+    response_ms, told_ms = np.full((2, len(onset)), -1, np.int32)
+    for number, name in enumerate(names, start=1):
         rank = RESPONSES.index(robot.check(name).response)
-        (count, ms), (usual_count, usual_ms) = (
-            [np.asarray(columns[f"check_{name}_{what}"]) for what in ("count", "first_ms")]
-            for columns in (outcomes, golden)
-        )
+        count_column, ms_column = f"check_{name}_count", f"check_{name}_first_ms"
+        count, golden_count = np.asarray(outcomes[count_column]), np.asarray(golden[count_column])
+        ms, golden_ms = np.asarray(outcomes[ms_column]), np.asarray(golden[ms_column])
         # This shortcut applies to most checks.
-        if np.array_equal(count, usual_count) and np.array_equal(ms, usual_ms):
+        if np.array_equal(count, golden_count) and np.array_equal(ms, golden_ms):
             continue
-        sooner = beyond_golden(ms, usual_ms) >= 0
-        more = (count > usual_count) | sooner
-        # The first trip may be that of the golden run, but the response is not before the fault.
+        sooner = beyond_golden(ms, golden_ms) >= 0
+        counts = (count > golden_count) | sooner
+        # The first trip may be the one of the golden run, but the response is not before the fault.
         ms = np.where(sooner, ms, np.maximum(ms, onset))
-        if until is not None:
-            more = more & ((until < 0) | (ms < until + (not robot.check(name).follows)))
-        stronger = more & ((response > rank) | ((response == rank) & (ms < first)))
-        response[stronger], cause[stronger], first[stronger] = rank, place, ms[stronger]
+        if end_ms is not None:
+            counts = counts & ((end_ms < 0) | (ms < end_ms + (not robot.check(name).follows)))
+        # A smaller rank is a stronger response.
+        stronger = counts & ((response > rank) | ((response == rank) & (ms < response_ms)))
+        response[stronger] = rank
+        cause[stronger] = number
+        response_ms[stronger] = ms[stronger]
         if rank in _TOLD:
-            earlier = more & ((alarm < 0) | (ms < alarm))
-            alarm[earlier] = ms[earlier]
-    causes = "", *(robot.check(name).named_cause for name in names)
-    return Response(response, cause, first, alarm, causes)
+            earlier = counts & ((told_ms < 0) | (ms < told_ms))
+            told_ms[earlier] = ms[earlier]
+    causes = ("", *(robot.check(name).named_cause for name in names))
+    return Response(response, cause, response_ms, told_ms, causes)
 
 
 def classify_hazards(outcomes: Any, stopped: np.ndarray) -> np.ndarray:
-    """Return the gravest hazard of each run as an index in HAZARDS.
-
-    `outcomes`: columns unintended_first_ms, loss_first_ms, false_report_first_ms, halted_ms,
-    golden_halted_ms. `stopped`: bool [rows], True if a check stopped the robot.
+    """Return the gravest hazard of each run as an index in HAZARDS. `outcomes`: columns
+    unintended_first_ms, loss_first_ms, false_report_first_ms, halted_ms, golden_halted_ms.
+    `stopped`: bool [rows], True if a check stopped the robot.
     """
-    names = ("unintended", "loss", "false_report")
-    came = [np.asarray(outcomes[f"{name}_first_ms"]) >= 0 for name in names]
-    halted, golden = (np.asarray(outcomes[f"{of}halted_ms"]) for of in ("", "golden_"))
-    came[1] |= is_halt(halted, golden, stopped)
-    return np.select(came, range(3), _NONE).astype(np.int8)
+    unintended, loss, false_report = (
+        np.asarray(outcomes[f"{name}_first_ms"]) >= 0
+        for name in ("unintended", "loss", "false_report")
+    )
+    halted_ms = np.asarray(outcomes["halted_ms"])
+    loss |= is_halt(halted_ms, np.asarray(outcomes["golden_halted_ms"]), stopped)
+    # The first condition that is true decides, in the order of HAZARDS.
+    return np.select([unintended, loss, false_report], range(3), _NONE).astype(np.int8)
 
 
 def is_halt(halted_ms: Any, golden_halted_ms: Any, stopped: Any) -> Any:
-    """Return whether a run lost motion by a halt while the pedal was down; bool or arrays [rows].
-
-    `stopped`: True if a check stopped the robot; this is no loss of motion.
+    """Return whether a run has a loss of motion because the robot was not live for too long.
+    halted_ms, golden_halted_ms: time in which the robot was not live although the operator held the
+    pedal down, in the run and in its golden run, ms. stopped: True if a check stopped the robot,
+    which is no loss of motion. All arguments are numbers or arrays [rows].
     """
     return (halted_ms - golden_halted_ms > HALT_MS) & np.logical_not(stopped)
 
 
 def beyond_golden(first_ms: Any, golden_first_ms: Any) -> np.ndarray:
-    """Return the time [rows] of an event; -1: never, or not later than in the golden run."""
-    here, golden = np.asarray(first_ms), np.asarray(golden_first_ms)
-    return np.where((here >= 0) & ~((golden >= 0) & (golden <= here)), here, -1)
+    """Return the time [rows] of an event in ms; -1 if the event never occurs, or if it had occurred
+    in the golden run by that time. A time of -1 in the arguments means that the event never occurs.
+    """
+    ms, golden_ms = np.asarray(first_ms), np.asarray(golden_first_ms)
+    return np.where((ms >= 0) & ~((golden_ms >= 0) & (golden_ms <= ms)), ms, -1)
 
 
 def classify_verdicts(
     response: np.ndarray, hazard: np.ndarray, cue: np.ndarray, valid: np.ndarray
 ) -> np.ndarray:
     """Return the verdict of each run as an index in (*VERDICTS, ""); "" if the run is not valid.
-
-    `cue`: bool [rows], a cue that the golden run does not have.
+    response, hazard: indices in RESPONSES and HAZARDS. cue: bool, True for a cue that the golden
+    run does not have. valid: bool. All arrays are [rows].
     """
-    place = (response.astype(np.int16) * len(HAZARDS) + hazard) * len(CUES) + ~cue
-    return np.where(valid, place, len(VERDICTS))
+    # The index of "cue" in CUES is 0.
+    index = (response.astype(np.int16) * len(HAZARDS) + hazard) * len(CUES) + ~cue
+    return np.where(valid, index, len(VERDICTS))

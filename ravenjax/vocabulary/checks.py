@@ -1,6 +1,5 @@
-"""Defines a check: its name, the unit of its margin, its input, and what it does when it trips.
-
-A robot has built-in checks. A campaign may add users' checks: Python files at a seam of the tick.
+"""Defines a check: its name, the unit of its margin, its input, and what it does when it trips. A
+robot has built-in checks. A campaign may add users' checks: Python files at a seam of the tick.
 """
 
 import dataclasses
@@ -63,9 +62,8 @@ class Check(NamedTuple):
 
     @property
     def response(self) -> str:
-        """The response of a run in which this is the strongest check that trips.
-
-        It is one of `outcomes.verdict.RESPONSES`.
+        """The response of a run in which this is the strongest check that trips. It is one of
+        `outcomes.verdict.RESPONSES`.
         """
         return _RESPONSES[self.action]
 
@@ -86,28 +84,23 @@ def of_own(name: str, at: str, acts: Action) -> Check:
 
 
 BUILT_IN = "built_in_response"
-"""Column of the response of the built-in checks alone, if the column `response` includes users'
-checks and detectors.
-"""
+"""Column with the response of the built-in checks alone, if `response` includes added checks."""
 
 
 def needs_own_columns(added: Iterable[Check], stops: bool) -> bool:
-    """Return whether the response of the built-in checks alone needs separate columns.
-
-    added: users' checks, of which one may do more than watch. stops: a detector may stop the robot.
+    """Return whether the response of the built-in checks alone needs separate columns. added:
+    users' checks; checks that only watch need no columns. stops: True if a detector may stop the
+    robot.
     """
     return stops or any(check.action != "watch" for check in added)
 
 
 def built_in_column(added: Iterable[Check], stops: bool) -> str:
-    """Return the column of the response of the built-in checks alone.
-
-    The arguments are those of `needs_own_columns`.
-    """
+    """Return the column with the response of the built-in checks alone; see `needs_own_columns`."""
     return BUILT_IN if needs_own_columns(added, stops) else "response"
 
 
 def check_names(columns: Iterable[str]) -> tuple[str, ...]:
-    """Return the names of checks that have outcome columns."""
-    found = (re.fullmatch("check_(.+)_count", column) for column in columns)
-    return tuple(match[1] for match in found if match)
+    """Return the names of the checks with a column `check_<name>_count`, in order."""
+    matches = (re.fullmatch("check_(.+)_count", column) for column in columns)
+    return tuple(match[1] for match in matches if match)

@@ -1,5 +1,4 @@
 """Lists the kinds of detectors. A detector computes a score from signals and changes nothing.
-
 `ravenjax.stages.detectors` computes the scores.
 """
 

@@ -1,8 +1,7 @@
-"""Defines for any robot what a fault does to a number, and when the fault acts.
-
-A fault acts on one channel of one site. While its window is open, it applies one effect with one
-value. The window opens when the trigger's clock reaches `start`, and lasts `duration`. If `every`
-is above 0, the window opens again after each `every`.
+"""Defines for any robot what a fault does to a number, and when the fault acts. A fault acts on one
+channel of one site. While its window is open, it applies one effect with one value. The window
+opens when the trigger's clock reaches `start`, and lasts `duration`. If `every` is above 0, the
+window opens again after each `every`.
 """
 
 from typing import Literal, NamedTuple
@@ -56,8 +55,10 @@ class Effect(NamedTuple):
 
 EFFECTS: dict[str, Effect] = {
     name: Effect(
-        *(name, table["meaning"], table.get("value", "")),
-        OfNetwork(*table["network"]) if "network" in table else None,
+        name=name,
+        meaning=table["meaning"],
+        value=table.get("value", ""),
+        network=OfNetwork(*table["network"]) if "network" in table else None,
     )
     for name, table in resources.read_tables(__file__, "effects.toml").items()
 }

@@ -1,7 +1,6 @@
-"""Decides which values a fault effect may have at a channel.
-
-A value must fit the channel's number type, so that the stored value equals the value in the
-campaign file. A DAC word has 16 bits. A larger value needs the campaign's permission.
+"""Decides which values a fault effect may have at a channel. A value must fit the channel's number
+type, so that the stored value equals the value in the campaign file. A DAC word has 16 bits. A
+larger value needs the campaign's permission.
 """
 
 import math
@@ -30,39 +29,39 @@ class Legal(NamedTuple):
 
 
 def legal_values(channel: Channel, effect: str, beyond: bool = False) -> Legal:
-    """Return the values that `effect` may have at `channel`.
-
-    beyond: permit values beyond 16 bits.
-    """
+    """Return the values that `effect` may have at `channel`. beyond: permit more than 16 bits."""
     name, kind = channel.name, channel.kind
     if effect == "bit_flip":
-        noun, high = kind if channel.field is None else channel.field.noun, channel.bits - 1
-        words = f"bit_flip at {name} ({noun}) takes the index of a bit, 0..{high}"
-        return Legal(words, 0, high, True, True)
+        noun = kind if channel.field is None else channel.field.noun
+        high = channel.bits - 1
+        expected = f"bit_flip at {name} ({noun}) takes the index of a bit, 0..{high}"
+        return Legal(expected, 0, high, whole=True, rounded=True)
     if effect == "delay":
-        words = "delay takes a whole number of packets from 1 to 100000"
-        return Legal(words, 1, 100_000, True, True)
+        expected = "delay takes a whole number of packets from 1 to 100000"
+        return Legal(expected, 1, 100_000, whole=True, rounded=True)
     if effect == "lose":
         return Legal("lose takes a probability from 0 to 1", 0, 1)
-    whole, in_its_unit = EFFECTS[effect].of_its_type, EFFECTS[effect].in_its_unit
+    has_type, has_unit = EFFECTS[effect].of_its_type, EFFECTS[effect].in_its_unit
     if kind == "bool":
-        return Legal(f"{name} is a truth value: expected 0 or 1", 0, 1, True, whole)
-    if kind == "int16" and in_its_unit and not beyond:
-        ends = WORD
-    elif kind == "int24" and in_its_unit:
-        ends = COUNTER
-    elif kind != "float" and whole:
-        ends = 1 - 2**31, 2**31 - 1
+        expected = f"{name} is a truth value: expected 0 or 1"
+        return Legal(expected, 0, 1, whole=True, rounded=has_type)
+    if kind == "int16" and has_unit and not beyond:
+        low, high = WORD
+    elif kind == "int24" and has_unit:
+        low, high = COUNTER
+    elif kind != "float" and has_type:
+        # The range is symmetric: it lacks the smallest int32.
+        low, high = 1 - 2**31, 2**31 - 1
     else:
         return Legal("any number")
-    words = f"{name} is a {BITS[kind]}-bit number: expected {ends[0]}..{ends[1]}"
-    return Legal(words, *ends, whole, whole)
+    expected = f"{name} is a {BITS[kind]}-bit number: expected {low}..{high}"
+    return Legal(expected, low, high, whole=has_type, rounded=has_type)
 
 
 def find_illegal_value(
     site: Site, channel: Channel, effect: str, value: float, beyond: bool
 ) -> str:
-    """Return the error message for a value that is not permitted at this channel of `site`."""
+    """Return the message for a value that `legal_values` does not permit at this channel."""
     legal = legal_values(channel, effect, beyond)
     refusal = f"{legal.expected}, got {value:.10g}"
     if channel.kind == "bool" or effect in ("bit_flip", "delay", "lose"):
@@ -71,19 +70,23 @@ def find_illegal_value(
         return f"{channel.name} is a whole number ({channel.unit}): got {value:g}"
     if channel.kind != "int16" or beyond or abs(value) >= 2**31:
         return refusal
-    way = site.beyond or "wraps = true here"
+    # A word of 16 bits stores the value modulo 2^16.
     stored = (math.trunc(value) - WORD[0]) % 2**16 + WORD[0]
-    return f"{refusal}, which would wrap to {stored}; if that is meant, write {way}"
+    permission = site.beyond or "wraps = true here"
+    return f"{refusal}, which would wrap to {stored}; if that is meant, write {permission}"
 
 
 def find_rounding(channel: Channel, effect: str, value: float) -> str | None:
     """Return an error message if single precision would change a whole number, else None."""
-    rounds = channel.kind not in ("float", "bool") and EFFECTS[effect].of_its_type
-    if not rounds or not abs(value) < 2**31:
+    is_whole_number = channel.kind not in ("float", "bool") and EFFECTS[effect].of_its_type
+    # `legal_values` refuses larger numbers, and NaN.
+    if not is_whole_number or not abs(value) < 2**31:
         return None
     nearest = np.float32(value)
     if float(nearest) == value:
         return None
+    # A number just below 2^31 is rounded up to 2^31, which is no int32. The number that the message
+    # proposes is then the next smaller one.
     if abs(nearest) >= 2**31:
         nearest = np.nextafter(nearest, np.float32(0))
     return (

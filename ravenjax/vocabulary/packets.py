@@ -1,5 +1,4 @@
 """Defines how many control cycles a console's packet lasts: distributions and measurements.
-
 docs/explanation/simulated.md describes the measurements; `analysis/validation/packets.py` repeats
 them on public recordings. In the file recording_gold_joints123 a repeated desired position is
 visible, because one DAC count is 0.9 mrad of a motor, and a fast motor moves 5 to 20 mrad in a
@@ -31,8 +30,5 @@ After QUIET_MS a packet with number 1 begins a new stream, after RELEASE_MS any 
 
 
 def mean_cycles(shares: Sequence[float]) -> float:
-    """Return the mean number of control cycles that a packet lasts.
-
-    shares: shares of packets that last 1, 2, 3, .. cycles.
-    """
+    """Return the mean number of control cycles of a packet. shares: as an entry of SHARES."""
     return sum(cycles * share for cycles, share in enumerate(shares, start=1))

@@ -1,7 +1,4 @@
-"""Defines the reactions of a simulated operator who feels the haptic cue.
-
-The operator of a robot implements them.
-"""
+"""Defines the reactions to the haptic cue that a robot's simulated operator may implement."""
 
 NONE, RELEASE, SLOW, CORRECT = 0, 1, 2, 3
 

@@ -1,7 +1,6 @@
-"""Defines what a robot declares as data: the names in its campaign files and result tables.
-
-Needs no JAX. The code of a robot (its tick, its sections of a campaign file, its time series) is
-imported from its package only when it is needed.
+"""Defines what a robot declares as data: the names in its campaign files and result tables. Needs
+no JAX. The code of a robot (its tick, its sections of a campaign file, its time series) is imported
+from its package only when it is needed.
 """
 
 from __future__ import annotations
@@ -70,9 +69,8 @@ class Robot:
         return self.checks.get(name, Check(name, "1", "built-in check", "flag"))
 
     def with_checks(self, added: tuple[Check, ...]) -> Robot:
-        """Return the robot with users' checks before its built-in checks.
-
-        If two checks trip in the same tick, the first of them is the cause.
+        """Return the robot with users' checks before its built-in checks. If two checks trip in the
+        same tick, the first of them is the cause.
         """
         return _extended(self, added) if added else self
 
@@ -85,7 +83,9 @@ class Robot:
         return self.layers[self.sites[site].layer] if site in self.sites else OTHER_LAYER
 
     def normal_range(self, site: str, channel: str, arm: str) -> ChannelRange | None:
-        """Return a channel's normal range, or None. `arm` counts for sites that each arm has."""
+        """Return a channel's normal range, or None if the range is unknown. arm: name of an arm; it
+        has no effect at a site that does not belong to an arm.
+        """
         per_arm = site in self.sites and self.sites[site].per_arm
         return self.ranges.get((site, arm if per_arm else "", channel))
 
@@ -94,13 +94,13 @@ class Robot:
         return self.run_levels[level] if 0 <= level < len(self.run_levels) else str(level)
 
     def part(self, name: str) -> ModuleType:
-        """Import and return the module `name` of the robot's package.
-
-        If the robot is a single module, return this module.
+        """Import and return the module `name` of the robot's package. If the robot is a single
+        module, return this module.
         """
-        whole = importlib.import_module(self.package)
-        if not hasattr(whole, "__path__"):
-            return whole
+        package = importlib.import_module(self.package)
+        # Only packages have this attribute.
+        if not hasattr(package, "__path__"):
+            return package
         return importlib.import_module(f"{self.package}.{name}")
 
 

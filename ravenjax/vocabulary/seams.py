@@ -1,7 +1,6 @@
-"""Defines the seams of a robot: the signals between two parts of its tick.
-
-A fault acts at a fault site (`ravenjax.vocabulary.sites`). Its effect can be observed at a seam.
-Most seams are also fault sites. A robot declares its seams in the order of its tick.
+"""Defines the seams of a robot: the signals between two parts of its tick. A fault acts at a fault
+site (`ravenjax.vocabulary.sites`). Its effect can be observed at a seam. Most seams are also fault
+sites. A robot declares its seams in the order of its tick.
 """
 
 import dataclasses
@@ -10,9 +9,7 @@ from typing import NamedTuple
 
 DIFFERS, LEAVES = "differs:", "leaves:"
 NEAR, GOLDEN_NEAR, NEAR_MS = "near:", "golden_near:", "near_ms:"
-"""Beginnings of the columns of explained runs: ticks of a number, and margins of a check until
-harm.
-"""
+"""Prefixes of columns of explained runs: ticks of a number, and margins of a check until harm."""
 
 
 class SeamChannel(NamedTuple):

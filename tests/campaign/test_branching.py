@@ -41,7 +41,7 @@ def every_fault():
 def test_runs_of_any_fault_are_whole_runs_to_the_bit(every_fault, seed):
     ready = drawn(every_fault, seed)
     assert (
-        FastForwardPlan(ready, 1).branches.any()
+        FastForwardPlan(ready, 1).uses_checkpoints.any()
         and (ready.acts > 0).any()
         and (ready.acts < TICKS).any()
     )

@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from ravenjax.campaign import compile_cache
-from ravenjax.campaign.compile_cache import Objects
+from ravenjax.campaign.compile_cache import CacheFiles
 from ravenjax.errors import UserError
 
 WHOLE = 10_000_000
@@ -25,7 +25,7 @@ WHOLE = 10_000_000
     ids=["cut", "empty", "a bit of the content"],
 )
 def test_a_damaged_file_counts_as_absent_and_is_made_anew(tmp_path, damage):
-    kept = Objects(tmp_path, WHOLE)
+    kept = CacheFiles(tmp_path, WHOLE)
     kept["one"], kept["two"] = b"first content", b"second content"
     (path,) = [path for path in tmp_path.iterdir() if path.read_bytes().endswith(b"first content")]
     path.write_bytes(damage(path.read_bytes()))
@@ -35,7 +35,7 @@ def test_a_damaged_file_counts_as_absent_and_is_made_anew(tmp_path, damage):
 
 
 def test_what_was_used_longest_ago_goes_first(tmp_path):
-    kept = Objects(tmp_path, 3 * (1000 + 32))
+    kept = CacheFiles(tmp_path, 3 * (1000 + 32))
     for number, key in enumerate("abc"):
         kept[key] = bytes(1000)
         os.utime(kept._path(key), ns=(number, number))
@@ -48,9 +48,9 @@ def test_what_was_used_longest_ago_goes_first(tmp_path):
 def test_two_processes_may_write_and_read_at_once(tmp_path):
     code = (
         "import sys; from pathlib import Path; from ravenjax.campaign.compile_cache import"
-        " Objects\nkept = Objects(Path(sys.argv[1]), 60_000)\nfor number in range(200):\n    key ="
-        " str(number % 7); kept[key] = key.encode() * 9000\n    assert kept.get(key) in (None,"
-        " key.encode() * 9000)\n"
+        " CacheFiles\nkept = CacheFiles(Path(sys.argv[1]), 60_000)\nfor number in range(200):\n   "
+        " key = str(number % 7); kept[key] = key.encode() * 9000\n    assert kept.get(key) in"
+        " (None, key.encode() * 9000)\n"
     )
     started = [subprocess.Popen([sys.executable, "-c", code, str(tmp_path)]) for _ in range(2)]
     assert [process.wait() for process in started] == [0, 0]

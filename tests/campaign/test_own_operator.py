@@ -217,7 +217,7 @@ def test_runs_go_on_from_golden_runs_whose_operator_lifts_the_pedal(tmp_path):
         "view.arms)}", 'view.arms), "pedal": (view.tick < 620) | (view.tick >= 660)}'
     )
     ready = plan.make_plan(rj.load_campaign(tables(tmp_path, text, group=group)))
-    assert FastForwardPlan(ready, 1).branches.any() and (ready.acts > 0).all()
+    assert FastForwardPlan(ready, 1).uses_checkpoints.any() and (ready.acts > 0).all()
     branched, whole = computed(ready, SimdEngine()), computed(ready, SimdEngine(), whole=True)
     require_same(branched, whole)
     first = whole[0]["applied0_first_ms"]

@@ -64,7 +64,7 @@ def test_the_terminal_counts_distinct_faults():
 
     def sentence(frame, **changes):
         head = tables.headline_counts(Runs.of(frame, manifest), manifest) | changes
-        return console.render_template("evading.j2", head=head, record=manifest)
+        return console.render_template("evading.j2", counts=head, record=manifest)
 
     said = sentence(FRAME)
     assert said.startswith(f"{len(evading)} of {len(VALID)} distinct faults evade")

@@ -116,7 +116,7 @@ def simulate_operators(
     if missing := score_folder.list_missing(folder, units):
         detector_folder = folder / "detectors"
         # An interruption waits until the operator that is being stored is complete.
-        with consent.given_for(detector_folder), interruption.held_back():
+        with consent.trust_folders(detector_folder), interruption.delay_signals():
             campaign = campaign_with_score_detectors(config, terms, segments, detector_folder)
             for operator in OperationRunner(campaign, design, engine).compute(missing):
                 score_folder.add_scores(folder, operator)

@@ -135,7 +135,7 @@ class Evaluator:
         starts = range(0, ready.runs, size)
         chunks = [range(start, min(start + size, ready.runs)) for start in starts]
         computation = self._computation_of(ready)
-        with interruption.held_back(), contextlib.closing(computation.blocks(chunks)) as blocks:
+        with interruption.delay_signals(), contextlib.closing(computation.blocks(chunks)) as blocks:
             for part in memory_windows.assemble_parts(chunks, blocks):
                 done = finish_chunk(
                     ready, part, lambda columns: schema.conform_table(columns, self.shape)

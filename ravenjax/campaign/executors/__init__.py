@@ -10,7 +10,6 @@ def choose_executor(
     name: str | None = None, workers: int | None = None, ray_address: str | None = None
 ) -> Executor:
     """Return the executor `name`. Default: `ray` if workers or an address are given, else `local`.
-
     Raise UserError for arguments that contradict each other.
     """
     if name is None:

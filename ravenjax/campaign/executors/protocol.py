@@ -1,8 +1,7 @@
-"""Defines executors: objects that compute the chunks of a campaign and deliver the results.
-
-A chunk is a range of rows of the result table, and its *part* is the file with their results. The
-executor `local` computes in this process, on all cores or all GPUs. Parts may be delivered in any
-order. The bytes of a part do not depend on where it was computed.
+"""Defines executors: objects that compute the chunks of a campaign and deliver the results. A chunk
+is a range of rows of the result table, and its *part* is the file with their results. The executor
+`local` computes in this process, on all cores or all GPUs. Parts may be delivered in any order. The
+bytes of a part do not depend on where it was computed.
 
 Only the coordinator, the process that the user started, writes to the result folder. Workers send
 it the bytes of finished parts. Therefore no worker needs access to the folder, a worker that dies
@@ -65,34 +64,32 @@ class Executor(Protocol):
         ...
 
     def run(self, work: Work, chunks: Sequence[range]) -> None:
-        """Compute and deliver every chunk exactly once.
-
-        If a chunk fails, the others are still delivered. Then UserError names the failed chunk and
-        the reason. If a signal or an error of `deliver` ends the work early, delivered chunks stay.
+        """Compute and deliver every chunk exactly once. If a chunk fails, the others are still
+        delivered. Then UserError names the failed chunk and the reason. If a signal or an error of
+        `deliver` ends the work early, delivered chunks stay.
         """
         ...
 
 
 def finish_chunk(plan: Plan, part: PartRows, pack: Pack) -> FinishedChunk:
-    """Convert computed rows of `plan` to a finished chunk: verdicts, packed columns, failures."""
+    """Compute the result columns of a part of `plan`, pack them, and count failed runs by cause."""
     runs = plan.rows.iloc[part.rows.start : part.rows.stop]
     rows = outcomes.result_columns(plan.config, runs, part.outcomes, part.golden_runs)
-    first = int(runs["index"].to_numpy()[0])
+    first_index = int(runs["index"].to_numpy()[0])
     causes = rows["failed"].value_counts().to_dict()
     failures = {cause: count for cause, count in causes.items() if cause}
-    return FinishedChunk(range(first, first + len(runs)), pack(rows), failures)
+    return FinishedChunk(range(first_index, first_index + len(runs)), pack(rows), failures)
 
 
 class BackgroundQueue:
-    """Runs function calls in other threads, with a limited number of waiting calls.
-
-    At the end of its `with` block it waits for running calls.
+    """Runs function calls in other threads, with a limited number of waiting calls. At the end of
+    its `with` block it waits for running calls.
     """
 
     def __init__(self, threads: int):
         self._pool = ThreadPoolExecutor(threads)
-        self._most = threads + WAITING_CALLS
-        self._under_way: deque[Future[Any]] = deque()
+        self._max_calls = threads + WAITING_CALLS
+        self._pending: deque[Future[Any]] = deque()
 
     def __enter__(self) -> BackgroundQueue:
         return self
@@ -101,18 +98,17 @@ class BackgroundQueue:
         self._pool.shutdown(wait=True)
 
     def call(self, function: Callable[..., Any], *arguments: Any) -> None:
-        """Call `function` in another thread. Wait while too many calls are waiting.
-
-        Raise the exception of an earlier call, if it failed.
+        """Call `function` in another thread. Wait while too many calls are waiting. Raise the
+        exception of an earlier call that failed.
         """
-        while self._under_way and (len(self._under_way) >= self._most or self._under_way[0].done()):
-            interruption.wait_for_result(self._under_way.popleft())
-        self._under_way.append(self._pool.submit(function, *arguments))
+        while self._pending and (len(self._pending) >= self._max_calls or self._pending[0].done()):
+            interruption.wait_for_result(self._pending.popleft())
+        self._pending.append(self._pool.submit(function, *arguments))
 
     def finish(self) -> None:
         """Wait for all calls. Raise the exception of a call that failed."""
-        while self._under_way:
-            interruption.wait_for_result(self._under_way.popleft())
+        while self._pending:
+            interruption.wait_for_result(self._pending.popleft())
 
 
 class Local:
@@ -126,10 +122,12 @@ class Local:
         computation.compile()
         writers = min(WRITERS, len(os.sched_getaffinity(0)))
         with (
-            interruption.held_back(),
-            BackgroundQueue(writers) as jobs,
+            interruption.delay_signals(),
+            BackgroundQueue(writers) as queue,
             contextlib.closing(computation.blocks(chunks)) as blocks,
         ):
             for part in memory_windows.assemble_parts(chunks, blocks):
-                jobs.call(lambda part: work.deliver(finish_chunk(work.plan, part, work.pack)), part)
-            jobs.finish()
+                queue.call(
+                    lambda part: work.deliver(finish_chunk(work.plan, part, work.pack)), part
+                )
+            queue.finish()

@@ -1,14 +1,13 @@
-"""Computes the chunks of a campaign on a Ray cluster (`pip install 'ravenjax[ray]'`).
-
-A chunk is a range of runs. Each worker process receives the campaign's compiled-code settings once
-(`Head`). For each chunk it then receives the inputs of its runs, about 100 B per run. It returns
-the finished Parquet file as bytes through Ray's object store. Therefore the cluster needs no shared
-file system, and a task that Ray runs twice has no side effects. A run needs about 200 B of the
-coordinator's network in both directions together.
+"""Computes the chunks of a campaign on a Ray cluster (`pip install 'ravenjax[ray]'`). A chunk is a
+range of runs. Each worker process receives the campaign's compiled-code settings once (`Head`). For
+each chunk it then receives the inputs of its runs, about 100 B per run. It returns the finished
+Parquet file as bytes through Ray's object store. Therefore the cluster needs no shared file system,
+and a task that Ray runs twice has no side effects. A run needs about 200 B of the coordinator's
+network in both directions together.
 
 Ray repeats a task whose worker or node died or does not answer. A worker whose chunk takes very
-long is replaced as well. If a chunk still fails, the executor delivers all others and
-then reports the failed chunk. The same command, started again, computes only this chunk.
+long is replaced as well. If a chunk still fails, the executor delivers all others and then reports
+the failed chunk. The same command, started again, computes only this chunk.
 """
 
 from __future__ import annotations
@@ -40,10 +39,10 @@ CORES = 4
 """Cores of a task, if the user gives no number of tasks and a node has so many."""
 WRITERS = 4
 """Largest number of files that are written in parallel."""
-SILENT_S = 600.0
+MAX_CHUNK_S = 600.0
 """Longest time to wait for a chunk before its worker is replaced, s. It doubles each time."""
-SLOW_S, SLOW = 60.0, 10.0
-"""It is replaced earlier after SLOW_S and SLOW times the longest time of a finished chunk."""
+SLOW_S, SLOW_FACTOR = 60.0, 10.0
+"""After the first chunk this time is SLOW_FACTOR times that of the slowest, at least SLOW_S, s."""
 ANSWER_S = 10.0
 """Time in which a cluster must answer, s."""
 _PASSED_ON = ("XLA_FLAGS", "JAX_PLATFORMS", "JAX_ENABLE_X64", "RAVENJAX_CACHE")
@@ -77,7 +76,7 @@ def make_head(work: Work, chunks: Sequence[range], cores: int) -> Head:
 
 
 def _computed_by(plan: Plan, device: str) -> dict[str, str]:
-    """Return code hash, kind of device and package versions, which determine results."""
+    """Return what determines the results: code hash, kind of device, and package versions."""
     code = manifest.code_hash(plan.config.robot)[:16]
     # An engine names several devices as '2 x A'. Their kind must agree, not their number.
     kind = device.partition(" x ")[2] or device
@@ -100,7 +99,7 @@ class Worker:
         head, plan = self._head, dataclasses.replace(self._head.plan, **rows)
         if self._computation is None:
             self._computation = Computation(
-                plan, self._engine, self.progress, head.largest_chunk, head.cores
+                plan, self._engine, self.progress, runs=head.largest_chunk, threads=head.cores
             )
             self._computation.compile()
         ranges = [range(plan.runs)]
@@ -108,11 +107,12 @@ class Worker:
         return plan, next(memory_windows.assemble_parts(ranges, blocks))
 
 
-def _require_same(here: dict[str, str], there: dict[str, str]):
+def _require_same(worker: dict[str, str], coordinator: dict[str, str]):
     # Results must not depend on the machine, so other versions or devices are refused.
     different = [
-        f"{name}: {here.get(name)} on the worker, {there.get(name)} on the machine of the command"
-        for name, _, _ in manifest.find_changes(here, there)
+        f"{name}: {worker.get(name)} on the worker,"
+        f" {coordinator.get(name)} on the machine of the command"
+        for name, _, _ in manifest.find_changes(worker, coordinator)
     ]
     if different:
         raise UserError(
@@ -123,7 +123,8 @@ def _require_same(here: dict[str, str], there: dict[str, str]):
 
 
 def _compute(key: str, head: Head, rows: Mapping[str, Any]) -> tuple[float, FinishedChunk]:
-    """Compute one chunk in a Ray task. Return (time of compilation in s, the finished chunk)."""
+    # Computes one chunk in a Ray task. Returns (time of compilation in s, the finished chunk). key:
+    # identifies the campaign, whose compiled code the worker process keeps for further chunks.
     if key not in _workers:
         # The worker of an earlier campaign is not needed any more.
         _workers.clear()
@@ -137,23 +138,21 @@ class Ray:
     """Computes chunks on a Ray cluster; see `protocol.Executor`."""
 
     def __init__(self, workers: int | None = None, address: str | None = None):
-        """address: address of a running cluster; None: start one on this machine.
-
-        Raises UserError if Ray is not installed.
-        """
+        """address: of a running cluster; None: start a cluster. Raises UserError without Ray."""
         self.workers, self._address = workers, address
         _import_ray()
 
     def run(self, work: Work, chunks: Sequence[range]) -> None:
         """Compute and deliver every chunk, as `protocol.Executor.run` describes."""
         ray = _import_ray()
-        joins = not ray.is_initialized()
-        if joins:
-            _join(ray, self._address)
+        # A program may have joined a cluster before, and then stays in it.
+        joins_here = not ray.is_initialized()
+        if joins_here:
+            _join_cluster(ray, self._address)
         try:
             self._run(ray, work, chunks)
         finally:
-            if joins:
+            if joins_here:
                 ray.shutdown()
 
     def _run(self, ray, work: Work, chunks: Sequence[range]):
@@ -170,7 +169,7 @@ class Ray:
             runtime_env={"env_vars": task_environment(work.engine.name)},
         )(_compute)
         key = f"{os.getpid()}-{id(work)}-{os.urandom(4).hex()}"
-        waiting, under_way = list(reversed(chunks)), dict[Any, tuple[range, float]]()
+        waiting, pending = list(reversed(chunks)), dict[Any, tuple[range, float]]()
         lost: dict[range, str] = {}
         delivered, patience, longest_s, asked_at = 0, 1, 0.0, time.monotonic()
 
@@ -178,56 +177,57 @@ class Ray:
             work.deliver(finished)
             progress.ticks(len(finished.rows) * work.plan.program.ticks)
 
-        with interruption.held_back(), protocol.BackgroundQueue(WRITERS) as queue:
+        with interruption.delay_signals(), protocol.BackgroundQueue(WRITERS) as queue:
             try:
-                while waiting or under_way:
+                while waiting or pending:
                     interruption.check_interruption()
-                    while waiting and len(under_way) < 2 * tasks:
+                    while waiting and len(pending) < 2 * tasks:
                         rows = waiting.pop()
                         share = ray.put(work.plan.row_fields(slice(rows.start, rows.stop)))
-                        under_way[compute.remote(key, head, share)] = rows, time.monotonic()
-                    done, _ = ray.wait(list(under_way), num_returns=1, timeout=1.0)
+                        pending[compute.remote(key, head, share)] = rows, time.monotonic()
+                    done, _ = ray.wait(list(pending), num_returns=1, timeout=1.0)
                     now = time.monotonic()
                     if not done or now - asked_at > ANSWER_S:
                         _require_answer(first_node)
                         asked_at = now
                     for task in done:
-                        longest_s = max(longest_s, now - under_way[task][1])
-                    usual_s = max(SLOW_S, SLOW * longest_s) if delivered else SILENT_S
-                    limit_s = patience * min(SILENT_S, usual_s)
-                    slow = {task for task in under_way if now - under_way[task][1] > limit_s}
+                        longest_s = max(longest_s, now - pending[task][1])
+                    usual_s = max(SLOW_S, SLOW_FACTOR * longest_s) if delivered else MAX_CHUNK_S
+                    limit_s = patience * min(MAX_CHUNK_S, usual_s)
+                    slow = {task for task in pending if now - pending[task][1] > limit_s}
                     patience *= 2 if slow.difference(done) else 1
                     # Ray repeats tasks whose process died, but not tasks that hang.
                     for task in slow.difference(done):
                         ray.cancel(task, force=True)
-                        waiting.append(under_way.pop(task)[0])
+                        waiting.append(pending.pop(task)[0])
                         progress.note(f"no result for {limit_s:g} s, so a worker was replaced")
                     for task in done:
-                        rows, _ = under_way.pop(task)
+                        rows, _ = pending.pop(task)
                         try:
                             compile_s, finished = ray.get(task)
                         except ray.exceptions.RayError as error:
                             cause = getattr(error, "cause", None) or error
                             if isinstance(cause, UserError):
                                 raise cause from None
-                            why = f"{type(cause).__name__}: {cause}".strip().splitlines()[0][:300]
-                            lost[rows] = why
-                            progress.count_failures({why: len(rows)})
-                            progress.note(f"rows {rows.start} to {rows.stop - 1}: {why}")
+                            text = f"{type(cause).__name__}: {cause}".strip()
+                            reason = text.splitlines()[0][:300]
+                            lost[rows] = reason
+                            progress.count_failures({reason: len(rows)})
+                            progress.note(f"rows {rows.start} to {rows.stop - 1}: {reason}")
                         else:
                             progress.began(compile_s)
                             queue.call(deliver, finished)
                             delivered += 1
                     if len(lost) > tasks and not delivered:
                         # All tasks fail, so the cause is not a single chunk.
-                        raise _refusal(lost, delivered)
+                        raise _chunk_error(lost, delivered)
                 queue.finish()
             except BaseException:
-                for task in under_way:
+                for task in pending:
                     ray.cancel(task, force=True)
                 raise
         if lost:
-            raise _refusal(lost, delivered)
+            raise _chunk_error(lost, delivered)
 
 
 def _require_answer(address: str):
@@ -243,11 +243,12 @@ def _require_answer(address: str):
         ) from None
 
 
-def _refusal(lost: Mapping[range, str], delivered: int) -> UserError:
-    # Returns one error about all chunks that failed on the cluster.
+def _chunk_error(lost: Mapping[range, str], delivered: int) -> UserError:
+    # Returns one error about all chunks that failed on the cluster. lost: rows of a failed chunk ->
+    # reason. delivered: number of finished chunks.
     lines = [
-        f"rows {rows.start} to {rows.stop - 1}: {why}"
-        for rows, why in sorted(lost.items(), key=lambda item: item[0].start)
+        f"rows {rows.start} to {rows.stop - 1}: {reason}"
+        for rows, reason in sorted(lost.items(), key=lambda item: item[0].start)
     ]
     rest = "all other chunks are finished and kept" if delivered else "no chunk was finished"
     return UserError(
@@ -256,12 +257,10 @@ def _refusal(lost: Mapping[range, str], delivered: int) -> UserError:
     )
 
 
-def _join(ray, address: str | None):
-    """Join the cluster at that address, or start one on this machine.
-
-    Raises UserError if the address does not answer.
-    """
-    terminated = signal.getsignal(signal.SIGTERM)
+def _join_cluster(ray, address: str | None):
+    # Joins the cluster at this address; None: starts a cluster on this machine. Raises UserError if
+    # the address does not answer, or if Ray cannot start.
+    sigterm_handler = signal.getsignal(signal.SIGTERM)
     try:
         if address is not None and (match := re.fullmatch(r"\[?([^/]+?)\]?:(\d+)", address)):
             # Ray itself would retry for minutes.
@@ -269,13 +268,13 @@ def _join(ray, address: str | None):
         ray.init(address, include_dashboard=False, log_to_driver=False, logging_level="error")
     # Also catches ConnectionError, which Ray raises: it is a subclass of OSError.
     except OSError as error:
-        what = "Ray cannot start on this machine"
+        message = "Ray cannot start on this machine"
         if address is not None:
-            what = f"--ray-address {address}: no Ray cluster answers there"
-        raise UserError(f"{what} ({error})") from error
+            message = f"--ray-address {address}: no Ray cluster answers there"
+        raise UserError(f"{message} ({error})") from error
     if threading.current_thread() is threading.main_thread():
         # Ray replaced the handler of SIGTERM, so the earlier handler is restored.
-        signal.signal(signal.SIGTERM, terminated)
+        signal.signal(signal.SIGTERM, sigterm_handler)
 
 
 def task_environment(engine: str) -> dict[str, str]:
@@ -289,13 +288,15 @@ def task_environment(engine: str) -> dict[str, str]:
 def _cores_and_tasks(
     resources: dict[str, float], nodes: Sequence[dict[str, Any]], workers: int | None, gpu: bool
 ) -> tuple[int, int]:
-    # Returns the cores of each task, and the number of tasks that run at the same time.
+    # Returns the cores of each task, and the number of tasks that run at the same time. resources,
+    # nodes: those of the cluster, as Ray reports them. workers: requested number of tasks.
     total = int(resources.get("CPU", 1))
     if gpu:
         tasks = workers or max(1, int(resources.get("GPU", 0)))
         return max(1, total // tasks), tasks
-    most = max((int(node["Resources"].get("CPU", 0)) for node in nodes if node["Alive"]), default=1)
-    cores = max(1, min(most, CORES if workers is None else total // workers))
+    # A task cannot use cores of two nodes.
+    node_cores = [int(node["Resources"].get("CPU", 0)) for node in nodes if node["Alive"]]
+    cores = max(1, min(max(node_cores, default=1), CORES if workers is None else total // workers))
     return cores, workers or max(1, total // cores)
 
 

@@ -23,37 +23,37 @@ class Moments:
         """{phase: int [stretches, 2]}: first tick of each stretch, and first tick after it."""
         return self.config.robot.part("campaign").phases(self.config)
 
-    def placed(self, axes: Mapping[Key, Axis], group: str) -> dict[Key, Axis]:
-        """Return a group's axes with all fault starts in milliseconds.
-
-        Raise UserError for a phase that never occurs.
-        """
+    def convert_phases(self, axes: Mapping[Key, Axis], group: str) -> dict[Key, Axis]:
+        """Return axes with fault starts in ms. Raise UserError for a phase that never occurs."""
         return {
-            key: self._axis(axis, f"group {group!r}, fault[{key[0]}].{key[1]}")
+            key: self._convert_axis(axis, f"group {group!r}, fault[{key[0]}].{key[1]}")
             for key, axis in axes.items()
         }
 
-    def _axis(self, axis: Axis, where: str) -> Axis:
+    def _convert_axis(self, axis: Axis, where: str) -> Axis:
         # Replaces phases in the values of an axis by milliseconds of this operation.
         if axis.kind == PHASE:
-            return self._phase(axis.values[0], where)
-        values = (self._ms(v, where) if isinstance(v, Moment) else v for v in axis.values)
+            return self._phase_axis(axis.values[0], where)
+        values = (self._find_ms(v, where) if isinstance(v, Moment) else v for v in axis.values)
         return dataclasses.replace(axis, values=tuple(values))
 
-    def _ms(self, moment: Moment, where: str) -> int:
-        phase = self._phase(moment.phase, where)
-        count = sum(end - begin for begin, end in phase.values[1:])
-        return int(phase.at(np.array((round(moment.share * (count - 1)) + 0.5) / count)))
+    def _find_ms(self, moment: Moment, where: str) -> int:
+        # Returns the millisecond of the operation at a share of the milliseconds of a phase.
+        axis = self._phase_axis(moment.phase, where)
+        count = sum(end - begin for begin, end in axis.values[1:])
+        number = round(moment.share * (count - 1))
+        # `Axis.at` takes quantiles. In the middle of the millisecond, rounding is harmless.
+        return int(axis.at(np.array((number + 0.5) / count)))
 
-    def _phase(self, phase: str, where: str) -> Axis:
-        # Returns an axis over all moments of a phase. where: location for error messages.
+    def _phase_axis(self, phase: str, where: str) -> Axis:
+        # Returns an axis over all milliseconds of a phase. where: location for error messages.
         stretches = self.phases[phase]
         if not len(stretches):
-            there = ", ".join(name for name, some in self.phases.items() if len(some))
+            occurring = ", ".join(name for name, ticks in self.phases.items() if len(ticks))
             raise UserError(
                 f"{where}: phase {phase!r} ({self.config.robot.phases[phase]}) does not occur in"
-                f" the {self.config.campaign.ticks} ms of this operation; expected one of {there}."
-                " Write such a phase, or another motion, a longer campaign.duration_s or another"
-                " scale"
+                f" the {self.config.campaign.ticks} ms of this operation; expected one of"
+                f" {occurring}. Write such a phase, or another motion, a longer campaign.duration_s"
+                " or another scale"
             )
         return Axis(PHASE, (phase, *map(tuple, stretches.tolist())))

@@ -1,7 +1,6 @@
-"""Samples the design of a group: which value each run has for each variable key.
-
-Latin hypercubes and Sobol points are those of SciPy, bit by bit. They are drawn here because the
-import of `scipy.stats` takes half a second of a start that may take 2.5 s.
+"""Samples the design of a group: which value each run has for each variable key. Latin hypercubes
+and Sobol points are those of SciPy, bit by bit. They are drawn here because the import of
+`scipy.stats` takes half a second of a start that may take 2.5 s.
 """
 
 import math
@@ -19,9 +18,8 @@ Key = tuple[int, str]
 
 
 class Sample(NamedTuple):
-    """The runs of a group, or of one entry of design "list".
-
-    From run to run, repeats vary fastest, then the values of the last list.
+    """The runs of a group, or of one entry of design "list". From run to run, repeats vary fastest,
+    then the values of the last list.
     """
 
     runs: int
@@ -31,7 +29,9 @@ class Sample(NamedTuple):
 
 
 def count_samples(group: Group, axes: Mapping[Key, Axis]) -> int:
-    """Return the number of different runs of a group, without repeats."""
+    """Return the number of runs of a group, without repeats and crossed parameters. Equal runs that
+    a design draws or lists twice count twice.
+    """
     if group.design in SAMPLED:
         return group.runs or 0
     lengths = [len(axis.values) for axis in axes.values() if axis.kind == "list"]
@@ -39,40 +39,40 @@ def count_samples(group: Group, axes: Mapping[Key, Axis]) -> int:
 
 
 def sample_runs(group: Group, axes: Mapping[Key, Axis], rng: np.random.Generator) -> Sample:
-    """Return the runs of `group`, with the position of each run on each axis.
-
-    Random draws depend only on `rng` and the order of the axes.
-    """
-    different = count_samples(group, axes)
-    runs = different * group.repeats
-    place, repeat = np.arange(runs), np.zeros((), np.int64)
+    """Return the runs of `group`. Random draws depend only on `rng` and the order of the axes."""
+    samples = count_samples(group, axes)
+    runs = samples * group.repeats
+    # Number of the sample, and of the repeat, of each run.
+    sample, repeat = np.arange(runs), np.zeros((), np.int64)
     if group.repeats > 1:
-        place, repeat = np.divmod(place, group.repeats)
+        sample, repeat = np.divmod(sample, group.repeats)
     places: dict[Key, np.ndarray] = {key: np.zeros((), np.int64) for key in axes}
     if group.design in SAMPLED:
         random_axes = {key: axis for key, axis in axes.items() if axis.kind != "fixed"}
-        draws = _draws(group.design, random_axes, different, rng)
-        return Sample(runs, repeat, places | {key: where[place] for key, where in draws.items()})
-    stride = different
+        draws = _draw_places(group.design, random_axes, samples, rng)
+        return Sample(runs, repeat, places | {key: drawn[sample] for key, drawn in draws.items()})
+    # Number of samples between two values of a list. In a grid, the last list varies fastest.
+    stride = samples
     for key, axis in axes.items():
         if axis.kind == "list" and (length := len(axis.values)) > 1:
             stride = 1 if group.design == "zip" else stride // length
-            places[key] = place // stride % length
-    places |= _draws("random", {key: axis for key, axis in axes.items() if axis.drawn}, runs, rng)
+            places[key] = sample // stride % length
+    drawn_axes = {key: axis for key, axis in axes.items() if axis.drawn}
+    places |= _draw_places("random", drawn_axes, runs, rng)
     return Sample(runs, repeat, places)
 
 
-def _draws(
+def _draw_places(
     design: str, axes: Mapping[Key, Axis], rows: int, rng: np.random.Generator
 ) -> dict[Key, np.ndarray]:
     # Draws positions [rows] on each axis. Axes of kind `together` use the same random numbers.
-    names = [axis.kind if axis.kind == "together" else key for key, axis in axes.items()]
-    dimensions = {name: number for number, name in enumerate(dict.fromkeys(names))}
-    unit = _draw_points(design, rows, len(dimensions), rng)
-    return {
-        key: axis.places(unit[:, dimensions[name]])
-        for (key, axis), name in zip(axes.items(), names, strict=True)
-    }
+    dimension_of_axis: dict[Key, int] = {}
+    numbers: dict[Key | str, int] = {}
+    for key, axis in axes.items():
+        name = axis.kind if axis.kind == "together" else key
+        dimension_of_axis[key] = numbers.setdefault(name, len(numbers))
+    points = _draw_points(design, rows, len(numbers), rng)
+    return {key: axis.places(points[:, dimension_of_axis[key]]) for key, axis in axes.items()}
 
 
 def _draw_points(design: str, rows: int, dimensions: int, rng: np.random.Generator) -> np.ndarray:

@@ -1,8 +1,7 @@
 """Makes the columns of one fault slot of the fault table, in a normal form: equal faults have equal
-columns.
-
-Fields that an effect does not use are NaN or 0. A network effect has the channel on which it acts.
-Times are whole numbers of at least 0. Drawn values are rounded if the channel is an integer.
+columns. Fields that an effect does not use are NaN or 0. A network effect has the channel on which
+it acts. Times are whole numbers of at least 0. Drawn values are rounded if the channel is an
+integer.
 """
 
 import functools
@@ -45,49 +44,54 @@ def fill_slot(
     robot: Robot, fault: Fault, axes: Mapping[str, Axis], places: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
     """Return the columns FIELDS of a fault, each [runs], or [] if all runs have the same value.
-
     Words are stored as indices into `words_of`. axes: values or distribution of each field except
     the site. places: position of each run on each axis.
     """
     words, site = words_of(robot), robot.sites[fault.site]
 
-    def codes(column: str, names: Iterable[str]) -> np.ndarray:
+    def codes_of(column: str, names: Iterable[str]) -> np.ndarray:
         return np.array([words[column].index(name) for name in names], np.int8)
 
-    word = {name: codes(name, axes[name].values)[places[name]] for name in words if name != "site"}
-    effect = word["effect"]
-    # A network effect determines its channel.
-    network = effects.NETWORK_EFFECTS
-    acts_on = [network[e].channel if e in network else "" for e in words["effect"]]
-    acts = codes("channel", (c if c in words["channel"] else "" for c in acts_on))[effect]
-    word["channel"] = np.where(acts > 0, acts, word["channel"])
+    codes = {
+        name: codes_of(name, axes[name].values)[places[name]] for name in words if name != "site"
+    }
+    effect = codes["effect"]
+    # A network effect determines its channel. For other effects this code is 0, that of "".
+    network_channels = []
+    for name in words["effect"]:
+        network = effects.NETWORK_EFFECTS.get(name)
+        has_channel = network is not None and network.channel in words["channel"]
+        network_channels.append(network.channel if network and has_channel else "")
+    network_channel = codes_of("channel", network_channels)[effect]
+    codes["channel"] = np.where(network_channel > 0, network_channel, codes["channel"])
     value = axes["value"].at(places["value"])
     if not axes["value"].listed:
         # A value that is drawn for an integer channel is rounded to an integer.
         rounded = np.zeros((len(words["channel"]), len(words["effect"])), bool)
         for channel, name in itertools.product(site.channels, axes["effect"].listed):
-            at = words["channel"].index(channel.name), words["effect"].index(name)
-            rounded[at] = legal_values(channel, name).rounded
+            row, column = words["channel"].index(channel.name), words["effect"].index(name)
+            rounded[row, column] = legal_values(channel, name).rounded
         whole = axes["value"].at(places["value"], whole=True)
-        value = np.where(rounded[word["channel"], effect], whole, value)
+        value = np.where(rounded[codes["channel"], effect], whole, value)
     value = np.where(np.isin(words["effect"], effects.WITHOUT_VALUE)[effect], np.nan, value)
     periodic = np.isin(words["effect"], effects.WITH_PERIOD)[effect]
-    times = {
-        name: _times(*(name, axes[name], places[name], periodic), fault.unit(name, robot.period_ms))
-        for name in effects.TIMES
-    }
-    columns = {"site": codes("site", [fault.site])[0], **word, "value": value, **times}
+    times = {}
+    for name in effects.TIMES:
+        unit = fault.unit(name, robot.period_ms)
+        times[name] = _fill_times(name, axes[name], places[name], periodic, unit)
+    columns = {"site": codes_of("site", [fault.site])[0], **codes, "value": value, **times}
     return {name: columns[name] for name in effects.FIELDS}
 
 
-def _times(
+def _fill_times(
     name: str, axis: Axis, places: np.ndarray, periodic: np.ndarray, step: int
 ) -> np.ndarray:
-    """Return valid times: multiples of `step`, at least 0 or `step`. Only the word END in a file
-    means UNTIL_END.
-    """
+    # Returns the column `name` of TIMES: multiples of `step`, at least `step` for a period or a
+    # duration, else at least 0. periodic: whether the effect has a period, else the period is 0.
+    # Only the word END in a file means UNTIL_END, not a drawn number that equals it.
     drawn = axis.at(places, whole=step)
-    times = np.maximum(drawn // step * step, step if name in ("period_ms", "duration_ms") else 0)
+    least = step if name in ("period_ms", "duration_ms") else 0
+    times = np.maximum(drawn // step * step, least)
     if name == "period_ms":
         times = np.where(periodic, times, 0)
     elif name == "duration_ms":

@@ -14,18 +14,18 @@ _TIME, _PACKET, _PEDAL = (TRIGGER_CODES[name] for name in ("time", "packet", "pe
 
 
 def first_active_ticks(faults: Faults, ticks: int) -> np.ndarray:
-    """Return the first tick in which a fault of each run may act, int32 [runs].
-
-    Up to that tick the run equals its golden run bit by bit. The result is `ticks` for a run in
-    which no fault acts. Windows that count packets are treated as if a packet arrived in each tick.
-    Windows that count time in pedal-down are treated as if the pedal was always down.
+    """Return the first tick in which a fault of each run may act, int32 [runs]. Up to that tick the
+    run equals its golden run bit by bit. The result is `ticks` for a run in which no fault acts.
+    Windows that count packets are treated as if a packet arrived in each tick. Windows that count
+    time in pedal-down are treated as if the pedal was always down.
     """
     first = np.full(faults["code"].shape, ticks, np.int64)
-    for trigger, where, _, opening in _openings(faults):
+    for trigger, indices, _, opening in _group_by_trigger(faults):
         if trigger == _TIME:
-            first[where] = opening.first(0, ticks - 1)
+            first[indices] = opening.first(0, ticks - 1)
         else:
-            first[where] = opening.start - (trigger == _PACKET)
+            # The first packet has number 1, and the first tick number 0.
+            first[indices] = opening.start - (trigger == _PACKET)
     return np.clip(first, 0, ticks).min(axis=1, initial=ticks).astype(np.int32)
 
 
@@ -43,32 +43,36 @@ def last_observed_ticks(
     """
     if observe is None:
         return np.full(len(faults["code"]), ticks, np.int32)
-    last = last_window_ends(faults, ticks, clocks)
-    ended = np.where(last > 0, np.minimum(last + observe, ticks), 0).max(axis=1, initial=0)
-    return np.where(ended == 0, ticks, ended).astype(np.int32)
+    window_ends = last_window_ends(faults, ticks, clocks)
+    ends = np.where(window_ends > 0, np.minimum(window_ends + observe, ticks), 0)
+    last_ends = ends.max(axis=1, initial=0)
+    return np.where(last_ends == 0, ticks, last_ends).astype(np.int32)
 
 
 def last_window_ends(faults: Faults, ticks: int, clocks: Clocks | None) -> np.ndarray:
     """Return the first tick after each fault's last window, int64 [runs, slots]; 0: no window."""
-    last = np.zeros(faults["code"].shape, np.int64)
-    for trigger, where, rows, opening in _openings(faults):
+    ends = np.zeros(faults["code"].shape, np.int64)
+    for trigger, indices, runs, opening in _group_by_trigger(faults):
         if trigger == _TIME:
-            last[where] = opening.last(0, ticks - 1) + 1
+            ends[indices] = opening.last(0, ticks - 1) + 1
         elif clocks is None:
-            last[where] = ticks
+            ends[indices] = ticks
         elif trigger == _PACKET:
-            last[where] = clocks.packet_end(rows, opening, ticks)
+            ends[indices] = clocks.packet_end(runs, opening, ticks)
         else:
-            moved = np.any(clocks.moved[faults["code"]], axis=1)[rows]
-            last[where] = np.where(moved, ticks, clocks.pedal_end(rows, opening, ticks))
-    return last
+            # If a fault of the run may change the pedal, the time in pedal-down is unknown.
+            moves_pedal = np.any(clocks.moved[faults["code"]], axis=1)[runs]
+            ends[indices] = np.where(moves_pedal, ticks, clocks.pedal_end(runs, opening, ticks))
+    return ends
 
 
-def _openings(faults: Faults) -> Iterator[tuple[int, tuple[np.ndarray, ...], np.ndarray, Opening]]:
+def _group_by_trigger(
+    faults: Faults,
+) -> Iterator[tuple[int, tuple[np.ndarray, ...], np.ndarray, Opening]]:
     """Yield (trigger code, indices of its faults, runs of these, windows) of each used trigger."""
     for trigger in (_TIME, _PACKET, _PEDAL):
-        where = np.nonzero((faults["code"] > 0) & (faults["trigger"] == trigger))
-        if len(where[0]):
+        indices = np.nonzero((faults["code"] > 0) & (faults["trigger"] == trigger))
+        if len(indices[0]):
             names = ("start", "duration", "every")
-            columns = (faults[name][where].astype(np.int64) for name in names)
-            yield trigger, where, where[0], Opening(*columns)
+            columns = (faults[name][indices].astype(np.int64) for name in names)
+            yield trigger, indices, indices[0], Opening(*columns)

@@ -20,8 +20,7 @@ ARRAYS = dict.fromkeys(_INTEGERS, np.int32) | {"value": np.float32, "key": np.ui
 """The numbers of a fault, as in `faults.fault.FaultSlot`."""
 
 SHARED = "shared_id"
-"""Column of a fault table with crossed parameters: the id of the first run that differs only in
-these parameters.
+"""Column with the id of the first run that differs only in crossed parameters, if any are crossed.
 """
 
 Target = tuple[str, str, str]
@@ -34,18 +33,19 @@ def count_slots(table: pd.DataFrame) -> int:
 
 
 def table_injection(table: pd.DataFrame, robot: Robot) -> Injection:
-    """Return the sites, channels, effects and triggers that occur in the table.
-
-    They select the code that injects faults. Sites have the order of the robot.
+    """Return the sites, channels, effects and triggers that occur in the table, in the robot's
+    order. They select the code that injects faults. Network effects are replaced by plain effects.
     """
     effects: dict[Target, set[str]] = {}
     triggers = set()
     for slot in range(count_slots(table)):
-        for site, arm, channel, effect, trigger in _word_groups(table, slot)[1]:
+        _, combinations = _word_groups(table, slot)
+        for site, arm, channel, effect, trigger in combinations:
+            # An empty slot has the site "".
             if site:
-                effects.setdefault((site, arm, channel), set()).add(
-                    NETWORK_EFFECTS.get(effect, ("", effect))[1]
-                )
+                network = NETWORK_EFFECTS.get(effect)
+                plain_effect = network.effect if network else effect
+                effects.setdefault((site, arm, channel), set()).add(plain_effect)
                 triggers.add(trigger)
     uses = []
     for name, site in robot.sites.items():
@@ -70,7 +70,6 @@ def fault_arrays(
     table: pd.DataFrame, injection: Injection, tick_ms: int = 1
 ) -> dict[str, np.ndarray]:
     """Return the faults of each run as arrays [runs, injection.slots]. An empty slot has code 0.
-
     code, effect and trigger are int32; value is float32. start, duration, every and period are
     int32 in ticks of `tick_ms`; with trigger "packet", all but the period are numbers of packets
     instead. key is uint32: the random-number stream of that run and slot.
@@ -81,19 +80,20 @@ def fault_arrays(
         combination_of_run, combinations = _word_groups(table, slot)
         # Code, effect, trigger and value of each combination; NaN: the value is in the table.
         codes_of_combination = np.zeros((len(combinations), 4))
-        for place, (site, arm, channel, effect, trigger) in enumerate(combinations):
+        for number, (site, arm, channel, effect, trigger) in enumerate(combinations):
             if site:
                 _, plain, value = NETWORK_EFFECTS.get(effect, ("", effect, None))
-                code = code_of[site, arm, channel]
-                codes_of_combination[place] = (
-                    *(code, EFFECT_CODES[plain], TRIGGER_CODES[trigger]),
+                codes_of_combination[number] = (
+                    code_of[site, arm, channel],
+                    EFFECT_CODES[plain],
+                    TRIGGER_CODES[trigger],
                     math.nan if value is None else value,
                 )
         *codes, fixed_value = codes_of_combination[combination_of_run].T
         for name, code in zip(("code", "effect", "trigger"), codes, strict=True):
             out[name][:, slot] = code
         value = np.where(np.isnan(fixed_value), table[f"fault{slot}_value"].to_numpy(), fixed_value)
-        # The change in each millisecond becomes that in each tick.
+        # The value of a drift is the change in a millisecond. It becomes the change in a tick.
         value = value * np.where(out["effect"][:, slot] == EFFECT_CODES["drift"], tick_ms, 1)
         out["value"][:, slot] = np.where(np.isnan(value), 0.0, value)
         unit = np.where(out["trigger"][:, slot] == TRIGGER_CODES["packet"], 1, tick_ms)
@@ -107,9 +107,8 @@ def fault_arrays(
 
 
 def shared_ids(table: pd.DataFrame) -> np.ndarray:
-    """Return the id from which each run's random numbers follow, uint64 [rows].
-
-    It is the run's id, or the id of the first run that differs only in crossed parameters.
+    """Return the id from which each run's random numbers follow, uint64 [rows]. It is the run's id,
+    or the id of the first run that differs only in crossed parameters.
     """
     return table[SHARED if SHARED in table else "run_id"].to_numpy()
 

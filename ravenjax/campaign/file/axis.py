@@ -1,6 +1,5 @@
-"""Defines how a key of a campaign file varies: one value, a list of values, or a distribution.
-
-A list may also be written `{ list = [..] }`. Its items are then separate values of the key, not the
+"""Defines how a key of a campaign file varies: one value, a list of values, or a distribution. A
+list may also be written `{ list = [..] }`. Its items are then separate values of the key, not the
 numbers of one vector.
 """
 
@@ -45,9 +44,7 @@ UNTIL_END = -1
 """Value of `duration_ms` in the fault table if a fault lasts until the run ends. A file has END."""
 
 TAIL = 7.04
-"""Largest distance from the mean, in standard deviations, that is drawn from a normal distribution.
-It is the quantile of 1e-12.
-"""
+"""Largest distance from the mean that is drawn, in standard deviations: the quantile of 1e-12."""
 
 
 class Moment(NamedTuple):
@@ -62,12 +59,10 @@ class Moment(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Axis:
-    """The values of one key over the runs of a group.
-
-    Kind `fixed` has one value. The values of `list` are enumerated by designs grid and zip, and
-    drawn at random by random, lhs and sobol. All other kinds are distributions. The values of
-    `phase` are the name of the phase, and later also (begin, end) of each stretch of the phase in
-    ms: integers, ascending, without the end.
+    """The values of one key over the runs of a group. Kind `fixed` has one value. The values of
+    `list` are enumerated by designs grid and zip, and drawn at random by random, lhs and sobol. All
+    other kinds are distributions. The values of `phase` are the name of the phase, and later also
+    (begin, end) of each stretch of the phase in ms: integers, ascending, without the end.
     """
 
     kind: Kind
@@ -75,10 +70,12 @@ class Axis:
     explicit: bool = False  # True if the file has { list = [..] }
 
     def written(self) -> Any:
-        """Return the value of the key in a campaign file."""
+        """Return what a campaign file has as the value of the key."""
         values = [value._asdict() if isinstance(value, Moment) else value for value in self.values]
-        if self.kind in ("fixed", PHASE):
-            return values[0] if self.kind == "fixed" else {PHASE: values[0]}
+        if self.kind == "fixed":
+            return values[0]
+        if self.kind == PHASE:
+            return {PHASE: values[0]}
         return values if self.kind == LIST and not self.explicit else {self.kind: values}
 
     @property
@@ -105,40 +102,40 @@ class Axis:
         return tuple(dict.fromkeys(v.phase for v in self.values if isinstance(v, Moment)))
 
     def places(self, unit: np.ndarray) -> np.ndarray:
-        """Convert the quantiles `unit` [n] in [0, 1) to positions for `at`.
-
-        Listed values are equally probable.
+        """Convert quantiles [n] in [0, 1) to positions for `at`. Each listed value is equally
+        likely.
         """
         if not self.listed:
             return unit
         return np.minimum((unit * len(self.values)).astype(np.int64), len(self.values) - 1)
 
     def at(self, places: np.ndarray, whole: int = 0) -> np.ndarray:
-        """Return the numbers at `places`, float64 of the same shape.
-
-        places: indices of listed values, or quantiles in [0, 1) of a distribution. whole: round
-        drawn numbers to multiples of this integer. Listed values are not rounded.
+        """Return the numbers at `places`, float64 of the same shape. places: indices of listed
+        values, or quantiles in [0, 1) of a distribution. whole: round drawn numbers to multiples of
+        this integer. Listed values are not rounded.
         """
         if self.listed:
             numbers = [UNTIL_END if value == END else value for value in self.values]
             return np.asarray(numbers, np.float64)[places]
         if self.kind == PHASE:
             begins, ends = np.array(self.values[1:], np.int64).T
-            after = np.cumsum(ends - begins)
-            place = np.minimum((places * after[-1]).astype(np.int64), after[-1] - 1)
-            return ((ends - after)[np.searchsorted(after, place, side="right")] + place).astype(
-                np.float64
-            )
+            # Number of milliseconds of the phase up to the end of each stretch.
+            counts = np.cumsum(ends - begins)
+            number = np.minimum((places * counts[-1]).astype(np.int64), counts[-1] - 1)
+            stretch = np.searchsorted(counts, number, side="right")
+            return ((ends - counts)[stretch] + number).astype(np.float64)
+        # Numbers are drawn in units of `whole`, rounded, and converted back.
         unit = max(whole, 1)
-        low, high = (v / unit for v in self.values)
+        low, high = (value / unit for value in self.values)
         if self.kind == "normal":
-            # Slow to import.
+            # This import is slow.
             from scipy.special import ndtri
 
             numbers = low + high * ndtri(np.clip(places, 1e-12, 1.0 - 1e-12))
         elif self.kind == "loguniform":
             numbers = np.exp(math.log(low) + places * (math.log(high) - math.log(low)))
         elif whole:
+            # Each whole number from low to high is equally probable, both ends included.
             first = math.ceil(low)
             numbers = first + np.floor(places * (math.floor(high) - first + 1.0))
         else:
@@ -154,29 +151,29 @@ def fixed_axis(value: Any) -> Axis:
     return Axis("fixed", (value,))
 
 
-class OneValue(NamedTuple):
+class KeyDefinition(NamedTuple):
     """Defines the possible values of a key, and which tables may replace a value."""
 
     expected: str  # the possible values as text, for messages
-    parsed: Callable[[Any], Any]  # returns the value; raises ValueError for an invalid one
+    parse: Callable[[Any], Any]  # returns the value; raises ValueError for an invalid value
     schema: dict[str, Any]  # JSON Schema
     forms: tuple[str, ...] = ("uniform", "loguniform", "normal", "choice", LIST)
     least: float = -math.inf
     largest: float = math.inf
 
-    def value(self, raw: Any) -> Any:
-        """Parse one value. Raises ValueError with what was expected."""
-        value = self.parsed(raw)
+    def parse_value(self, raw: Any) -> Any:
+        """Return one value. Raise ValueError with what was expected for an invalid value."""
+        value = self.parse(raw)
         if isinstance(value, int | float) and not self.least <= value <= self.largest:
             raise ValueError(f"got {format_value(raw)}, expected {self.expected}")
         return value
 
-    def axis(self, raw: Any) -> Axis:
-        """Parse the content of a key in a file: a value, a list, or a table."""
+    def parse_axis(self, raw: Any) -> Axis:
+        """Return the axis of a key. raw: a value, a list, or a table from a file, or an axis."""
         if isinstance(raw, Axis):
             return raw
         if not isinstance(raw, Mapping | list | tuple):
-            return fixed_axis(self.value(raw))
+            return fixed_axis(self.parse_value(raw))
         kind, values = LIST, raw
         if isinstance(raw, Mapping):
             kind, values = next(iter(raw.items()), (None, ()))
@@ -185,19 +182,20 @@ class OneValue(NamedTuple):
                 keys = f"a table needs exactly one of the keys {', '.join(self.forms)}"
                 raise ValueError(f"{keys}, got {got}{suggest_name(kind, self.forms)}")
         if kind in _PAIRS:
-            return self._distribution(kind, values)
+            return self._parse_distribution(kind, values)
         if not isinstance(values, list | tuple) or not values:
             raise ValueError(
                 f"{kind} needs a list with at least one value, got {values!r}; each value is"
                 f" {self.expected}"
             )
-        return Axis(kind, tuple(map(self.value, values)), kind == LIST and values is not raw)
+        is_explicit = kind == LIST and values is not raw
+        return Axis(kind, tuple(map(self.parse_value, values)), is_explicit)
 
-    def _distribution(self, kind, raw) -> Axis:
+    def _parse_distribution(self, kind, raw) -> Axis:
         # Parses a distribution, such as {uniform = [low, high]}, and checks its ends.
         if not isinstance(raw, list | tuple) or len(raw) != 2:
             raise ValueError(f"{kind} needs {DISTRIBUTIONS[kind]}, got {raw!r}")
-        first, second = map(_number, raw)
+        first, second = map(_require_number, raw)
         if kind == "normal" and second < 0:
             raise ValueError(
                 f"normal: got standard deviation {second!r}, expected a number of at least 0"
@@ -209,8 +207,7 @@ class OneValue(NamedTuple):
         if kind == "loguniform" and first <= 0:
             raise ValueError(f"loguniform = [low, high]: both must be above 0, got {first!r}")
         axis = Axis(kind, (first, second))
-        # A normal distribution is truncated at the smallest value, so only its upper end is
-        # checked.
+        # A normal distribution is truncated at `least`, so only its upper end is checked.
         least = -self.largest if kind == "normal" else self.least
         if not least <= axis.extent[0] <= axis.extent[1] <= self.largest:
             raise ValueError(f"got {kind} = {format_value(list(raw))}, expected {self.expected}")
@@ -218,23 +215,23 @@ class OneValue(NamedTuple):
 
     def json_schema(self) -> dict[str, Any]:
         """Return the JSON Schema of the key."""
-        some = {"type": "array", "items": self.schema, "minItems": 1}
+        values = {"type": "array", "items": self.schema, "minItems": 1}
         properties = {
-            form: {"description": FORMS[form], **(_TABLES["pair"] if form in _PAIRS else some)}
+            form: {"description": FORMS[form], **(_TABLES["pair"] if form in _PAIRS else values)}
             for form in self.forms
         }
         table = {**_TABLES["table"], "properties": properties}
         forms = ", ".join(f"{{{form} = {FORMS[form]}}}" for form in self.forms)
         return {
             "description": f"{self.expected}, a list of these, or one of {forms}",
-            "anyOf": [self.schema, some, table],
+            "anyOf": [self.schema, values, table],
         }
 
-    def annotation(self, parsed: Callable[[Any], Axis] | None = None) -> Any:
-        """Return the type annotation of a key with such values."""
+    def annotation(self, parse: Callable[[Any], Axis] | None = None) -> Any:
+        """Return the type annotation of a key with such values. parse: instead of `parse_axis`."""
         return Annotated[
             Any,
-            BeforeValidator(parsed or self.axis),
+            BeforeValidator(parse or self.parse_axis),
             PlainSerializer(Axis.written),
             WithJsonSchema(self.json_schema()),
         ]
@@ -244,22 +241,22 @@ def _is_number(raw) -> TypeGuard[int | float]:
     return isinstance(raw, int | float) and not isinstance(raw, bool)
 
 
-def _number(raw) -> int | float:
-    # Checks that a value from a file is a finite number.
+def _require_number(raw) -> int | float:
+    # Returns a value from a file. Raises ValueError unless the value is a finite number.
     if not _is_number(raw) or not abs(raw) <= sys.float_info.max:
         raise ValueError(f"got {format_value(raw)}, expected a number that is finite")
     return raw
 
 
-def time_axis(least: int, endless: bool = False) -> OneValue:
+def time_axis(least: int, endless: bool = False) -> KeyDefinition:
     """Return the definition of times of at least `least` ms. endless: END is possible, too."""
     expected = f"a whole number of milliseconds from {least} to {LONGEST_MS}"
     schema: dict[str, Any] = {"type": "integer", "minimum": least, "maximum": LONGEST_MS}
     if endless:
         expected, schema = f'{expected}, or "{END}"', {"anyOf": [schema, {"const": END}]}
 
-    def parsed(raw) -> int | str:
-        # Reads one value of an axis of whole numbers, or the word for the end of the run.
+    def parse(raw) -> int | str:
+        # Returns a time in ms, or END.
         if endless and raw in (END, UNTIL_END):
             return END
         if not _is_number(raw) or raw % 1:
@@ -268,16 +265,16 @@ def time_axis(least: int, endless: bool = False) -> OneValue:
             )
         return int(raw)
 
-    return OneValue(expected, parsed, schema, least=least, largest=LONGEST_MS)
+    return KeyDefinition(expected, parse, schema, least=least, largest=LONGEST_MS)
 
 
-def word_axis(what: str, known: Iterable[str] | None = None) -> OneValue:
+def word_axis(what: str, known: Iterable[str] | None = None) -> KeyDefinition:
     """Return the definition of names. what: kind of name. known: the possible names; None: any."""
 
     expected = f"the name of {'an' if what[0] in 'aeiou' else 'a'} {what}"
 
-    def parsed(raw) -> str:
-        # Reads one value of an axis of words.
+    def parse(raw) -> str:
+        # Returns a word, which must be one of the known words.
         if not isinstance(raw, str):
             raise ValueError(f"got {format_value(raw)}, expected {expected}, a list or a choice")
         if known is not None and raw not in known:
@@ -285,42 +282,40 @@ def word_axis(what: str, known: Iterable[str] | None = None) -> OneValue:
         return raw
 
     schema = {"type": "string"} | ({} if known is None else {"enum": list(known)})
-    return OneValue(expected, parsed, schema, ("choice", LIST))
+    return KeyDefinition(expected, parse, schema, ("choice", LIST))
 
 
-NUMBER = OneValue("a number", _number, {"type": "number"})
+NUMBER = KeyDefinition("a number", _require_number, {"type": "number"})
 _ONSET = time_axis(0)
 _MOMENTS = _ONSET._replace(
-    parsed=lambda raw: _moment(raw) if _is_place(raw) else _ONSET.parsed(raw),
+    parse=lambda raw: _parse_moment(raw) if _names_phase(raw) else _ONSET.parse(raw),
     schema={"anyOf": [_ONSET.schema, _TABLES["place"]]},
 )
 
 
-def _onset(raw) -> Axis:
-    """Parse the start of a fault: a time, or a position in a phase of the operation.
-
-    `ravenjax.campaign.faults.moments` later converts phases to milliseconds, which depend on the
-    operator's motion.
-    """
-    if not _is_place(raw):
-        return _MOMENTS.axis(raw)
+def _parse_start(raw) -> Axis:
+    # Returns the axis of the start of a fault: times, or positions in a phase of the operation. The
+    # module `moments` later converts phases to milliseconds, which depend on the operator's motion.
+    if not _names_phase(raw):
+        return _MOMENTS.parse_axis(raw)
     if set(raw) == {PHASE} and isinstance(raw[PHASE], str):
         return Axis(PHASE, (raw[PHASE],))
     shares = raw.get(SHARE)
     if isinstance(shares, list | tuple) and shares:
-        return Axis(LIST, tuple(_moment({**raw, SHARE: share}) for share in shares))
-    return fixed_axis(_moment(raw))
+        return Axis(LIST, tuple(_parse_moment({**raw, SHARE: share}) for share in shares))
+    return fixed_axis(_parse_moment(raw))
 
 
-def _is_place(raw) -> bool:
+def _names_phase(raw) -> bool:
+    # Returns whether a value is a table with a phase or a share, perhaps an incomplete table.
     return isinstance(raw, Mapping) and bool(raw.keys() & {PHASE, SHARE})
 
 
-def _moment(raw: Mapping[str, Any]) -> Moment:
-    # Reads a moment that is given as a phase and a share of this phase.
+def _parse_moment(raw: Mapping[str, Any]) -> Moment:
+    # Returns the moment that a table with a phase and a share of this phase names.
     phase, share = raw.get(PHASE), raw.get(SHARE)
-    known = len(raw) == 2 and _is_number(share) and 0.0 <= share <= 1.0
-    if not isinstance(phase, str) or not known:
+    has_share = len(raw) == 2 and _is_number(share) and 0.0 <= share <= 1.0
+    if not isinstance(phase, str) or not has_share:
         raise ValueError(
             f"got {format_value(dict(raw))}, expected a table such as"
             f' {{{PHASE} = "fast", {SHARE} = 0.5}}, in which {SHARE} is a number from 0 to 1'
@@ -333,4 +328,4 @@ if TYPE_CHECKING:
 else:
     Number = NUMBER._replace(forms=(*DISTRIBUTIONS, LIST)).annotation()
     Value = NUMBER.annotation()
-    Onset = _MOMENTS.annotation(_onset)
+    Onset = _MOMENTS.annotation(_parse_start)

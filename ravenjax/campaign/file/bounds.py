@@ -1,7 +1,6 @@
-"""Checks that the parameters in a campaign file lie within the ranges that the robot declares.
-
-The check imports the modules of the robot's tick, which is slow. Parameters are therefore checked
-when the campaign is planned, not when its file is read.
+"""Checks that the parameters in a campaign file lie within the ranges that the robot declares. The
+check imports the modules of the robot's tick, which is slow. Parameters are therefore checked when
+the campaign is planned, not when its file is read.
 """
 
 from __future__ import annotations
@@ -27,25 +26,22 @@ if TYPE_CHECKING:
 
 @functools.cache
 def parameter_bounds(robot: Robot) -> tuple[tuple[str, Quantity], ...]:
-    """Return (path, allowed values) of each parameter of a robot, in order.
-
-    Paths have the form of `shorten_path`. Joints with different ranges have several entries.
+    """Return (path, allowed values) of each parameter of a robot, in order. Paths have the form of
+    `shorten_path`. Joints with different ranges have several entries.
     """
     return tuple(quantity.list_quantities(robot.part("campaign").Params))
 
 
 @functools.cache
 def _reserved(robot: Robot) -> tuple[tuple[str, str], ...]:
-    """Return (path or beginning of paths, reason) of parameters that a campaign must not vary.
-
-    Longer paths are first.
-    """
-    rows_of = quantity.list_reserved(robot.part("campaign").Params)
-    return tuple(sorted(rows_of, key=lambda row: len(row[0]), reverse=True))
+    # Returns (path or beginning of paths, reason) of parameters that a campaign must not vary.
+    # Longer paths are first, because their reasons have precedence.
+    rows = quantity.list_reserved(robot.part("campaign").Params)
+    return tuple(sorted(rows, key=lambda row: len(row[0]), reverse=True))
 
 
 def shorten_path(robot: Robot, path: str) -> str:
-    """Return a parameter's path without the arm, numbers, the joint and the axis."""
+    """Return a parameter's path without its arm, indices, joint and axis."""
     return paths.plain_path(path, robot.arms, robot.joints)
 
 
@@ -53,46 +49,46 @@ Ranges = tuple[tuple[str, Quantity], ...]
 """(path without arm and joint, allowed values) of parameters."""
 
 
-def allowed_values(robot: Robot, path: str, more: Ranges = ()) -> list[Quantity]:
-    """Return the allowed values of the parameter at `path`.
-
-    There are several entries if `path` names a vector with different ranges. more: parameters that
-    the campaign adds to those of its robot.
+def allowed_values(robot: Robot, path: str, added: Ranges = ()) -> list[Quantity]:
+    """Return the allowed values of the parameter at `path`, [] if there is no such parameter. There
+    are several entries if `path` names a vector with different ranges. added: parameters that the
+    campaign adds to the parameters of its robot.
     """
-    kind, last = shorten_path(robot, path), path.rpartition(".")[2]
-    rows = [row for name, row in (*parameter_bounds(robot), *more) if name == kind]
-    return [row for row in rows if last in row.joints or not row.joints or last not in robot.joints]
+    short_path = shorten_path(robot, path)
+    rows = [row for name, row in (*parameter_bounds(robot), *added) if name == short_path]
+    last = path.rpartition(".")[2]
+    if last not in robot.joints:
+        return rows
+    # A rule without names of joints applies to all joints.
+    return [row for row in rows if last in row.joints or not row.joints]
 
 
 def reserved_reason(robot: Robot, path: str) -> str:
     """Return why a campaign must not vary a parameter, and what to write instead; "" if it may."""
-    kind = shorten_path(robot, path)
-    for name, why in _reserved(robot):
-        if kind == name or kind.startswith(f"{name}."):
-            return f"cannot be set: {why}"
+    short_path = shorten_path(robot, path)
+    for name, reason in _reserved(robot):
+        if short_path == name or short_path.startswith(f"{name}."):
+            return f"cannot be set: {reason}"
     return ""
 
 
 @functools.cache
 def changeable_parameters(model: Any, robot: Robot, arms: tuple[str, ...]) -> list[str]:
-    """Return the paths of the parameters that a fault can change.
-
-    model: the robot's subclass of `CampaignConfig`.
-    """
-    campaign = {"name": "usual", "robot": robot.name, "arms": arms, "duration_s": 0.1}
-    config = model.model_validate({"campaign": campaign, "group": [{"name": "usual"}]})
-    usual = robot.part("campaign").prepare(config, {}, Injection(), CAMPAIGN)
+    """Return the paths of parameters that a fault can change. model: a `CampaignConfig` class."""
+    # A short campaign without faults has all parameters of the robot.
+    campaign = {"name": "short", "robot": robot.name, "arms": arms, "duration_s": 0.1}
+    config = model.model_validate({"campaign": campaign, "group": [{"name": "fault_free"}]})
+    prepared = robot.part("campaign").prepare(config, {}, Injection(), CAMPAIGN)
     return [
         path
-        for path, _ in paths.path_leaves(usual.params, usual.setup)
+        for path, _ in paths.path_leaves(prepared.params, prepared.setup)
         if re.match(model.changeable, path) and allowed_values(robot, path)
     ]
 
 
 def parameter_channel(robot: Robot, known: list[str], name: str) -> tuple[Channel, str]:
-    """Return the channel of a parameter for faults, and why none can act on it; "" if one can.
-
-    known: parameters that a fault can change.
+    """Return the channel of a parameter for faults, and the reason why no fault can change the
+    parameter; "" if a fault can. known: parameters that a fault can change.
     """
     if name not in known:
         parts = ", ".join(dict.fromkeys(path.partition(".")[0] for path in known))
@@ -107,20 +103,22 @@ def parameter_channel(robot: Robot, known: list[str], name: str) -> tuple[Channe
 
 def find_invalid_values(config: CampaignConfig) -> Iterator[Complaint]:
     """Yield (key, message) of each parameter value that is out of range. Paths are not checked."""
-    first: dict[str, Key] = {}
-    more = config.own_ranges
+    first_keys: dict[str, Key] = {}
+    added = config.own_ranges
     for key, table in config.parameter_tables():
         for path, axis in table.items():
-            first.setdefault(path, (*key, path))
-            wrong = [reserved_reason(config.robot, path), config.unread(path)]
-            wrong += [out_of_range(axis, row) for row in allowed_values(config.robot, path, more)]
-            if key[-1] == "cross" and any(path in table for table in _beside(config, key)):
-                wrong.append("the path is in [parameters], too: remove one of the two")
-            yield from (((*key, path), message) for message in wrong if message)
-    for path, other in itertools.combinations(first, 2):
+            first_keys.setdefault(path, (*key, path))
+            # A check that finds no mistake returns "".
+            messages = [reserved_reason(config.robot, path), config.unread(path)]
+            rules = allowed_values(config.robot, path, added)
+            messages += [out_of_range(axis, rule) for rule in rules]
+            if key[-1] == "cross" and any(path in table for table in _tables_beside(config, key)):
+                messages.append("the path is in [parameters], too: remove one of the two")
+            yield from (((*key, path), message) for message in messages if message)
+    for path, other in itertools.combinations(first_keys, 2):
         if paths_overlap(config.robot, path, other):
             message = f"names the same numbers as {path}: use only one of these paths in the file"
-            yield first[other], message
+            yield first_keys[other], message
 
 
 def find_invalid_paths(config: CampaignConfig, known: Iterable[str]) -> Iterator[Complaint]:
@@ -128,20 +126,22 @@ def find_invalid_paths(config: CampaignConfig, known: Iterable[str]) -> Iterator
     known = list(known)
     for key, table in config.parameter_tables():
         for path, axis in table.items():
-            if message := _unfit(config, path, axis, known):
+            if message := _find_path_error(config, path, axis, known):
                 yield (*key, path), message
 
 
-def _beside(config: CampaignConfig, key: Key) -> Iterator[dict[str, Axis]]:
-    """Yield the tables of parameters that apply together with a table of crossed parameters."""
+def _tables_beside(config: CampaignConfig, key: Key) -> Iterator[dict[str, Axis]]:
+    # Yields the tables of parameters that apply together with the table `cross` at `key`.
     yield config.parameters
     for number, group in enumerate(config.group):
+        # The key is ("cross",), which applies to all groups, or ("group", number, "cross").
         if key[1:2] in ((), (number,)):
             yield group.parameters
 
 
-def _unfit(config: CampaignConfig, path: str, axis: Axis, known: list[str]) -> str:
-    # Returns why a parameter cannot take these values; "" if it can.
+def _find_path_error(config: CampaignConfig, path: str, axis: Axis, known: list[str]) -> str:
+    # Returns an error message if a path is unknown, or if a list looks like a vector; else "".
+    # known: all paths that the campaign may vary.
     robot = config.robot
     if path not in known:
         part = path.partition(".")[0]
@@ -152,6 +152,7 @@ def _unfit(config: CampaignConfig, path: str, axis: Axis, known: list[str]) -> s
             )
         free = [name for name in known if not (reserved_reason(robot, name) or config.unread(name))]
         return f"unknown parameter{suggest_name(path, free)}"
+    # Joints or axes of the vector, if the path names a vector.
     parts = [name.rpartition(".")[2] for name in known if name.rpartition(".")[0] == path]
     parts = [part for part in parts if part in paths.path_words(robot.joints)]
     if axis.kind != "list" or axis.explicit or len(axis.values) != len(parts):
@@ -166,11 +167,11 @@ def _unfit(config: CampaignConfig, path: str, axis: Axis, known: list[str]) -> s
 
 
 def out_of_range(axis: Axis, row: Quantity) -> str:
-    """Return a message if values of a parameter are out of range, else ""."""
+    """Return a message if values of a parameter are out of range, else "". row: allowed values."""
     if row.whole and axis.drawn and not axis.listed:
         return f"{axis.kind} may draw fractions, expected {row}; write {{choice = [..]}}"
-    law = f"{axis.kind} = {format_value(list(axis.values))}"
-    drawn = "" if axis.listed else f"{law}, which may draw "
+    distribution = f"{axis.kind} = {format_value(list(axis.values))}"
+    drawn = "" if axis.listed else f"{distribution}, which may draw "
     for value in axis.listed or axis.extent:
         if not row.low <= value <= row.high or (row.whole and value != int(value)):
             return f"got {drawn}{format_value(value)}, expected {row}"
@@ -178,15 +179,17 @@ def out_of_range(axis: Axis, row: Quantity) -> str:
 
 
 def paths_overlap(robot: Robot, path: str, other: str) -> bool:
-    """Return whether two different paths of parameters name the same number."""
-    components = paths.path_words(robot.joints)
+    """Return whether two different paths of parameters name the same number, at least one."""
+    joints_and_axes = paths.path_words(robot.joints)
 
-    def marks(path: str) -> list[list[str]]:
-        """Return arm, numbers and component of a path; a missing part means all of them."""
+    def split_path(path: str) -> list[list[str]]:
+        # Returns [arm], [indices] and [joint or axis] of a path. An empty list means all of them.
         parts = path.split(".")
-        arms, numbers = [p for p in parts if p in robot.arms], [p for p in parts if p.isdecimal()]
-        return [arms, numbers, [p for p in parts[-1:] if p in components]]
+        arm = [part for part in parts if part in robot.arms]
+        indices = [part for part in parts if part.isdecimal()]
+        return [arm, indices, [part for part in parts[-1:] if part in joints_and_axes]]
 
     return shorten_path(robot, path) == shorten_path(robot, other) and all(
-        not a or not b or a == b for a, b in zip(marks(path), marks(other), strict=True)
+        not mine or not others or mine == others
+        for mine, others in zip(split_path(path), split_path(other), strict=True)
     )

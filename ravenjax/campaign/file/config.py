@@ -1,6 +1,5 @@
-"""Defines the pydantic model of a whole campaign file, and values from several sections.
-
-A robot may add sections. `loading` reads a file, and `semantics` checks rules for several sections.
+"""Defines the pydantic model of a whole campaign file, and values from several sections. A robot
+may add sections. `loading` reads a file, and `semantics` checks rules for several sections.
 """
 
 from __future__ import annotations
@@ -52,14 +51,14 @@ class CampaignConfig(Section):
     """groups of runs"""
     _source: Path | None = PrivateAttr(None)
     _repeated: tuple[tuple[int, str], ...] = PrivateAttr(())
-    _aims: tuple[Any, tuple[Channel, ...]] = PrivateAttr((None, ()))
+    _cached_channels: tuple[Any, tuple[Channel, ...]] = PrivateAttr((None, ()))
 
     @field_validator("group", "detector", "check", "harm")
     @classmethod
-    def _named(cls, tables: tuple[Any, ...]) -> tuple[Any, ...]:
+    def _require_different_names(cls, tables: tuple[Any, ...]) -> tuple[Any, ...]:
         names = [table.name for table in tables]
-        if twice := [name for name in names if names.count(name) > 1]:
-            raise ValueError(f"got name {twice[0]!r} twice, expected different names")
+        if repeated := [name for name in names if names.count(name) > 1]:
+            raise ValueError(f"got name {repeated[0]!r} twice, expected different names")
         return tables
 
     @property
@@ -68,9 +67,8 @@ class CampaignConfig(Section):
         return self._source
 
     def with_files(self, folder: Path) -> CampaignConfig:
-        """Return a copy in which paths of Python files are relative to `folder`.
-
-        Raise UserError for a file that cannot be used.
+        """Return a copy in which paths of Python files, which are relative to `folder`, are
+        absolute. Raise UserError for a file that cannot be used.
         """
         located = {}
         for kind in ("detector", "check"):
@@ -90,34 +88,37 @@ class CampaignConfig(Section):
     @property
     def limit_counts(self) -> bool:
         """Whether unintended motion beyond outcomes.limit_mm counts as harm."""
-        return all(one.counts != "replaces" for one in self.harm)
+        return all(harm.counts != "replaces" for harm in self.harm)
 
     @property
     def rules(self) -> events.Rules:
         """The campaign's settings on which the definitions of outcomes depend."""
-        built_in = built_in_column(self.own_checks, self.stops)
-        cue, jump = self.outcomes.cue, f"jump_{self.outcomes.jump}"
-        threshold = self.haptics.cues()[cue].threshold_m * 1e3
+        counted = [harm for harm in self.harm if harm.counts != "watch"]
         return events.Rules(
-            *(cue, threshold, jump, self.outcomes.limit_mm, built_in),
-            harms=tuple(f"{one.name}: {one.when}" for one in self.harm if one.counts != "watch"),
+            cue=self.outcomes.cue,
+            threshold_mm=self.haptics.cues()[self.outcomes.cue].threshold_m * 1e3,
+            jump=f"jump_{self.outcomes.jump}",
+            limit_mm=self.outcomes.limit_mm,
+            built_in=built_in_column(self.own_checks, self.stops),
+            harms=tuple(f"{harm.name}: {harm.when}" for harm in counted),
             limit_counts=self.limit_counts,
         )
 
     @property
     def robot(self) -> Robot:
-        """The campaign's robot, with the user's checks added.
-
-        Its site `parameter` has the parameters that faults name.
+        """The campaign's robot, with the user's checks added. Its site `parameter` has the
+        parameters that faults name.
         """
         robot = robots.find_robot(self.campaign.robot)
-        if self._aims[0] is not self.group:  # the groups of a copy may be others
-            names = dict.fromkeys(name for _, _, name in self._struck_parameters())
-            channels = (self._parameter_channel(name)[0] for name in names)
-            self._aims = (self.group, tuple(channels))
-        return robot.with_checks(self.own_checks).with_channels(PARAMETER, self._aims[1])
+        groups, channels = self._cached_channels
+        # A copy of the campaign may have other groups.
+        if groups is not self.group:
+            names = dict.fromkeys(name for _, _, name in self._faulty_parameters())
+            channels = tuple(self._parameter_channel(name)[0] for name in names)
+            self._cached_channels = (self.group, channels)
+        return robot.with_checks(self.own_checks).with_channels(PARAMETER, channels)
 
-    def _struck_parameters(self) -> Iterator[tuple[int, int, str]]:
+    def _faulty_parameters(self) -> Iterator[tuple[int, int, str]]:
         """Yield (group, slot, parameter) of each fault at site `parameter`."""
         for g, group in enumerate(self.group):
             if self.changeable and any(fault.site == PARAMETER for fault in group.fault):
@@ -127,8 +128,9 @@ class CampaignConfig(Section):
                             yield from ((g, f, name) for name in fault.channel.listed)
 
     def _parameter_channel(self, name: str) -> tuple[Channel, str]:
-        """Return the channel of a parameter for faults, and why none can act; "" if one can."""
-        # Imported late, because it needs the tick.
+        # Returns the channel of a parameter for faults, and the reason why no fault can change the
+        # parameter; "" if a fault can.
+        # This import needs the robot's tick, which is slow to import.
         from ravenjax.campaign.file import bounds
 
         model: Any = type(self)
@@ -165,9 +167,12 @@ class CampaignConfig(Section):
 
     def lines(self) -> Iterator[tuple[str, str]]:
         """Yield name and value of settings of the robot and the operator, as texts for a table."""
-        arms, noise = self.campaign.arms, ", with noise" if self.campaign.noise else ""
-        named = " and ".join(arms) + " arm" * (arms != ("arm",)) + "s" * (len(arms) > 1)
-        yield "robot", f"{self.robot_label}, {named}{noise}"
+        arms = self.campaign.arms
+        text = " and ".join(arms)
+        # The only arm of a robot from an MJCF file has the name "arm".
+        if arms != ("arm",):
+            text += " arms" if len(arms) > 1 else " arm"
+        yield "robot", f"{self.robot_label}, {text}{', with noise' if self.campaign.noise else ''}"
         if self.campaign.observe_ms is not None:
             wait = f"{self.campaign.observe_ms:,} ms"
             yield "observed", f"until {wait} after the end of a run's last fault"
@@ -195,9 +200,10 @@ class CampaignConfig(Section):
 
     def complaints(self) -> Iterator[Complaint]:
         """Yield (key, message) for each error that depends on the robot."""
-        for g, f, name in dict.fromkeys(self._struck_parameters()):
-            if why := self._parameter_channel(name)[1] or self.unread(name):
-                yield ("group", g, "fault", f, "channel"), why
+        for g, f, name in dict.fromkeys(self._faulty_parameters()):
+            _, reason = self._parameter_channel(name)
+            if reason := reason or self.unread(name):
+                yield ("group", g, "fault", f, "channel"), reason
 
     def notices(self) -> Iterator[Complaint]:
         """Yield (key, message) of values without effect in the keys that this robot adds."""
@@ -205,10 +211,7 @@ class CampaignConfig(Section):
             yield ("group", number, "hazards"), f"{name} is listed twice, but is run once"
 
     def notices_of_runs(self, plan: Any) -> Iterator[tuple[str, np.ndarray, str]]:
-        """Yield (key, bool [runs], message) of values without effect in some runs.
-
-        plan: the `campaign.plan.Plan` of the campaign.
-        """
+        """Yield (key, bool [runs], message) of values without effect in some runs of a `Plan`."""
         return iter(())
 
     @property
@@ -235,9 +238,8 @@ class CampaignConfig(Section):
         return fault.wraps
 
     def deciding(self) -> dict[str, Any]:
-        """Return the settings on which all runs depend, for the hash of run ids.
-
-        Defaults are left out, so that a new key does not change the ids of existing campaigns.
+        """Return the settings on which all runs depend, for the hash of run ids. Defaults are left
+        out, so that a new key does not change the ids of existing campaigns.
         """
         ignored = {"name", "description", "seed", "limit", "chunk"}
         stops = [
@@ -251,7 +253,7 @@ class CampaignConfig(Section):
             for c in self.check
             if c.acts != "watch"
         ]
-        own = {"stops": stops, "checks": checks, "harms": [one.use for one in self.harm]}
+        own = {"stops": stops, "checks": checks, "harms": [harm.use for harm in self.harm]}
         campaign = self.campaign.model_dump(mode="json", exclude=ignored, exclude_defaults=True)
         outcomes = {"jump": "code", "cue": 0} | self.outcomes.model_dump(exclude_defaults=True)
         return {
@@ -263,14 +265,11 @@ class CampaignConfig(Section):
 
     @property
     def own_ranges(self) -> tuple[tuple[str, Quantity], ...]:
-        """(path, allowed values) of each parameter of the user's files.
-
-        Raises UserError for a file that cannot be used.
-        """
+        """(path, allowed values) of each parameter of the user's files. Raises UserError."""
         checks = tuple((f"checks.threshold.{check.name}", part.THRESHOLD) for check in self.check)
         return checks + tuple(
-            (f"{above}.{path}", limits)
-            for above, source in self.own_parts()
+            (f"{prefix}.{path}", limits)
+            for prefix, source in self.own_parts()
             for path, limits in part.part_quantities(source)
         )
 
@@ -284,10 +283,7 @@ class CampaignConfig(Section):
 
 
 def robot_of(raw: Any, folder: Path | None = None) -> Robot:
-    """Return the robot that a campaign's tables name.
-
-    folder: folder of the campaign file. Raise UserError for an unknown robot.
-    """
+    """Return the robot that a campaign's tables name. Raise UserError for an unknown robot."""
     campaign = raw.get("campaign") if isinstance(raw, dict) else None
     name = campaign.get("robot", robots.DEFAULT) if isinstance(campaign, dict) else robots.DEFAULT
     return robots.find_robot(name if isinstance(name, str) else robots.DEFAULT, folder)

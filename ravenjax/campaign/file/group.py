@@ -1,5 +1,4 @@
-"""Defines the keys of the table [[group]] of a campaign file as pydantic models: faults and
-design."""
+"""Defines the keys of the table [[group]] of a campaign file: faults and design."""
 
 from __future__ import annotations
 
@@ -41,20 +40,19 @@ PATHS = ("parameters", "cross")
 """Tables of a file whose keys are paths of parameters."""
 
 
-def flatten_table(table: Any, above: str = "") -> Any:
+def flatten_table(table: Any, prefix: str = "") -> Any:
     """Join the nested keys of a table of parameters into dotted paths. Distributions stay tables.
-
-    Anything else than a table is returned unchanged.
+    prefix: beginning of all paths. Anything else than a table is returned unchanged.
     """
     if not isinstance(table, Mapping):
         return table
-    out = {}
+    flat = {}
     for key, value in table.items():
         if isinstance(value, dict) and not _is_distribution(value):
-            out |= flatten_table(value, f"{above}{key}.")
+            flat |= flatten_table(value, f"{prefix}{key}.")
         else:
-            out[f"{above}{key}"] = value
-    return out
+            flat[f"{prefix}{key}"] = value
+    return flat
 
 
 def parse_crossed_axes(axes: dict[str, Axis]) -> dict[str, Axis]:
@@ -77,34 +75,33 @@ _MISSPELT = 0.7
 
 
 def _is_distribution(table: dict[str, Any]) -> bool:
-    """Return whether a table is a distribution, perhaps with a misspelt name or without a list.
-
-    A misspelt distribution is refused later with a good message. _MISSPELT must be so large that
-    names of joints are no distributions: `wrist` resembles `list`.
-    """
-    return len(table) == 1 and all(
-        key in FORMS
-        or (isinstance(value, list) and difflib.get_close_matches(key, FORMS, cutoff=_MISSPELT))
-        for key, value in table.items()
-    )
+    # Returns whether a table is a distribution, perhaps with a misspelt name or without a list. A
+    # misspelt distribution is refused later, with a good message. _MISSPELT must be so large that
+    # names of joints are no distributions: `wrist` resembles `list`.
+    if len(table) != 1:
+        return False
+    ((key, value),) = table.items()
+    is_misspelt = isinstance(value, list) and difflib.get_close_matches(key, FORMS, 1, _MISSPELT)
+    return key in FORMS or bool(is_misspelt)
 
 
-def _effects(raw, info: ValidationInfo) -> Axis:
-    # Reads the axis of effects of a fault.
+def _parse_effects(raw, info: ValidationInfo) -> Axis:
+    # Returns the axis of effects of a fault. info: the keys of the fault that are already checked.
     try:
-        return word_axis("effect", EFFECTS).axis(raw)
+        return word_axis("effect", EFFECTS).parse_axis(raw)
     except ValueError:
         if info.data.get("site") == "network":
             raise
     # The message proposes only effects that this site supports.
-    return word_axis("effect", [e for e in EFFECTS if e not in NETWORK_EFFECTS]).axis(raw)
+    plain_effects = [effect for effect in EFFECTS if effect not in NETWORK_EFFECTS]
+    return word_axis("effect", plain_effects).parse_axis(raw)
 
 
 if TYPE_CHECKING:
     Arm = Channel = EffectName = Trigger = Duration = Repeat = Axis
 else:
     Arm, Channel = word_axis("arm").annotation(), word_axis("channel").annotation()
-    EffectName = word_axis("effect", EFFECTS).annotation(_effects)
+    EffectName = word_axis("effect", EFFECTS).annotation(_parse_effects)
     Trigger = word_axis("trigger", TRIGGERS).annotation()
     Duration, Repeat = time_axis(1, endless=True).annotation(), time_axis(0).annotation()
 
@@ -158,9 +155,9 @@ class Fault(Section):
                 yield name, axis
 
     def unit(self, name: str, tick_ms: int) -> int:
-        """Return the number of which a time is a multiple: a packet, or a tick."""
-        packets = self.trigger.listed == ("packet",) and name != "period_ms"
-        return 1 if packets else tick_ms
+        """Return the unit of the time `name`: 1 for a number of packets, else the tick in ms."""
+        counts_packets = self.trigger.listed == ("packet",) and name != "period_ms"
+        return 1 if counts_packets else tick_ms
 
     def channels(self, site: Site) -> Axis:
         """Return the channels of the fault; "" if none is named and the site has several."""
@@ -246,7 +243,9 @@ class Group(Section):
 
     def faults_of(self, run: Run) -> tuple[Fault, ...]:
         """Return the group's faults, with the keys that one run of design "list" replaces."""
-        return tuple(
-            Fault(**{**{name: getattr(fault, name) for name in Fault.model_fields}, **replaced})
-            for fault, replaced in itertools.zip_longest(self.fault, run.fault, fillvalue={})
-        )
+        faults = []
+        # A run may list fewer faults than the group.
+        for fault, replaced in itertools.zip_longest(self.fault, run.fault, fillvalue={}):
+            keys = {name: getattr(fault, name) for name in Fault.model_fields}
+            faults.append(Fault(**{**keys, **replaced}))
+        return tuple(faults)

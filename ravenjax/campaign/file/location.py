@@ -1,7 +1,4 @@
-"""Reads TOML files and finds the line of a key, for error messages.
-
-The standard library's tomllib does not report line numbers.
-"""
+"""Reads TOML files, and finds the line of a key, which tomllib does not report."""
 
 import dataclasses
 import os
@@ -25,25 +22,26 @@ Key = tuple[str | int, ...]
 Complaint = tuple[Key, str]
 """A key of a file, and a message about a mistake."""
 
-MOST_COMPLAINTS = 12
+MAX_PRINTED_MISTAKES = 12
 """Number of mistakes that are printed; further mistakes are only counted."""
 
 
 def find_campaign_file(path: str | Path, folder: str, what: str, listing: str = "") -> Path:
-    """Return the file that `path` names: a path, a file in ./`folder`, or a bundled file.
-
-    The ending `.toml` may be left out. what: kind of file, such as "campaign". listing: command
-    that lists the bundled files; if it is "", the error lists them. Raise UserError if there is no
-    file.
+    """Return the file that `path` names: a path, a file in ./`folder`, or a bundled file. The
+    ending `.toml` may be left out. what: kind of file, such as "campaign". listing: command that
+    lists the bundled files; if it is "", the error lists them. Raise UserError if there is no file.
     """
     name = require_path(what, path, f"a {what} file or the name of a bundled {what}")
-    for candidate in (name, name.with_name(name.name + SUFFIX)) if name.name else ():
+    # A path such as "." has no last part, so no ending can be added.
+    candidates = [name, name.with_name(name.name + SUFFIX)] if name.name else []
+    for candidate in candidates:
         try:
             return resources.find_resource(folder, candidate)
         except FileNotFoundError:
             continue
-        except OSError as err:
-            raise UserError(f"{format_value(str(path))}: cannot be read ({err.strerror})") from None
+        except OSError as error:
+            reason = error.strerror
+            raise UserError(f"{format_value(str(path))}: cannot be read ({reason})") from None
     names = [file.stem for file in resources.list_resources(folder, f"*{SUFFIX}")]
     problem = f"is a folder, expected a {what} file" if name.is_dir() else f"no such {what} file"
     others = f"bundled files are {', '.join(names) or 'none'}"
@@ -53,13 +51,12 @@ def find_campaign_file(path: str | Path, folder: str, what: str, listing: str = 
     raise UserError(f"{path}: {problem}; {others}{hint}")
 
 
-def require_path(name: str, value: Any, of: str) -> Path:
-    """Return the value of argument `name` as a path. of: kind of file, for the message.
-
-    Raise UserError for a value that is no path.
+def require_path(name: str, value: Any, kind: str) -> Path:
+    """Return the value of argument `name` as a path. kind: kind of file, for the message. Raise
+    UserError for a value that is no path.
     """
     if not isinstance(value, str | os.PathLike) or not str(value):
-        raise UserError(f"{name} is {format_value(value)}, expected the path of {of}")
+        raise UserError(f"{name} is {format_value(value)}, expected the path of {kind}")
     return Path(value)
 
 
@@ -83,9 +80,8 @@ def parse_toml(text: str, name: str) -> dict[str, Any]:
 
 
 def format_key(key: Key) -> str:
-    """Return a key as text, such as `group[0].fault[1].site`.
-
-    Dots may also come from a part that contains dots, such as the path of a parameter.
+    """Return a key as text, such as `group[0].fault[1].site`. Dots may also come from a part that
+    contains dots, such as the path of a parameter.
     """
     text = ""
     for part in key:
@@ -98,22 +94,22 @@ def format_key(key: Key) -> str:
 
 
 def key_lines(text: str) -> dict[str, int]:
-    """Return the line number, from 1, of each table header and key of a TOML text.
-
-    Keys have the form of `format_key`. Keys inside inline tables and multi-line strings have no
-    line; use `nearest_line` for these.
+    """Return the line number, from 1, of each table header and key of a TOML text. Keys have the
+    form of `format_key`. Keys inside inline tables and multi-line strings have no line; use
+    `nearest_line` for these.
     """
     numbers = {}
     counts: dict[Key, int] = {}
     table: Key = ()
     for number, line in enumerate(text.splitlines(), start=1):
         if header := _HEADER.match(line):
-            table = _enter(_parts(header[2]), header[1] == "[[", counts)
+            table = _key_of_header(_split_key(header[2]), header[1] == "[[", counts)
             numbers.setdefault(format_key(table), number)
+            # The array as a whole has the line of its first entry.
             if header[1] == "[[":
                 numbers.setdefault(format_key(table[:-1]), number)
         elif key := _KEY.match(line):
-            numbers.setdefault(format_key((*table, *_parts(key[1]))), number)
+            numbers.setdefault(format_key((*table, *_split_key(key[1]))), number)
     return numbers
 
 
@@ -123,19 +119,19 @@ def nearest_line(found: dict[str, int], key: Key) -> int | None:
     return next((found[name] for name in names if name in found), None)
 
 
-def _parts(dotted: str) -> Key:
+def _split_key(dotted: str) -> Key:
+    # Splits a dotted key at its dots, except those in quotes, and removes the quotes.
     return tuple(match[match.lastindex or 0] for match in _PART.finditer(dotted))
 
 
-def _enter(parts: Key, array: bool, counts: dict[Key, int]) -> Key:
-    """Return the key of the table whose header has these parts.
-
-    A part that names an array of tables means its last entry so far.
-    """
+def _key_of_header(parts: Key, is_array: bool, counts: dict[Key, int]) -> Key:
+    # Returns the key of the table whose header has these parts. A part that names an array means
+    # its last entry so far. is_array: the header [[..]] begins a new entry. counts: index of the
+    # last entry of each array, which is updated.
     key: Key = ()
     for i, part in enumerate(parts):
         key = (*key, part)
-        if array and i == len(parts) - 1:
+        if is_array and i == len(parts) - 1:
             counts[key] = counts.get(key, -1) + 1
         if key in counts:
             key = (*key, counts[key])
@@ -156,39 +152,41 @@ class Where:
 
     def error(self, complaints: Iterable[Complaint]) -> UserError:
         """Return one error with all messages, in the order of the file, without repetitions."""
-        unique = dict.fromkeys(self._in_file(key, message) for key, message in complaints)
+        unique = dict.fromkeys(self._locate_in_file(key, message) for key, message in complaints)
         in_order = sorted(unique, key=lambda complaint: nearest_line(self.lines, complaint[0]) or 0)
         rows = [
-            f"{self._place(key)}{format_key(key) or 'the file'}: {message}"
+            f"{self._describe_place(key)}{format_key(key) or 'the file'}: {message}"
             for key, message in in_order
         ]
-        more = f"\n.. and {len(rows) - MOST_COMPLAINTS} more" if len(rows) > MOST_COMPLAINTS else ""
-        return UserError("\n".join(rows[:MOST_COMPLAINTS]) + more)
+        text = "\n".join(rows[:MAX_PRINTED_MISTAKES])
+        if len(rows) > MAX_PRINTED_MISTAKES:
+            text += f"\n.. and {len(rows) - MAX_PRINTED_MISTAKES} more"
+        return UserError(text)
 
-    def _in_file(self, key: Key, message: str) -> Complaint:
-        """Return a complaint with a key that is in the file.
-
-        For a fault of the hazard library, this is a key of the group that names the hazard.
-        """
+    def _locate_in_file(self, key: Key, message: str) -> Complaint:
+        # Returns a complaint with a key that is in the file. For a fault of the hazard library,
+        # this is a key of the group that names the hazard.
         match key:
-            case ("group", int(place), *rest) if place < len(self.written):
-                number = self.written[place]
+            case ("group", int(expanded_number), *rest) if expanded_number < len(self.written):
+                number_in_file = self.written[expanded_number]
             case _:
                 return key, message
-        group = self.groups[number]
+        group = self.groups[number_in_file]
         if "hazards" not in group or rest[:1] != ["fault"]:
-            return ("group", number, *rest), message
+            return ("group", number_in_file, *rest), message
+        # The group may replace a key of the hazard's fault.
         if rest[-1] in group:
-            return ("group", number, rest[-1]), message
-        hazard = self.names[place].rpartition("/")[2]
-        return ("group", number, "hazards"), f"{hazard}, {format_key(tuple(rest))}: {message}"
+            return ("group", number_in_file, rest[-1]), message
+        hazard = self.names[expanded_number].rpartition("/")[2]
+        message = f"{hazard}, {format_key(tuple(rest))}: {message}"
+        return ("group", number_in_file, "hazards"), message
 
-    def _place(self, key: Key) -> str:
+    def _describe_place(self, key: Key) -> str:
         # Returns where a key was written: `--set`, or file and line; "" for tables from Python.
-        text, replaced = format_key(key), [format_key(key) for key in self.replaced]
-        # An override may create a table that the file does not have.
-        inner = () if text in self.lines else (f"{text}.", f"{text}[")
-        if any(text.startswith(other) or other.startswith(inner) for other in replaced):
+        text, override_keys = format_key(key), [format_key(key) for key in self.replaced]
+        # An override of an inner key may create a table that the file does not have.
+        inner_keys = () if text in self.lines else (f"{text}.", f"{text}[")
+        if any(text.startswith(other) or other.startswith(inner_keys) for other in override_keys):
             return "--set: "
         if self.source is None:
             return ""

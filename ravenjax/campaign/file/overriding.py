@@ -8,7 +8,7 @@ from ravenjax.campaign.file.group import PATHS, flatten_table
 from ravenjax.campaign.file.location import Key
 from ravenjax.errors import UserError, format_value, suggest_name
 
-MOST_PARTS = 24
+MAX_PATH_KEYS = 24
 """Largest number of keys in the path of an override. Tables of a file are less deeply nested."""
 
 
@@ -22,38 +22,41 @@ def check_overrides(overrides: Sequence[str]) -> Sequence[str]:
     return overrides
 
 
-def all_applied(raw: dict[str, Any], overrides: Sequence[str]) -> tuple[dict[str, Any], list[Key]]:
-    """Apply overrides `key.path=value` to the tables `raw`. Return the new tables and the keys.
-
-    A value is TOML or plain text. Entries of arrays have a number or a name. Raise UserError for an
-    override that cannot be applied.
+def apply_overrides(
+    raw: dict[str, Any], overrides: Sequence[str]
+) -> tuple[dict[str, Any], list[Key]]:
+    """Apply overrides `key.path=value` to the tables `raw`. Return the new tables, and the key of
+    each override. A value is TOML or plain text. Entries of arrays have a number or a name. Raise
+    UserError for an override that cannot be applied.
     """
     keys = []
     for override in check_overrides(overrides):
         path, equals, text = override.partition("=")
         parts = [part.strip() for part in path.strip().split(".")]
-        if not equals or not all(parts) or len(parts) > MOST_PARTS:
+        if not equals or not all(parts) or len(parts) > MAX_PATH_KEYS:
             raise UserError(
-                f"--set {override[:80]}: expected key.path=value with at most {MOST_PARTS} keys,"
+                f"--set {override[:80]}: expected key.path=value with at most {MAX_PATH_KEYS} keys,"
                 " such as campaign.duration_s=5 or group.0.runs=100"
             )
         try:
             value = tomllib.loads(f"x = {text}")["x"]
         except (ValueError, RecursionError):
+            # Text without quotes is no TOML.
             value = text.strip()
-        raw, key = _entered(raw, parts, value, override)
+        raw, key = _replace_value(raw, parts, value, override)
         keys.append(key)
     return raw, keys
 
 
-def _entered(table, parts: list[str], value, override: str) -> tuple[Any, Key]:
-    # Returns the table with the value at the path, and the path with list indices as numbers.
+def _replace_value(table, parts: list[str], value, override: str) -> tuple[Any, Key]:
+    # Returns a copy of the table with the value at the path `parts`, and the path with list indices
+    # as numbers. override: the whole text, for messages.
     if not parts:
         return value, ()
     head, rest = parts[0], parts[1:]
     if isinstance(table, list):
-        index = _index(table, head, override)
-        entry, key = _entered(table[index], rest, value, override)
+        index = _find_entry(table, head, override)
+        entry, key = _replace_value(table[index], rest, value, override)
         return [*table[:index], entry, *table[index + 1 :]], (index, *key)
     if not isinstance(table, dict):
         raise UserError(f"--set {override}: {format_value(table)} is a value without key {head!r}")
@@ -61,12 +64,12 @@ def _entered(table, parts: list[str], value, override: str) -> tuple[Any, Key]:
     # Paths of parameters contain dots.
     if head in PATHS and rest:
         rest = [".".join(rest)]
-    entry, key = _entered(table.get(head, {}), rest, value, override)
+    entry, key = _replace_value(table.get(head, {}), rest, value, override)
     return {**table, head: entry}, (head, *key)
 
 
-def _index(table: list[Any], part: str, override: str) -> int:
-    # Finds an entry of a list by its name or number.
+def _find_entry(table: list[Any], part: str, override: str) -> int:
+    # Returns the index of the entry of a list that `part` names or counts.
     names = [entry.get("name") for entry in table if isinstance(entry, dict)]
     if part in names:
         return names.index(part)

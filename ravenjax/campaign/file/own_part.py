@@ -36,22 +36,22 @@ Sha256 = Annotated[str | None, Field(pattern=SHA256, description=f"hash of that 
 
 AnySection = TypeVar("AnySection", bound=Section)
 
-_KNOWN: dict[tuple[str, Path, str], OwnSource] = {}
+_READ_FILES: dict[tuple[str, Path, str], OwnSource] = {}
 
 
 def part_source(name: str, file: Path, sha256: str | None, what: str) -> OwnSource:
-    """Return the code of a user's file. A changed file is read again.
-
-    what: "check" or "detector". Raise UserError if the file cannot be used, if the user has not
-    agreed to run it (`consent`), or if its content does not match `sha256`.
+    """Return the code of a user's file. A changed file is read again. what: "check" or "detector".
+    Raise UserError if the file cannot be used, if the user has not agreed to run it (`consent`), or
+    if its content does not match `sha256`.
     """
     key = name, file.absolute(), what
-    code = _KNOWN.get(key)
+    code = _READ_FILES.get(key)
     if code is None or not part.is_unchanged(code):
-        code = _KNOWN[key] = part.read_source(*key, consent.require_consent)
-    if sha256 not in (None, own := part.hash_source(code)):
+        code = _READ_FILES[key] = part.read_source(*key, consent.require_consent)
+    content_hash = part.hash_source(code)
+    if sha256 not in (None, content_hash):
         raise UserError(
-            f"{file}: has changed since the campaign began (sha256 {own[:16]}, expected"
+            f"{file}: has changed since the campaign began (sha256 {content_hash[:16]}, expected"
             f" {sha256[:16]}). Restore it, or run the campaign into another folder"
         )
     return code
@@ -60,13 +60,12 @@ def part_source(name: str, file: Path, sha256: str | None, what: str) -> OwnSour
 def locate_part(
     table: AnySection, folder: Path, what: str, name: str, key: str = "file", sha256: str = "sha256"
 ) -> AnySection:
-    """Return a table with the absolute path of its file, which is in `folder`, and its hash.
-
-    key, sha256: names of the keys for the path and the hash.
+    """Return a table with the absolute path of its file, which is in `folder`, and its hash. key,
+    sha256: names of the keys for the path and the hash.
     """
     file: Path | None = getattr(table, key)
     if file is None:
         return table
     path = folder.absolute() / file
-    content = part.hash_source(part_source(name, path, getattr(table, sha256), what))
-    return table.model_copy(update={key: path, sha256: content})
+    code = part_source(name, path, getattr(table, sha256), what)
+    return table.model_copy(update={key: path, sha256: part.hash_source(code)})

@@ -13,7 +13,7 @@ from ravenjax.errors import describe_unknown_name, format_error, format_value, m
 
 
 class _SectionClass(type(BaseModel)):
-    """Metaclass of tables from Python: NumPy values are accepted, errors are those of a file."""
+    """Metaclass that accepts NumPy values from Python, and formats errors as those of a file."""
 
     if not TYPE_CHECKING:
 
@@ -28,24 +28,23 @@ class _SectionClass(type(BaseModel)):
                 raise location.Where(None, {}, []).error(complaints) from None
 
 
-def _typed(schema) -> Any:
-    """Return a pydantic schema that does not convert types, as JSON Schema.
-
-    Pydantic would accept "3" and true as numbers, and "yes" as true.
-    """
+def _require_types(schema) -> Any:
+    # Returns pydantic's core schema `schema`, changed so that it does not convert types. Pydantic
+    # would accept "3" and true as numbers, and "yes" as true.
     if isinstance(schema, list | tuple):
-        return type(schema)(map(_typed, schema))
+        return type(schema)(map(_require_types, schema))
     if not isinstance(schema, dict):
         return schema
     if schema.get("type") == "bool":
         return schema | {"strict": True}
-    typed: Any = {key: _typed(inner) for key, inner in schema.items()}
+    typed: Any = {key: _require_types(inner) for key, inner in schema.items()}
     if schema.get("type") not in ("int", "float"):
         return typed
-    return core_schema.no_info_before_validator_function(_number, typed)
+    return core_schema.no_info_before_validator_function(_require_number, typed)
 
 
-def _number(raw) -> Any:
+def _require_number(raw) -> Any:
+    # Returns the value. Pydantic checks later that a value of another type is a number.
     if isinstance(raw, bool | str):
         raise ValueError(f"got {format_value(raw)}, expected a number")
     return raw
@@ -66,12 +65,11 @@ class Section(BaseModel, metaclass=_SectionClass):
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> Any:
-        return _typed(handler(source))
+        return _require_types(handler(source))
 
 
 def toml_value(value: Any) -> Any:
     """Convert a value to types of TOML: arrays, tuples, ranges to lists. Omit keys that are None.
-
     Other values are returned unchanged. A later check refuses them.
     """
     if isinstance(value, Section):
@@ -80,7 +78,7 @@ def toml_value(value: Any) -> Any:
         return {key: toml_value(item) for key, item in value.items() if item is not None}
     if isinstance(value, os.PathLike):
         return os.fspath(value)
-    # Numbers and arrays of NumPy and pandas.
+    # Numbers and arrays of NumPy and pandas have this method.
     if hasattr(value, "tolist"):
         return toml_value(value.tolist())
     if isinstance(value, Sequence) and not isinstance(value, str | bytes | bytearray):
@@ -96,12 +94,12 @@ class OneOf:
     names: Collection[str]
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
-        return core_schema.no_info_after_validator_function(self._known, handler(source))
+        return core_schema.no_info_after_validator_function(self._require_known, handler(source))
 
     def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> Any:
         return handler(schema) | {"enum": list(self.names)}
 
-    def _known(self, word: str) -> str:
+    def _require_known(self, word: str) -> str:
         if word not in self.names:
             raise ValueError(describe_unknown_name(self.what, word, self.names))
         return word

@@ -1,7 +1,6 @@
-"""Defines the sections of a campaign file that every robot has, as pydantic models.
-
-They are [campaign], [haptics], [[detector]], [[check]], [outcomes] and [stop]. The models define
-keys, units and ranges. The module `group` defines groups of runs.
+"""Defines the sections of a campaign file that every robot has, as pydantic models. They are
+[campaign], [haptics], [[detector]], [[check]], [outcomes] and [stop]. The models define keys, units
+and ranges. The module `group` defines groups of runs.
 """
 
 from __future__ import annotations
@@ -90,14 +89,15 @@ OneOrMore = _Item | Annotated[list[_Item], Field(min_length=1)]
 """Annotation for the JSON Schema of a list. A single value is accepted in place of a list."""
 
 
-def _listed(raw) -> Any:
+def _make_list(raw) -> Any:
+    # Returns a single value as a list with one entry.
     return raw if isinstance(raw, list | tuple) else (raw,)
 
 
 _Least0 = Annotated[float, Field(ge=0.0, le=1e6)]
 _Numbers = Annotated[
     tuple[_Least0, ...],
-    BeforeValidator(_listed, json_schema_input_type=OneOrMore[_Least0]),
+    BeforeValidator(_make_list, json_schema_input_type=OneOrMore[_Least0]),
     Field(min_length=1),
 ]
 """A number of at least 0, or a list of such numbers."""
@@ -121,12 +121,14 @@ class Haptics(Section):
     """grid: every combination of the lists; zip: one set for each position in the lists"""
 
     @model_validator(mode="after")
-    def _same_length(self) -> Haptics:
-        # Checks how the lists of settings combine to haptic sets, and their number.
+    def _check_lists(self) -> Haptics:
+        # Checks that the lists of settings can be combined, and the number of haptic sets.
         lengths = {name: len(values) for name, values in self._lists().items() if len(values) > 1}
         if self.combine == "zip" and len(set(lengths.values())) > 1:
             raise ValueError(f"combine = 'zip' needs lists of one length, got lengths {lengths}")
-        sets = (max if self.combine == "zip" else math.prod)((1, *lengths.values()))
+        sets = math.prod(lengths.values())
+        if self.combine == "zip":
+            sets = max(lengths.values(), default=1)
         if sets > MOST_CUES:
             raise ValueError(f"the lists make {sets} haptic sets, expected at most {MOST_CUES}")
         return self
@@ -172,14 +174,14 @@ class Detector(Section):
     millisecond later"""
     fusion: Annotated[
         tuple[Fusion, ...],
-        BeforeValidator(_listed, json_schema_input_type=OneOrMore[Fusion]),
+        BeforeValidator(_make_list, json_schema_input_type=OneOrMore[Fusion]),
         Field(min_length=1),
     ] = ("all",)
     """only for kind steps: how many of its three signals must exceed their thresholds: all, two,
     any, or the named signal alone"""
     consecutive: Annotated[
         tuple[_UpTo8, ...],
-        BeforeValidator(_listed, json_schema_input_type=OneOrMore[_UpTo8]),
+        BeforeValidator(_make_list, json_schema_input_type=OneOrMore[_UpTo8]),
         Field(min_length=1),
     ] = (1,)
     """number of consecutive ticks above the threshold that raise an alarm, 1 to 8"""
@@ -205,27 +207,27 @@ class Detector(Section):
 
     def uses(self) -> tuple[tuple[str, DetectorUse], ...]:
         """(name, detector) of each detector that this table declares."""
-        many_fusions, many_counts = len(self.fusion) > 1, len(self.consecutive) > 1
-        return tuple(
-            (
-                self.name + f"/{fusion}" * many_fusions + f"/{count}" * many_counts,
-                DetectorUse(
-                    self.kind or "own",
-                    fusion,
-                    count,
-                    len(self.threshold),
-                    self.part,
-                    self.acts == "stop",
-                ),
+        uses = []
+        for fusion, count in itertools.product(self.fusion, self.consecutive):
+            # The name has only the keys that have several values.
+            name = self.name
+            name += f"/{fusion}" if len(self.fusion) > 1 else ""
+            name += f"/{count}" if len(self.consecutive) > 1 else ""
+            use = DetectorUse(
+                kind=self.kind or "own",
+                fusion=fusion,
+                consecutive=count,
+                thresholds=len(self.threshold),
+                part=self.part,
+                stops=self.acts == "stop",
             )
-            for fusion, count in itertools.product(self.fusion, self.consecutive)
-        )
+            uses.append((name, use))
+        return tuple(uses)
 
     @property
     def part(self) -> OwnSource | None:
-        """Return the code of the detector's file; None for a built-in detector.
-
-        Raise UserError for a file that cannot be used or was changed.
+        """Return the code of the detector's file; None for a built-in detector. Raise UserError for
+        a file that cannot be used or was changed.
         """
         if self.file is None:
             return None
@@ -283,7 +285,7 @@ class OwnHarm(Section):
 
     @field_validator("when")
     @classmethod
-    def _understood(cls, when: str) -> str:
+    def _check_expression(cls, when: str) -> str:
         harm.parse_harm(when)
         return when
 
@@ -337,12 +339,10 @@ class Stop(Section):
     in which they narrow the intervals most"""
 
     @model_validator(mode="after")
-    def _increasing(self) -> Stop:
-        # Checks the shares of the runs after which the stopping rule is evaluated, and the rates.
-        if (
-            list(self.looks) != sorted(set(self.looks))
-            or not 0.0 < self.looks[0] <= self.looks[-1] <= 1.0
-        ):
+    def _check_looks(self) -> Stop:
+        # Checks that the shares of the looks increase, and that each rate is named once.
+        increases = list(self.looks) == sorted(set(self.looks))
+        if not increases or not 0.0 < self.looks[0] <= self.looks[-1] <= 1.0:
             raise ValueError(
                 f"looks = {list(self.looks)}, expected increasing shares, above 0 and at most 1"
             )

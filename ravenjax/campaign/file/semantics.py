@@ -1,5 +1,4 @@
 """Checks rules of a campaign file that involve several sections, or the fault sites of the robot.
-
 The module `bounds` checks ranges of parameters.
 """
 
@@ -11,7 +10,7 @@ from typing import Any
 from ravenjax.campaign.file.axis import END, Axis, Moment
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import Fault, Group
-from ravenjax.campaign.file.location import Complaint
+from ravenjax.campaign.file.location import Complaint, Key
 from ravenjax.errors import describe_unknown_name, format_value
 from ravenjax.numbers import harm, paths
 from ravenjax.outcomes import events
@@ -26,7 +25,7 @@ from ravenjax.vocabulary.effects import (
 from ravenjax.vocabulary.legal import find_illegal_value, find_rounding, legal_values
 from ravenjax.vocabulary.sites import Channel, Site
 
-LARGEST = 3.4028234663852886e38
+LARGEST_FLOAT32 = 3.4028234663852886e38
 """Largest number of single precision, in which values are stored."""
 
 
@@ -57,122 +56,136 @@ def find_errors(config: CampaignConfig) -> Iterator[Complaint]:
             yield ("check", c, "at"), message
         if check.name in names:
             yield ("check", c, "name"), f"{check.name!r} is the name of an arm; write another"
-    windows = ((h, harm.WINDOW_END.findall(one.when)) for h, one in enumerate(config.harm))
-    for key, times in (
-        (("campaign", "duration_s"), [config.campaign.duration_ms]),
-        (("campaign", "observe_ms"), [config.campaign.observe_ms]),
-        *((("harm", h, "when"), map(int, ends)) for h, ends in windows),
-    ):
-        yield from ((key, message) for message in _uneven(times, config.robot.period_ms))
+    times_by_key: dict[Key, Iterable[Any]] = {
+        ("campaign", "duration_s"): [config.campaign.duration_ms],
+        ("campaign", "observe_ms"): [config.campaign.observe_ms],
+    }
+    for h, own_harm in enumerate(config.harm):
+        times_by_key["harm", h, "when"] = map(int, harm.WINDOW_END.findall(own_harm.when))
+    for key, times in times_by_key.items():
+        yield from ((key, message) for message in _find_broken_ticks(times, config.robot.period_ms))
     for g, group in enumerate(config.group):
-        yield from ((("group", g, *key), message) for key, message in _group(config, group))
+        for key, message in _find_group_errors(config, group):
+            yield ("group", g, *key), message
 
 
-def _uneven(times: Iterable[Any], tick_ms: int) -> Iterator[str]:
-    """Yield a message for each time that is not a whole number of ticks."""
+def _find_broken_ticks(times: Iterable[Any], tick_ms: int) -> Iterator[str]:
+    """Yield a message for each time that is not a whole number of ticks. Words are no times."""
     for ms in times:
-        if tick_ms > 1 and isinstance(ms, int | float) and (left := -ms % tick_ms):
-            yield f"got {ms} ms, expected whole ticks of {tick_ms} ms, such as {ms + left} ms"
+        if tick_ms > 1 and isinstance(ms, int | float) and (missing := -ms % tick_ms):
+            yield f"got {ms} ms, expected whole ticks of {tick_ms} ms, such as {ms + missing} ms"
 
 
-def _group(config: CampaignConfig, group: Group) -> Iterator[Complaint]:
+def _find_group_errors(config: CampaignConfig, group: Group) -> Iterator[Complaint]:
     # Yields mistakes of a group: sites and channels that the robot lacks, and lengths of lists.
+    # The keys are relative to the group.
     runs = [(("run", r), group.faults_of(run)) for r, run in enumerate(group.run)]
     for key, faults in runs or [((), group.fault)]:
         for f, fault in enumerate(faults):
-            if not (wrong := [*_fault(config, group, fault)]):
+            errors = list(_find_fault_errors(config, group, fault))
+            # Values can be checked only if site, channel and effect are correct.
+            if not errors:
                 unfit = find_unfit_values(config, group, fault, config.says_beyond(fault))
-                wrong = [("value", message) for message in itertools.islice(unfit, 1)]
-            for name, message in wrong:
+                errors = [("value", message) for message in itertools.islice(unfit, 1)]
+            for name, message in errors:
                 yield (*key, "fault", f, name), message
     axes = {**config.parameters, **group.parameters}
-    drawn = {len(axis.values) for axis in axes.values() if axis.kind == "together"}
-    if len(drawn) > 1:
-        yield ("parameters",), f"together needs lists of one length, got lengths {sorted(drawn)}"
+    lengths = {len(axis.values) for axis in axes.values() if axis.kind == "together"}
+    if len(lengths) > 1:
+        yield ("parameters",), f"together needs lists of one length, got lengths {sorted(lengths)}"
     for f, fault in enumerate(group.fault):
         axes |= {f"fault[{f}].{name}": axis for name, axis in fault.axes()}
         if fault.site in config.robot.sites:
             axes[f"fault[{f}].channel"] = fault.channels(config.robot.sites[fault.site])
-    lists = {name: len(axis.values) for name, axis in axes.items() if axis.kind == "list"}
-    if group.design == "zip" and len({*lists.values()} - {1}) > 1:
-        yield ("design",), f"'zip' needs lists of one length, got lengths {lists}"
+    list_lengths = {name: len(axis.values) for name, axis in axes.items() if axis.kind == "list"}
+    # A list of one value is a value for all runs.
+    if group.design == "zip" and len({*list_lengths.values()} - {1}) > 1:
+        yield ("design",), f"'zip' needs lists of one length, got lengths {list_lengths}"
 
 
-def _fault(config: CampaignConfig, group: Group, fault: Fault) -> Iterator[tuple[str, str]]:
+def _find_fault_errors(
+    config: CampaignConfig, group: Group, fault: Fault
+) -> Iterator[tuple[str, str]]:
     # Yields mistakes of one fault, as (key, message), except values that its channel cannot have.
     site = config.robot.sites.get(fault.site)
     if site is None:
         yield "site", describe_unknown_name("fault site", fault.site, config.robot.sites)
         return
     paired = group.design == "zip"
-    yield from _place(config, fault, site, paired)
-    yield from _onset(config, fault)
+    yield from _find_site_errors(config, fault, site, paired)
+    yield from _find_start_errors(config, fault)
     effects = fault.effect.listed
-    valued = [effect for effect in effects if effect not in WITHOUT_VALUE]
-    if fault.value is None and valued:
-        meaning = EFFECTS[valued[0]].meaning
-        yield "value", f"missing: effect {valued[0]!r} needs a value ({meaning})"
-    if fault.value is not None and not valued:
+    effects_with_value = [effect for effect in effects if effect not in WITHOUT_VALUE]
+    if fault.value is None and effects_with_value:
+        effect = effects_with_value[0]
+        yield "value", f"missing: effect {effect!r} needs a value ({EFFECTS[effect].meaning})"
+    if fault.value is not None and not effects_with_value:
         yield "value", f"effect {effects[0]!r} has no value: remove the key"
     for name in TIMES:
-        axis, unit = getattr(fault, name), fault.unit(name, config.robot.period_ms)
+        axis = getattr(fault, name)
         # Draws of a normal distribution are rounded to ticks.
-        for message in _uneven(axis.values, unit) if axis.kind != "normal" else ():
-            yield name, message
+        if axis.kind != "normal":
+            unit = fault.unit(name, config.robot.period_ms)
+            yield from ((name, message) for message in _find_broken_ticks(axis.values, unit))
     if "periodic" in effects and 0 in fault.period_ms.values:
         yield "period_ms", "effect 'periodic' needs a period of at least 1 ms"
     if not set(WITH_PERIOD).intersection(effects) and 0 not in fault.period_ms.values:
         yield "period_ms", f"effect {effects[0]!r} has no period: remove the key"
-    for length, every in _combinations((fault.duration_ms, fault.every_ms), paired):
-        if every and (length == END or every < length):
-            needed = "a window that opens again needs a duration_ms of at most every_ms"
-            yield "every_ms", f"got {every} with duration_ms {length}: {needed}"
+    for duration, every in _combinations((fault.duration_ms, fault.every_ms), paired):
+        if every and (duration == END or every < duration):
+            rule = "a window that opens again needs a duration_ms of at most every_ms"
+            yield "every_ms", f"got {every} with duration_ms {duration}: {rule}"
             break
 
 
-def _place(
+def _find_site_errors(
     config: CampaignConfig, fault: Fault, site: Site, paired: bool
 ) -> Iterator[tuple[str, str]]:
     """Yield (key, message) for each wrong arm or channel, and each effect that the site lacks."""
     arms = config.campaign.arms
+    fault_arms = fault.arm.listed if fault.arm else ()
     if fault.arm is not None and not site.per_arm:
         yield "arm", f"site {site.name} is not part of an arm: remove the key"
     elif fault.arm is None and site.per_arm and len(arms) > 1:
         yield "arm", f"missing: each arm has site {site.name}; write {', '.join(arms)} or a list"
-    elif strays := [arm for arm in (fault.arm.listed if fault.arm else ()) if arm not in arms]:
-        yield "arm", f"arm {strays[0]!r} is not in this campaign, expected one of {list(arms)}"
+    elif unknown := [arm for arm in fault_arms if arm not in arms]:
+        yield "arm", f"arm {unknown[0]!r} is not in this campaign, expected one of {list(arms)}"
     network = [effect for effect in fault.effect.listed if effect in NETWORK_EFFECTS]
     if network and site.name != "network":
         yield "effect", f"{network[0]!r} needs site 'network', got site {site.name!r}"
     names = [channel.name for channel in site.channels]
     channels = fault.channels(site).listed
     if channels == ("",):
+        # A network effect determines its channel.
         if len(network) < len(fault.effect.listed):
             listing = ", ".join(names) or site.where
             yield "channel", f"missing: site {site.name} has {listing}; write one, a list, or '*'"
-    elif strays := [name for name in channels if name not in names]:
-        yield "channel", describe_unknown_name(f"channel of site {site.name}", strays[0], names)
+    elif unknown := [name for name in channels if name not in names]:
+        yield "channel", describe_unknown_name(f"channel of site {site.name}", unknown[0], names)
     elif site.name == "network":
         for effect, name in _combinations((fault.effect, fault.channels(site)), paired):
             if effect in network and name != (acts_on := NETWORK_EFFECTS[effect].channel):
-                why = f"got {name!r}, but effect {effect!r} acts on {acts_on!r}: remove the key, or"
-                yield "channel", f"{why} write another effect for {name!r}, such as 'overwrite'"
+                yield (
+                    "channel",
+                    f"got {name!r}, but effect {effect!r} acts on {acts_on!r}: remove the key, or"
+                    f" write another effect for {name!r}, such as 'overwrite'",
+                )
                 return
 
 
-def _onset(config: CampaignConfig, fault: Fault) -> Iterator[tuple[str, str]]:
-    # A fault that starts after the run's end would never act.
-    start, last, phases = fault.start_ms, last_start(config, fault), config.robot.phases
-    for phase in start.phases:
+def _find_start_errors(config: CampaignConfig, fault: Fault) -> Iterator[tuple[str, str]]:
+    # Yields (key, message) for an unknown phase, and for a start after the end of the run.
+    last, phases = last_start(config, fault), config.robot.phases
+    for phase in fault.start_ms.phases:
         if phase not in phases:
             yield "start_ms", describe_unknown_name("phase", phase, phases)
-    listed = [ms for ms in start.listed if not isinstance(ms, Moment)]
-    if max(listed, default=0) > last:
-        length = config.campaign.duration_ms
-        end = f"{length} ms" if last == length - 1 else f"{last + 1} packets"
+    times = [start for start in fault.start_ms.listed if not isinstance(start, Moment)]
+    if max(times, default=0) > last:
+        duration_ms = config.campaign.duration_ms
+        end = f"{duration_ms} ms" if last == duration_ms - 1 else f"{last + 1} packets"
         yield (
             "start_ms",
-            f"got {max(listed)}, expected less than {end}, the length of the run; the fault would"
+            f"got {max(times)}, expected less than {end}, the length of the run; the fault would"
             " never act. Write an earlier start_ms, or a longer campaign.duration_s",
         )
 
@@ -181,9 +194,7 @@ def find_unfit_values(
     config: CampaignConfig, group: Group, fault: Fault, beyond: bool
 ) -> Iterator[str]:
     """Yield a message for each value of a fault, or end of its distribution, that the channel
-    cannot have.
-
-    beyond: permit values beyond 16 bits.
+    cannot have. beyond: permit values beyond 16 bits.
     """
     if fault.value is None:
         return
@@ -191,38 +202,34 @@ def find_unfit_values(
     axes = (fault.effect, fault.channels(site), fault.value)
     for effect, name, value in _combinations(axes, paired=group.design == "zip"):
         if effect not in WITHOUT_VALUE:
-            aimed = NETWORK_EFFECTS[effect].channel if effect in NETWORK_EFFECTS else name
-            if message := _misfit(site, site.channel(aimed), effect, value, fault.value, beyond):
+            network = NETWORK_EFFECTS.get(effect)
+            channel = site.channel(network.channel if network else name)
+            if message := _find_value_error(site, channel, effect, value, fault.value, beyond):
                 yield message
 
 
 def _combinations(axes: tuple[Axis, ...], paired: bool) -> Iterator[tuple[Any, ...]]:
-    """Yield the combinations of values of several keys. A distribution is replaced by its ends.
-
-    paired: combine lists element by element.
-    """
+    # Yields the combinations of values of several keys. A distribution is replaced by its ends.
+    # paired: combine lists element by element, as in design "zip".
     lists = [axis for axis in axes if paired and axis.kind == "list"]
     for row in range(max((len(axis.values) for axis in lists), default=1)):
-        yield from itertools.product(
-            *(
-                (axis.values[row % len(axis.values)],)
-                if axis in lists
-                else axis.listed or axis.extent
-                for axis in axes
-            )
-        )
+        choices = []
+        for axis in axes:
+            value_of_row = (axis.values[row % len(axis.values)],)
+            choices.append(value_of_row if axis in lists else axis.listed or axis.extent)
+        yield from itertools.product(*choices)
 
 
-def _misfit(
+def _find_value_error(
     site: Site, channel: Channel, effect: str, value: float, axis: Axis, beyond: bool
 ) -> str | None:
-    """Return a message if a channel cannot have `value`, else None.
-
-    value: a value of `axis`, or an end of its distribution.
-    """
-    if not abs(value) <= LARGEST:
-        return f"got {format_value(value)}, expected at most {LARGEST:.4g} (single precision)"
-    rule, drawn = legal_values(channel, effect, beyond), not axis.listed
+    # Returns a message if a channel cannot have `value`, else None. value: a value of `axis`, or an
+    # end of its distribution. beyond: permit values beyond 16 bits.
+    if not abs(value) <= LARGEST_FLOAT32:
+        limit = f"{LARGEST_FLOAT32:.4g} (single precision)"
+        return f"got {format_value(value)}, expected at most {limit}"
+    rule = legal_values(channel, effect, beyond)
+    drawn = not axis.listed
     if drawn and rule.rounded:
         low, high = axis.extent
         if math.ceil(low) > math.floor(high) or (axis.kind == "uniform" and value % 1):
@@ -241,25 +248,28 @@ def _misfit(
 
 
 def last_start(config: CampaignConfig, fault: Fault) -> int:
-    """Return the largest `start_ms` at which a fault still acts in the run."""
+    """Return the largest `start_ms`, in ms or packets, at which a fault still acts in the run."""
     if fault.trigger.listed != ("packet",):
         return config.campaign.duration_ms - 1
     axis = config.parameters.get(config.robot.packet_cycles)
-    least = 1 if axis is None else min(axis.listed or axis.values)
-    return math.ceil(config.campaign.ticks / max(config.cycles_a_packet, least)) - 1
+    least_cycles = 1 if axis is None else min(axis.listed or axis.values)
+    return math.ceil(config.campaign.ticks / max(config.cycles_a_packet, least_cycles)) - 1
 
 
 def random_in_itself(config: CampaignConfig, group: Group) -> bool:
-    """Return whether equal runs of a group with different seeds may have different outcomes.
-
-    Noise, durations of packets or an effect may be random.
+    """Return whether equal runs of a group with different seeds may have different outcomes. Noise,
+    durations of packets or an effect may be random.
     """
-    draws = (config.campaign.noise and not is_silent(config, group)) or config.random_packets
-    return draws or any(set(RANDOM).intersection(fault.effect.listed) for fault in group.fault)
+    has_noise = config.campaign.noise and not is_silent(config, group)
+    has_random_effect = any(set(RANDOM).intersection(fault.effect.listed) for fault in group.fault)
+    return has_noise or config.random_packets or has_random_effect
 
 
 def is_silent(config: CampaignConfig, group: Group) -> bool:
     """Return whether every size of the robot's noise is 0 in a group."""
-    robot, axes = config.robot, {**config.parameters, **group.parameters}
-    plain = {paths.plain_path(path, robot.arms, robot.joints): axis for path, axis in axes.items()}
-    return all(path in plain and plain[path].values == (0,) for path in robot.noise)
+    robot = config.robot
+    axes = {
+        paths.plain_path(path, robot.arms, robot.joints): axis
+        for path, axis in {**config.parameters, **group.parameters}.items()
+    }
+    return all(path in axes and axes[path].values == (0,) for path in robot.noise)

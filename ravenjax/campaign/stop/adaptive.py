@@ -1,6 +1,5 @@
-"""Runs a campaign with a rule [stop]: the campaign ends when its rates are precise enough.
-
-The rates are examined at looks that were planned in advance. The decisions depend only on finished
+"""Runs a campaign with a rule [stop]: the campaign ends when its rates are precise enough. The
+rates are examined at looks that were planned in advance. The decisions depend only on finished
 runs. Therefore a resumed campaign makes the same decisions and writes the same bytes.
 `decisions.jsonl` in the result folder records each look.
 """
@@ -32,10 +31,9 @@ def run_adaptively(
     shard: Shard | None = None,
     **options: Any,
 ) -> Results:
-    """Run a campaign, or continue it in `out`. A campaign with a stop rule may end early.
-
-    Arguments and errors are those of `runner.run_campaign`, without `rows`. Raise UserError for a
-    shard of a campaign with a stop rule.
+    """Run a campaign, or continue it in `out`. A campaign with a stop rule may end early. Arguments
+    and errors are those of `runner.run_campaign`, without `rows`. Raise UserError for a shard of a
+    campaign with a stop rule.
     """
     compute = functools.partial(runner.run_campaign, config, engine=engine, **options)
     if config.stop is None:
@@ -46,23 +44,27 @@ def run_adaptively(
             " some runs. Write --executor ray, or remove [stop]"
         )
     if out is None:
-        again = functools.partial(run_adaptively, config, engine=engine, **options)
-        return runner.in_temporary_folder(again)
-    rule, draws = stop_rule(config), group_draws(config)
+        run_in_folder = functools.partial(run_adaptively, config, engine=engine, **options)
+        return runner.in_temporary_folder(run_in_folder)
+    rule = stop_rule(config)
+    draws = group_draws(config)
     looks: list[Look] = []
-    counts, before = rule.first_sizes(), np.zeros(len(draws), np.int64)
+    # Number of draws of each group that were computed, and that the next look needs.
+    computed = np.zeros(len(draws), np.int64)
+    counts = rule.first_sizes()
     while True:
         spans = [
             range(group.rows_of(first).stop, group.rows_of(last).stop)
-            for group, first, last in zip(draws, before.tolist(), counts.tolist(), strict=True)
+            for group, first, last in zip(draws, computed.tolist(), counts.tolist(), strict=True)
         ]
         results = compute(out, rows=[span for span in spans if span])
-        k, n = count_cases(results, draws, counts, rule.rates, config.rules)
-        looks.append(rule.decide(len(looks) + 1, counts, k, n))
+        cases, valid_draws = count_cases(results, draws, counts, rule.rates, config.rules)
+        looks.append(rule.decide(len(looks) + 1, counts, cases, valid_draws))
         decisions.write_looks(out, looks)
         if looks[-1].stop:
             return results
-        before, counts = counts, rule.next_sizes(looks[-1], k, n)
+        computed = counts
+        counts = rule.next_sizes(looks[-1], cases, valid_draws)
 
 
 class GroupDraws(NamedTuple):
@@ -81,14 +83,14 @@ def group_draws(config: CampaignConfig) -> tuple[GroupDraws, ...]:
     """Return the draws of each group in the order of the table."""
     result, first = [], 0
     for group, rows in zip(config.group, design.count_group_rows(config).values(), strict=True):
-        each = design.rows_of_a_draw(config, group)
-        result.append(GroupDraws(first, rows // each, each))
+        rows_per_draw = design.rows_of_a_draw(config, group)
+        result.append(GroupDraws(first, rows // rows_per_draw, rows_per_draw))
         first += rows
     return tuple(result)
 
 
 def stop_rule(config: CampaignConfig) -> Sequential:
-    """Return the stop rule of a campaign that has one."""
+    """Return the stop rule of a campaign with a section [stop]. Each group is a stratum."""
     stop = config.stop
     assert stop is not None
     strata = tuple(
@@ -105,22 +107,24 @@ def count_cases(
     rates: Sequence[str],
     rules: Rules,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Count events in the first taken[group] draws of each group. Return (cases [rates, groups],
-    valid draws [groups]).
-
-    For each draw, only the first of its rows counts that has a valid outcome and a fault that
-    changed a bit. A draw without such a row does not count.
+    """Count the events `rates` in the first taken[group] draws of each group. Return (number of
+    draws with each event [rates, groups], number of valid draws [groups]). A row is valid if it has
+    an outcome and its fault changed a bit. The first valid row of a draw decides whether its events
+    happened. A draw without a valid row does not count.
     """
     table = results.arrow(["index", "activated", *events.event_columns(rates, rules)])
     valid_sql = f"{events.VALID_SQL} AND activated"
     happened = np.zeros((1 + len(rates), draws[-1].rows_of(draws[-1].number).stop), bool)
     happened[:, table["index"].to_numpy()] = events.events_happened(table, rates, rules, valid_sql)
-    k, n = np.zeros((len(rates), len(draws)), np.int64), np.zeros(len(draws), np.int64)
+    case_counts = np.zeros((len(rates), len(draws)), np.int64)
+    valid_counts = np.zeros(len(draws), np.int64)
     for number, (group, count) in enumerate(zip(draws, taken.tolist(), strict=True)):
         rows = group.rows_of(count)
-        marks = happened[:, rows.start : rows.stop].reshape(1 + len(rates), count, group.rows)
-        valid, cases = marks[0], marks[1:]
-        first = valid.argmax(axis=1)[:, None]
-        k[:, number] = np.take_along_axis(cases & valid, first[None], axis=2).sum(axis=(1, 2))
-        n[number] = valid.any(axis=1).sum()
-    return k, n
+        of_group = happened[:, rows.start : rows.stop].reshape(1 + len(rates), count, group.rows)
+        valid, cases = of_group[0], of_group[1:]
+        # Index of the first valid row of each draw; 0 if no row is valid, and then no event counts.
+        first = valid.argmax(axis=1)[None, :, None]
+        decided = np.take_along_axis(cases & valid, first, axis=2)
+        case_counts[:, number] = decided.sum(axis=(1, 2))
+        valid_counts[number] = valid.any(axis=1).sum()
+    return case_counts, valid_counts

@@ -18,27 +18,21 @@ def write_looks(folder: Path, looks: Sequence[Look]) -> None:
 
 
 def read_looks(folder: Path) -> list[Look]:
-    """Return the looks of a folder; none if its campaign has no stop rule.
-
-    Raises StoreError for a file that cannot be read.
-    """
+    """Return the looks of a folder; [] without a stop rule. Raises StoreError for a broken file."""
     path = folder / FILE
     try:
         return [Look.model_validate_json(line) for line in path.read_text("utf-8").splitlines()]
     except FileNotFoundError:
         return []
     except (OSError, ValueError) as error:
-        why = str(error).splitlines()[0]
+        reason = str(error).splitlines()[0]
         raise StoreError(
-            f"{path}: cannot be read ({why}). Delete it and start the same `ravenjax run`"
+            f"{path}: cannot be read ({reason}). Delete it and start the same `ravenjax run`"
             " again, which computes this file from the results."
         ) from error
 
 
 def describe_stop(folder: Path) -> str:
-    """Return why the campaign of a folder stopped; "" if it has no stop rule.
-
-    Raises StoreError as `read_looks`.
-    """
+    """Return why a campaign stopped, or "" without a stop rule. Raises StoreError."""
     looks = read_looks(folder)
     return sequential.describe_stop(looks) if looks else ""

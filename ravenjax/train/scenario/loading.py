@@ -37,7 +37,7 @@ def from_dict(
     raw: Tables, source: Path | None = None, text: str = "", overrides: Sequence[str] = ()
 ) -> Scenario:
     """Return the scenario that TOML tables declare. Raises UserError with file, line and key."""
-    raw, replaced = overriding.all_applied(raw, overrides)
+    raw, replaced = overriding.apply_overrides(raw, overrides)
     where = location.Where(source, location.key_lines(text), replaced)
     try:
         scenario = Scenario.model_validate(raw)

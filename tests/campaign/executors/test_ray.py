@@ -76,7 +76,7 @@ def tasks() -> list[int]:
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "stopped"])
 def test_workers_that_die_or_hang_are_replaced(cluster, tmp_path, monkeypatch, how):
     made, _ = cluster
-    monkeypatch.setattr(ray_cluster, "SILENT_S", 20.0)
+    monkeypatch.setattr(ray_cluster, "MAX_CHUNK_S", 20.0)
     runner.run_campaign(tiny.config(**SIZE), tmp_path / "here", "simd")
     ended, times = [], 3 if how == signal.SIGKILL else 1
 

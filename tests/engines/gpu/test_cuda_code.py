@@ -81,7 +81,7 @@ def test_runs_go_on_from_their_golden_runs(monkeypatch, tmp_path, observe):
     monkeypatch.setattr(cuda_code, "EVERY", 10)
     monkeypatch.setattr(cuda_course, "EVERY", 10)
     monkeypatch.setattr(cuda_code, "CHUNK", 32)
-    monkeypatch.setattr(golden_runs, "WORTH", 0)
+    monkeypatch.setattr(golden_runs, "MIN_SAVING", 0)
     monkeypatch.setattr(cuda_course.BlockCourse, "scattered", observe is not None)
     for module in (cuda, cuda_code):
         monkeypatch.setattr(module, "form_for", lambda _: Form(32))
@@ -89,7 +89,7 @@ def test_runs_go_on_from_their_golden_runs(monkeypatch, tmp_path, observe):
     if observe is not None:
         ready = observed(ready, observe)
     engine = cuda.CudaEngine()
-    assert golden_runs.FastForwardPlan(ready, 32).branches.all()
+    assert golden_runs.FastForwardPlan(ready, 32).uses_checkpoints.all()
     courses, planned = [], cuda.plan_course
     monkeypatch.setattr(
         cuda, "plan_course", lambda *args: courses.append(planned(*args)) or courses[-1]

@@ -134,7 +134,7 @@ def find_checks(
     motion_engine = "simd" if engine in ("auto", "cuda") else engine
     with (
         tempfile.TemporaryDirectory(prefix="ravenjax_candidates_") as name,
-        consent.given_for(Path(name)),
+        consent.trust_folders(Path(name)),
     ):
         channel_folder, candidate_folder = Path(name) / "channels", Path(name) / "candidates"
 

@@ -44,7 +44,7 @@ def from_dict(
             search_overrides.append(override)
         else:
             campaign_overrides.append(override)
-    raw, replaced = overriding.all_applied(raw, search_overrides)
+    raw, replaced = overriding.apply_overrides(raw, search_overrides)
     where = location.Where(source, location.key_lines(text), replaced)
     messages = []
     campaign = None

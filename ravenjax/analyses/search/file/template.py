@@ -77,7 +77,7 @@ class Template:
     def __init__(self, config: CampaignConfig):
         """Prepare the cases and inputs of a `config` without `find_search_errors`."""
         self.config = config
-        self._axes = Moments(config).placed(template_axes(config), config.group[0].name)
+        self._axes = Moments(config).convert_phases(template_axes(config), config.group[0].name)
         undrawn = {key: axis for key, axis in self._axes.items() if not axis.drawn}
         # The remaining keys have no distribution, so the random generator is not used.
         sample = sampling.sample_runs(config.group[0], undrawn, np.random.default_rng(0))
