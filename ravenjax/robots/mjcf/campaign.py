@@ -68,15 +68,17 @@ class Config(CampaignConfig):
     def lines(self) -> Iterator[tuple[str, str]]:
         """Yield (heading, text) of what the file says about robot and operator."""
         yield from super().lines()
-        robot: Any = self.robot
-        kinds = zip(robot.joints, robot.arm.kinds, strict=True)
-        yield "joints", ", ".join(f"{joint} ({kind or 'passive'})" for joint, kind in kinds)
-        home = mechanism.tip_position(robot.arm.mechanism, robot.arm.home)
-        place = ", ".join(f"{x:.4g}" for x in home)
-        yield "tip", f"site {robot.arm.tip}, at {place} m in the home position"
-        operator = self.operator
+        arm, operator = self._arm, self.operator
+        joints = ", ".join(
+            f"{joint} ({kind or 'passive'}, {low:.4g} to {high:.4g})"
+            for joint, kind, _, low, high in self._joints()
+        )
+        yield "joints", f"{joints}; ranges in rad or m"
+        home = mechanism.tip_position(arm.mechanism, arm.home)
+        place = ", ".join(f"{round(x, 6) + 0:.4g}" for x in home)
+        yield "tip", f"site {arm.tip}, at {place} m in the home position"
         sines = f"sines of {operator.amplitude:g} of the ranges, {operator.hz:g} Hz at the mean"
-        yield "tick", f"{robot.period_ms} ms, time steps of the model: {robot.arm.steps}"
+        yield "tick", f"{arm.period_ms} ms, time steps of the model: {arm.steps}"
         yield "operator", f"tip through {len(operator.tip)} places" if operator.tip else sines
 
     def complaints(self) -> Iterator[Complaint]:
@@ -86,9 +88,10 @@ class Config(CampaignConfig):
             if detector.file is None:
                 yield ("detector", number, "kind"), "an arm runs detectors with a file only"
         # A campaign without faults lists parameters.
-        for joint in self._without_gain("motor") if any(g.fault for g in self.group) else ():
-            reason = "nothing holds the joint of a motor without it; write kp, and kd for damping"
-            yield ("parameters", f"kp.{joint}"), f"expected a gain: {reason}"
+        motors = self._without_gain("motor") if any(g.fault for g in self.group) else []
+        if motors:
+            reason = f"nothing holds {', '.join(motors)}; write kp, and kd for damping"
+            yield ("parameters", f"kp.{motors[0]}"), f"expected a gain: without it, {reason}"
 
     def notices(self) -> Iterator[Complaint]:
         """See `CampaignConfig.notices`."""
@@ -109,22 +112,40 @@ class Config(CampaignConfig):
             yield ("operator", "tip"), "the run ends before its last place"
         for joint in self._without_gain("velocity", "motor"):
             yield ("parameters", f"kp.{joint}"), "no gain: nothing holds the joint at its set point"
-        arm: Any = self.robot
-        if arm.arm.integrator:
+        robot, ms = ("campaign", "robot"), self.robot.period_ms
+        step_ms = self._arm.mechanism.timestep * 1e3
+        for joint, _, home, low, high in self._joints():
+            if not low <= home <= high:
+                found = f"joint {joint} is at {home:.4g} in the home position"
+                yield robot, f"{found}, and its range is {low:.4g} to {high:.4g} rad or m"
+        if step_ms < 1 - 1e-6:
+            yield robot, f"time steps of {step_ms:g} ms, but the controller runs every {ms} ms"
+        if self._arm.integrator:
             yield (
-                ("campaign", "robot"),
-                f"the model has integrator {arm.arm.integrator}; this has no effect, because an arm"
-                " moves with the integrator implicitfast",
+                robot,
+                f"the model has integrator {self._arm.integrator}; this has no effect, because an"
+                " arm moves with the integrator implicitfast",
             )
 
     def _set(self) -> set[str]:
         return {path for _, table in self.parameter_tables() for path in table}
 
-    def _without_gain(self, *kinds: str) -> Iterator[str]:
+    @property
+    def _arm(self) -> Any:
         robot: Any = self.robot
-        for joint, kind in zip(robot.joints, robot.arm.kinds, strict=True):
-            if kind in kinds and not self._set() & {"kp", f"kp.{joint}"}:
-                yield joint
+        return robot.arm
+
+    def _joints(self) -> Iterator[Any]:
+        # Yields each joint's name, kind of actuator, home and range.
+        arm = self._arm
+        return zip(self.robot.joints, arm.kinds, arm.home, arm.lower, arm.upper, strict=True)
+
+    def _without_gain(self, *kinds: str) -> list[str]:
+        return [
+            joint
+            for joint, kind, *_ in self._joints()
+            if kind in kinds and not self._set() & {"kp", f"kp.{joint}"}
+        ]
 
     def deciding(self) -> dict[str, Any]:
         """See `CampaignConfig.deciding`. The code hash has the content of the MJCF file."""
