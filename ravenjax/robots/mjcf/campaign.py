@@ -26,6 +26,7 @@ from ravenjax.robots.mjcf import loop
 from ravenjax.robots.mjcf.loop import UNLIMITED, ArmSetup, Params
 from ravenjax.stages import detectors
 from ravenjax.stages.acted import add_action as acted
+from ravenjax.store.motion.resampling import continuous_turns
 
 __all__ = ["Config", "Params", "acted", "prepare"]
 
@@ -35,8 +36,11 @@ class Operator(Section):
 
     motion: Literal["sines", "tip"] = "sines"
     """sines: of all joints, around the start; tip: set points that move the tip along a path"""
-    tip: tuple[tuple[float, float, float, float], ...] = ()
-    """of motion tip: [s, x, y, z] of each place in the frame of the file, m; rests at both ends"""
+    tip: tuple[tuple[float, ...], ...] = ()
+    """of motion tip: [s, x, y, z] of each place in the frame of the file, m; rests at both ends.
+    With an orientation: [s, x, y, z, qw, qx, qy, qz], a quaternion in the same frame"""
+    file: Path | None = None
+    """of motion tip: CSV file with a header and these columns, instead of the key tip"""
     seed: int = Field(default=0, ge=0, lt=2**31)
     """seed of the frequency and the direction of each joint"""
     amplitude: float = Field(default=0.05, gt=0.0, le=0.5)
@@ -47,8 +51,13 @@ class Operator(Section):
     @model_validator(mode="after")
     def _fits(self) -> "Operator":
         keys = self.model_dump(exclude_defaults=True).keys() - {"motion"}
-        if keys != {"tip"} if self.motion == "tip" else "tip" in keys:
-            raise ValueError("motion 'tip' takes the key tip alone, and 'sines' takes the others")
+        path = {"tip", "file"} & keys
+        if len(path) != 1 or keys != path if self.motion == "tip" else path:
+            raise ValueError("motion 'tip' takes tip or file alone, and 'sines' takes the others")
+        # A quaternion of zeros is no orientation.
+        sizes = {len(row) if any(row[4:]) or len(row) == 4 else 0 for row in self.tip}
+        if sizes not in (set(), {4}, {8}):
+            raise ValueError("expected places of 4 numbers each, or of 8 with a quaternion")
         return self
 
 
@@ -60,6 +69,18 @@ class Config(CampaignConfig):
         "lower|upper|tracking|velocity|watchdog|sensor|effort|k|gravity|coasting"
     )
 
+    def with_files(self, folder: Path) -> CampaignConfig:
+        """Return the campaign with the content of its files."""
+        config, file = super().with_files(folder), self.operator.file
+        if file is None:
+            return config
+        try:
+            rows = np.loadtxt(folder / file, delimiter=",", skiprows=1, ndmin=2)
+            operator = Operator(motion="tip", tip=rows.tolist())
+        except (OSError, ValueError, UserError) as error:
+            raise UserError(f"operator.file {file}: {error}") from None
+        return config.model_copy(update={"operator": operator})
+
     @property
     def operator_label(self) -> str:
         """Name of the operator's motion in tables."""
@@ -69,11 +90,13 @@ class Config(CampaignConfig):
         """Yield (heading, text) of what the file says about robot and operator."""
         yield from super().lines()
         arm, operator = self._arm, self.operator
-        joints = ", ".join(
-            f"{joint} ({kind or 'passive'}, {low:.4g} to {high:.4g})"
-            for joint, kind, _, low, high in self._joints()
+        yield (
+            "joints, rad or m",
+            ", ".join(
+                f"{joint} ({kind or 'passive'}, {low:.4g} to {high:.4g})"
+                for joint, kind, _, low, high in self._joints()
+            ),
         )
-        yield "joints", f"{joints}; ranges in rad or m"
         home = mechanism.tip_position(arm.mechanism, arm.home)
         place = ", ".join(f"{round(x, 6) + 0:.4g}" for x in home)
         yield "tip", f"site {arm.tip}, at {place} m in the home position"
@@ -88,10 +111,10 @@ class Config(CampaignConfig):
             if detector.file is None:
                 yield ("detector", number, "kind"), "an arm runs detectors with a file only"
         # A campaign without faults lists parameters.
-        motors = self._without_gain("motor") if any(g.fault for g in self.group) else []
-        if motors:
-            reason = f"nothing holds {', '.join(motors)}; write kp, and kd for damping"
-            yield ("parameters", f"kp.{motors[0]}"), f"expected a gain: without it, {reason}"
+        motors = self._without_gain("motor")
+        if motors and any(group.fault for group in self.group):
+            reason = f"without it nothing holds {', '.join(motors)}; write kp, and kd for damping"
+            yield ("parameters", f"kp.{motors[0]}"), f"expected a gain: {reason}"
 
     def notices(self) -> Iterator[Complaint]:
         """See `CampaignConfig.notices`."""
@@ -112,14 +135,12 @@ class Config(CampaignConfig):
             yield ("operator", "tip"), "the run ends before its last place"
         for joint in self._without_gain("velocity", "motor"):
             yield ("parameters", f"kp.{joint}"), "no gain: nothing holds the joint at its set point"
-        robot, ms = ("campaign", "robot"), self.robot.period_ms
-        step_ms = self._arm.mechanism.timestep * 1e3
+        robot, step_ms = ("campaign", "robot"), self._arm.mechanism.timestep * 1e3
         for joint, _, home, low, high in self._joints():
             if not low <= home <= high:
-                found = f"joint {joint} is at {home:.4g} in the home position"
-                yield robot, f"{found}, and its range is {low:.4g} to {high:.4g} rad or m"
-        if step_ms < 1 - 1e-6:
-            yield robot, f"time steps of {step_ms:g} ms, but the controller runs every {ms} ms"
+                yield robot, f"home of {joint} is {home:.4g}, not in {low:.4g} to {high:.4g}"
+        if step_ms < 0.999:
+            yield robot, f"time steps of {step_ms:g} ms, but the controller runs once a ms"
         if self._arm.integrator:
             yield (
                 robot,
@@ -204,8 +225,10 @@ def _sines(operator: Operator, robot, ticks: int) -> tuple[np.ndarray, ...]:
     return tuple(columns)
 
 
-TOLERANCE_M = 1e-5
-"""Largest distance of the tip of the set points from its path."""
+TOLERANCE = 1e-2
+"""Largest distance of the tip of the set points from its path, mm, and largest angle, degrees."""
+LEVER_M = 0.1
+"""Distance that counts as much as an angle of 1 rad."""
 DAMPING_M, STEP_M, TRIES = 0.1, 2e-2, 200
 """Damping of the inverse kinematics for each metre that is left, longest way of the tip in one of
 its iterations, and the number of iterations.
@@ -224,16 +247,19 @@ def _along(operator: Operator, robot: Any, ticks: int) -> tuple[np.ndarray, ...]
     arm, rows = robot.arm, np.array(operator.tip)
     if any(not c.limit for c in arm.mechanism.constraints):
         raise UserError("operator.tip: joints of the arm are coupled; expected motion 'sines'")
+    rows[:, 4:] = continuous_turns(rows[:, 4:])
     try:
         path = CubicSpline(rows[:, 0], rows[:, 1:], bc_type="clamped")
     except ValueError as error:
         raise UserError(f"operator.tip, times and places: {error}") from None
     path = path(np.clip(np.arange(ticks) * robot.period_ms / 1e3, *rows[[0, -1], 0]))
+    path[:, 3:] /= np.linalg.norm(path[:, 3:], axis=1, keepdims=True)
 
     model = mujoco.MjModel.from_xml_path(robot.files[0])
     data, site = mujoco.MjData(model), model.site(arm.tip).id
     driven = np.array([kind != "" for kind in arm.kinds])
-    ways, found = np.zeros((3, len(driven))), []
+    weights = np.outer([1.0] * 3 + [LEVER_M] * 3, driven)
+    ways, quat, turn, found, left = np.zeros_like(weights), np.zeros(4), np.zeros(3), [], []
     # A straight arm cannot begin to move along itself.
     joints = np.array(arm.home) + 1e-2 * driven
     for goal in path:
@@ -241,22 +267,30 @@ def _along(operator: Operator, robot: Any, ticks: int) -> tuple[np.ndarray, ...]
             data.qpos[:] = joints
             mujoco.mj_kinematics(model, data)
             mujoco.mj_comPos(model, data)
-            mujoco.mj_jacSite(model, data, ways, None, site)
-            off = goal - data.site_xpos[site]
+            mujoco.mj_jacSite(model, data, ways[:3], ways[3:], site)
+            off = goal[:3] - data.site_xpos[site]
+            if len(goal) > 3:
+                frame = data.site_xmat[site]
+                mujoco.mju_mat2Quat(quat, frame)
+                mujoco.mju_subQuat(turn, goal[3:], quat)
+                off = np.append(off, LEVER_M * frame.reshape(3, 3) @ turn)
             if (distance := math.hypot(*off)) < 1e-8:
                 break
-            ways *= driven
-            square = ways @ ways.T + DAMPING_M * distance * np.eye(3)
-            turn = ways.T @ np.linalg.solve(square, off * min(1.0, STEP_M / distance))
-            joints = np.clip(joints + turn, arm.lower, arm.upper)
+            rows = (ways * weights)[: len(off)]
+            square = rows @ rows.T + DAMPING_M * distance * np.eye(len(off))
+            step = rows.T @ np.linalg.solve(square, off * min(1.0, STEP_M / distance))
+            joints = np.clip(joints + step, arm.lower, arm.upper)
         found.append(joints)
+        left.append(math.hypot(*off[3:]) / LEVER_M)
     columns = tuple(np.array(found, np.float32).T)
     tip = mechanism.tip_position(arm.mechanism, Vec(columns))
-    apart = np.sqrt(sum((x - y) ** 2 for x, y in zip(tip, path.T, strict=True)))
-    if apart[tick := apart.argmax()] > TOLERANCE_M:
+    apart = np.sqrt(sum((x - y) ** 2 for x, y in zip(tip, path.T[:3], strict=True)))
+    off = np.maximum(apart * 1e3, np.degrees(left))
+    if off[tick := off.argmax()] > TOLERANCE:
+        turned = f" and {np.degrees(left[tick]):.3g} degrees" * (len(goal) > 3)
         raise UserError(
             f"operator.tip: the tip cannot reach {path[tick].round(4).tolist()} m at"
             f" {tick * robot.period_ms} ms: it"
-            f" stays {apart[tick] * 1e3:.3g} mm away, with each joint in its range"
+            f" stays {apart[tick] * 1e3:.3g} mm{turned} away, with each joint in its range"
         )
     return columns
