@@ -98,7 +98,7 @@ class Config(CampaignConfig):
             ),
         )
         home = mechanism.tip_position(arm.mechanism, arm.home)
-        place = ", ".join(f"{round(x, 6) + 0:.4g}" for x in home)
+        place = ", ".join(f"{round(x, 4) + 0}" for x in home)
         yield "tip", f"site {arm.tip}, at {place} m in the home position"
         sines = f"sines of {operator.amplitude:g} of the ranges, {operator.hz:g} Hz at the mean"
         yield "tick", f"{arm.period_ms} ms, time steps of the model: {arm.steps}"
@@ -113,7 +113,7 @@ class Config(CampaignConfig):
         # A campaign without faults lists parameters.
         motors = self._without_gain("motor")
         if motors and any(group.fault for group in self.group):
-            reason = f"without it nothing holds {', '.join(motors)}; write kp, and kd for damping"
+            reason = f"nothing else holds {', '.join(motors)}; write kp, and kd for damping"
             yield ("parameters", f"kp.{motors[0]}"), f"expected a gain: {reason}"
 
     def notices(self) -> Iterator[Complaint]:
@@ -135,11 +135,11 @@ class Config(CampaignConfig):
             yield ("operator", "tip"), "the run ends before its last place"
         for joint in self._without_gain("velocity", "motor"):
             yield ("parameters", f"kp.{joint}"), "no gain: nothing holds the joint at its set point"
-        robot, step_ms = ("campaign", "robot"), self._arm.mechanism.timestep * 1e3
+        robot = "campaign", "robot"
         for joint, _, home, low, high in self._joints():
             if not low <= home <= high:
                 yield robot, f"home of {joint} is {home:.4g}, not in {low:.4g} to {high:.4g}"
-        if step_ms < 0.999:
+        if (step_ms := self._arm.mechanism.timestep * 1e3) < 0.999:
             yield robot, f"time steps of {step_ms:g} ms, but the controller runs once a ms"
         if self._arm.integrator:
             yield (
