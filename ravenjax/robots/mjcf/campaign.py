@@ -98,7 +98,7 @@ class Config(CampaignConfig):
             ),
         )
         home = mechanism.tip_position(arm.mechanism, arm.home)
-        place = ", ".join(f"{round(x, 4) + 0}" for x in home)
+        place = ", ".join(f"{round(float(x), 4) + 0:g}" for x in home)
         yield "tip", f"site {arm.tip}, at {place} m in the home position"
         sines = f"sines of {operator.amplitude:g} of the ranges, {operator.hz:g} Hz at the mean"
         yield "tick", f"{arm.period_ms} ms, time steps of the model: {arm.steps}"
