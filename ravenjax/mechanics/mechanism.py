@@ -164,7 +164,10 @@ def _require_supported(model: mujoco.MjModel):
             "equality constraints that do not couple joints",
             model.eq_type != mujoco.mjtEq.mjEQ_JOINT,
         ),
-        "geom": ("geoms with contacts", solid),
+        "geom": (
+            'geoms with contacts, which <option><flag contact="disable"/></option> switches off',
+            solid,
+        ),
         "body": ("bodies with gravity compensation", model.body_gravcomp != 0.0),
     }
     found = []
@@ -183,8 +186,7 @@ def _require_supported(model: mujoco.MjModel):
     if found:
         raise UserError(
             f"the MJCF model has {'; '.join(found)}: expected a fixed base, hinge and slide joints,"
-            " and couplings of joints. Remove all else from the model. To disable contacts write"
-            ' <option><flag contact="disable"/></option>'
+            " and couplings of joints. Remove all else from the model"
         )
 
 

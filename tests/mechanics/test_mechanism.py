@@ -97,5 +97,5 @@ def test_what_it_has_not_is_named():
     )
     with pytest.raises(UserError) as error:
         read_mechanism(mujoco.MjModel.from_xml_string(text), "tip")
-    for word in ("joints (f)", "tendons (t)", "(w)", "contacts (g, number 1)", "density"):
+    for word in ("joints (f)", "tendons (t)", "(w)", "switches off (g, number 1)", "density"):
         assert word in str(error.value)

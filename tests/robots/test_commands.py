@@ -108,6 +108,7 @@ def test_its_tick_moves_as_c_mujoco(folder, step_ms, written_ms, tick_ms):
     set_period(folder / "arm.xml", step_ms, written_ms)
     row = rj.run("arm.toml", engine="simd").iloc[1]
     run = rj.simulate("arm.toml", 1, engine="simd").sel(arm="arm")
+    assert run["tip_error_mm"][:600].max() == 0.0, "a fault-free arm equals its nominal model"
     model = mujoco.MjModel.from_xml_path("arm.xml")
     data, places = mujoco.MjData(model), []
     data.qpos[:] = run["jpos"].values[0]
@@ -177,9 +178,21 @@ def test_set_points_move_the_tip_along_a_path(folder):
         mujoco.mj_kinematics(model, data)
         np.testing.assert_allclose(data.site("tip").xpos, place, rtol=0, atol=1e-5)
     assert 1e-4 < np.abs(np.diff(plan, axis=0)).max() < 1e-2
+    # Poses of a file have one solution near the home position.
+    home, poses = model.key_qpos[0], np.zeros((2, 8))
+    for pose, s, joints in zip(poses, (0.0, 0.9), (home, home + 0.3), strict=True):
+        data.qpos[:] = joints
+        mujoco.mj_kinematics(model, data)
+        pose[:4] = s, *data.site("tip").xpos
+        mujoco.mju_mat2Quat(pose[4:], data.site("tip").xmat)
+    poses[1, 4:] *= -1
+    np.savetxt("poses.csv", poses, delimiter=",", header="s,x,y,z,qw,qx,qy,qz")
+    raw["operator"] = {"motion": "tip", "file": "poses.csv"}
+    plan = rj.simulate(rj.load_campaign(raw), 0, engine="simd")["jpos_d"].sel(arm="arm").values
+    np.testing.assert_allclose(plan[[0, 950]], [home, home + 0.3], rtol=0, atol=1e-4)
     # The planar arm reaches 0.6 m far.
     raw["campaign"] |= {"robot": "planar_arm", "duration_s": 0.3}
-    raw["operator"]["tip"] = [[0, 0.5, 0.2, 0], [0.2, 0.9, 0, 0]]
+    raw["operator"] = {"motion": "tip", "tip": [[0, 0.5, 0.2, 0], [0.2, 0.9, 0, 0]]}
     raw["parameters"] = {"kp": 40}
     with pytest.raises(UserError, match=r"\[0.9, 0.0, 0.0\] m at 2\d\d ms: it stays 300 mm away"):
         rj.run(raw)

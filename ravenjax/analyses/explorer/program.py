@@ -3,7 +3,7 @@
 Numbers are in single precision or are 32-bit integers. Binaries and motions are little-endian words
 in base64. `static/engine.js` reads the object of `describe_program`, with these keys:
 
-- arms, ticks (ms of a run), cue (haptic set of the verdict), slots (faults of a run), observe_ms
+- arms, ticks, tick_ms, cue (haptic set of the verdict), slots (faults of a run), observe_ms
 - parameters: those that the page can change, in the order of a run's inputs
 - channels: where faults act; the code of a fault is the channel's index in this list, from 1
 - effects: code; a network effect also has the channel at which it is injected, the effect there and
@@ -68,8 +68,6 @@ def question_plan(config: CampaignConfig) -> Plan:
     ready = plan.make_plan(config)
     if config.campaign.noise:
         raise UserError("a page cannot draw noise for each run: set campaign.noise to false")
-    if ready.tick_ms != 1:
-        raise UserError(f"a page computes ticks of 1 ms, got a robot with {ready.tick_ms} ms")
     program = ready.program
     if not program.setup.injection.sites:
         raise UserError(
@@ -121,6 +119,7 @@ def describe_program(config: CampaignConfig) -> dict[str, Any]:
         "harm_limit_mm": config.outcomes.limit_mm if config.limit_counts else None,
         "arms": program.setup.arms,
         "ticks": program.ticks,
+        "tick_ms": program.setup.period_ms,
         "cue": config.outcomes.cue,
         "parameters": [_parameter(ready, path) for path in program.varied],
         "observe_ms": config.campaign.observe_ms,

@@ -39,6 +39,7 @@ def describe_campaign(config: CampaignConfig) -> dict[str, Any]:
         "robot": robot.title,
         "arms": arms,
         "joints": robot.joints,
+        "linear": robot.linear,
         "duration_ms": config.campaign.duration_ms,
         "limit_mm": config.outcomes.limit_mm,
         "harm": config.rules.harm if config.rules.harms else "",

@@ -175,6 +175,8 @@ def _arm(model: mujoco.MjModel) -> tuple[Arm, tuple[str, ...]]:
             control[:, k] = sorted(model.actuator_ctrlrange[a] * unit)
         if model.actuator_forcelimited[a]:
             force[:, k] = np.clip(sorted(model.actuator_forcerange[a] * gear), *force[:, k])
+    if not any(kinds):
+        raise UserError('expected an actuator, such as <position joint="elbow" kp="100"/>')
     vectors = [Vec(column.tolist()) for column in (home, *reach, gain, offset, stiffness, damping)]
     bounds = [(Vec(low.tolist()), Vec(high.tolist())) for low, high in (control, force)]
     integrator = mujoco.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_")

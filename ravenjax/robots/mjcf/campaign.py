@@ -26,6 +26,7 @@ from ravenjax.robots.mjcf import loop
 from ravenjax.robots.mjcf.loop import UNLIMITED, ArmSetup, Params
 from ravenjax.stages import detectors
 from ravenjax.stages.acted import add_action as acted
+from ravenjax.store.motion.resampling import continuous_turns
 
 __all__ = ["Config", "Params", "acted", "prepare"]
 
@@ -35,8 +36,11 @@ class Operator(Section):
 
     motion: Literal["sines", "tip"] = "sines"
     """sines: of all joints, around the start; tip: set points that move the tip along a path"""
-    tip: tuple[tuple[float, float, float, float], ...] = ()
-    """of motion tip: [s, x, y, z] of each place in the frame of the file, m; rests at both ends"""
+    tip: tuple[tuple[float, ...], ...] = ()
+    """of motion tip: [s, x, y, z] of each place in the frame of the file, m; rests at both ends.
+    With an orientation: [s, x, y, z, qw, qx, qy, qz], a quaternion in the same frame"""
+    file: Path | None = None
+    """of motion tip: CSV file with a header and these columns, instead of the key tip"""
     seed: int = Field(default=0, ge=0, lt=2**31)
     """seed of the frequency and the direction of each joint"""
     amplitude: float = Field(default=0.05, gt=0.0, le=0.5)
@@ -47,8 +51,13 @@ class Operator(Section):
     @model_validator(mode="after")
     def _fits(self) -> "Operator":
         keys = self.model_dump(exclude_defaults=True).keys() - {"motion"}
-        if keys != {"tip"} if self.motion == "tip" else "tip" in keys:
-            raise ValueError("motion 'tip' takes the key tip alone, and 'sines' takes the others")
+        path = {"tip", "file"} & keys
+        if len(path) != 1 or keys != path if self.motion == "tip" else path:
+            raise ValueError("motion 'tip' takes tip or file alone, and 'sines' takes the others")
+        # A quaternion of zeros is no orientation.
+        sizes = {len(row) if any(row[4:]) or len(row) == 4 else 0 for row in self.tip}
+        if sizes not in (set(), {4}, {8}):
+            raise ValueError("expected places of 4 numbers each, or of 8 with a quaternion")
         return self
 
 
@@ -60,6 +69,18 @@ class Config(CampaignConfig):
         "lower|upper|tracking|velocity|watchdog|sensor|effort|k|gravity|coasting"
     )
 
+    def with_files(self, folder: Path) -> CampaignConfig:
+        """Return the campaign with the content of its files."""
+        config, file = super().with_files(folder), self.operator.file
+        if file is None:
+            return config
+        try:
+            rows = np.loadtxt(folder / file, delimiter=",", skiprows=1, ndmin=2)
+            operator = Operator(motion="tip", tip=rows.tolist())
+        except (OSError, ValueError, UserError) as error:
+            raise UserError(f"operator.file {file}: {error}") from None
+        return config.model_copy(update={"operator": operator})
+
     @property
     def operator_label(self) -> str:
         """Name of the operator's motion in tables."""
@@ -68,15 +89,19 @@ class Config(CampaignConfig):
     def lines(self) -> Iterator[tuple[str, str]]:
         """Yield (heading, text) of what the file says about robot and operator."""
         yield from super().lines()
-        robot: Any = self.robot
-        kinds = zip(robot.joints, robot.arm.kinds, strict=True)
-        yield "joints", ", ".join(f"{joint} ({kind or 'passive'})" for joint, kind in kinds)
-        home = mechanism.tip_position(robot.arm.mechanism, robot.arm.home)
-        place = ", ".join(f"{x:.4g}" for x in home)
-        yield "tip", f"site {robot.arm.tip}, at {place} m in the home position"
-        operator = self.operator
+        arm, operator = self._arm, self.operator
+        yield (
+            "joints, rad or m",
+            ", ".join(
+                f"{joint} ({kind or 'passive'}, {low:.4g} to {high:.4g})"
+                for joint, kind, _, low, high in self._joints()
+            ),
+        )
+        home = mechanism.tip_position(arm.mechanism, arm.home)
+        place = ", ".join(f"{round(float(x), 4) + 0:g}" for x in home)
+        yield "tip", f"site {arm.tip}, at {place} m in the home position"
         sines = f"sines of {operator.amplitude:g} of the ranges, {operator.hz:g} Hz at the mean"
-        yield "tick", f"{robot.period_ms} ms, time steps of the model: {robot.arm.steps}"
+        yield "tick", f"{arm.period_ms} ms, time steps of the model: {arm.steps}"
         yield "operator", f"tip through {len(operator.tip)} places" if operator.tip else sines
 
     def complaints(self) -> Iterator[Complaint]:
@@ -86,9 +111,10 @@ class Config(CampaignConfig):
             if detector.file is None:
                 yield ("detector", number, "kind"), "an arm runs detectors with a file only"
         # A campaign without faults lists parameters.
-        for joint in self._without_gain("motor") if any(g.fault for g in self.group) else ():
-            reason = "nothing holds the joint of a motor without it; write kp, and kd for damping"
-            yield ("parameters", f"kp.{joint}"), f"expected a gain: {reason}"
+        motors = self._without_gain("motor")
+        if motors and any(group.fault for group in self.group):
+            reason = f"nothing else holds {', '.join(motors)}; write kp, and kd for damping"
+            yield ("parameters", f"kp.{motors[0]}"), f"expected a gain: {reason}"
 
     def notices(self) -> Iterator[Complaint]:
         """See `CampaignConfig.notices`."""
@@ -109,22 +135,38 @@ class Config(CampaignConfig):
             yield ("operator", "tip"), "the run ends before its last place"
         for joint in self._without_gain("velocity", "motor"):
             yield ("parameters", f"kp.{joint}"), "no gain: nothing holds the joint at its set point"
-        arm: Any = self.robot
-        if arm.arm.integrator:
+        robot = "campaign", "robot"
+        for joint, _, home, low, high in self._joints():
+            if not low <= home <= high:
+                yield robot, f"home of {joint} is {home:.4g}, not in {low:.4g} to {high:.4g}"
+        if (step_ms := self._arm.mechanism.timestep * 1e3) < 0.999:
+            yield robot, f"time steps of {step_ms:g} ms, but the controller runs once a ms"
+        if self._arm.integrator:
             yield (
-                ("campaign", "robot"),
-                f"the model has integrator {arm.arm.integrator}; this has no effect, because an arm"
-                " moves with the integrator implicitfast",
+                robot,
+                f"the model has integrator {self._arm.integrator}; this has no effect, because an"
+                " arm moves with the integrator implicitfast",
             )
 
     def _set(self) -> set[str]:
         return {path for _, table in self.parameter_tables() for path in table}
 
-    def _without_gain(self, *kinds: str) -> Iterator[str]:
+    @property
+    def _arm(self) -> Any:
         robot: Any = self.robot
-        for joint, kind in zip(robot.joints, robot.arm.kinds, strict=True):
-            if kind in kinds and not self._set() & {"kp", f"kp.{joint}"}:
-                yield joint
+        return robot.arm
+
+    def _joints(self) -> Iterator[Any]:
+        # Yields each joint's name, kind of actuator, home and range.
+        arm = self._arm
+        return zip(self.robot.joints, arm.kinds, arm.home, arm.lower, arm.upper, strict=True)
+
+    def _without_gain(self, *kinds: str) -> list[str]:
+        return [
+            joint
+            for joint, kind, *_ in self._joints()
+            if kind in kinds and not self._set() & {"kp", f"kp.{joint}"}
+        ]
 
     def deciding(self) -> dict[str, Any]:
         """See `CampaignConfig.deciding`. The code hash has the content of the MJCF file."""
@@ -183,8 +225,10 @@ def _sines(operator: Operator, robot, ticks: int) -> tuple[np.ndarray, ...]:
     return tuple(columns)
 
 
-TOLERANCE_M = 1e-5
-"""Largest distance of the tip of the set points from its path."""
+TOLERANCE = 1e-2
+"""Largest distance of the tip of the set points from its path, mm, and largest angle, degrees."""
+LEVER_M = 0.1
+"""Distance that counts as much as an angle of 1 rad."""
 DAMPING_M, STEP_M, TRIES = 0.1, 2e-2, 200
 """Damping of the inverse kinematics for each metre that is left, longest way of the tip in one of
 its iterations, and the number of iterations.
@@ -203,16 +247,19 @@ def _along(operator: Operator, robot: Any, ticks: int) -> tuple[np.ndarray, ...]
     arm, rows = robot.arm, np.array(operator.tip)
     if any(not c.limit for c in arm.mechanism.constraints):
         raise UserError("operator.tip: joints of the arm are coupled; expected motion 'sines'")
+    rows[:, 4:] = continuous_turns(rows[:, 4:])
     try:
         path = CubicSpline(rows[:, 0], rows[:, 1:], bc_type="clamped")
     except ValueError as error:
         raise UserError(f"operator.tip, times and places: {error}") from None
     path = path(np.clip(np.arange(ticks) * robot.period_ms / 1e3, *rows[[0, -1], 0]))
+    path[:, 3:] /= np.linalg.norm(path[:, 3:], axis=1, keepdims=True)
 
     model = mujoco.MjModel.from_xml_path(robot.files[0])
     data, site = mujoco.MjData(model), model.site(arm.tip).id
     driven = np.array([kind != "" for kind in arm.kinds])
-    ways, found = np.zeros((3, len(driven))), []
+    weights = np.outer([1.0] * 3 + [LEVER_M] * 3, driven)
+    ways, quat, turn, found, left = np.zeros_like(weights), np.zeros(4), np.zeros(3), [], []
     # A straight arm cannot begin to move along itself.
     joints = np.array(arm.home) + 1e-2 * driven
     for goal in path:
@@ -220,22 +267,30 @@ def _along(operator: Operator, robot: Any, ticks: int) -> tuple[np.ndarray, ...]
             data.qpos[:] = joints
             mujoco.mj_kinematics(model, data)
             mujoco.mj_comPos(model, data)
-            mujoco.mj_jacSite(model, data, ways, None, site)
-            off = goal - data.site_xpos[site]
+            mujoco.mj_jacSite(model, data, ways[:3], ways[3:], site)
+            off = goal[:3] - data.site_xpos[site]
+            if len(goal) > 3:
+                frame = data.site_xmat[site]
+                mujoco.mju_mat2Quat(quat, frame)
+                mujoco.mju_subQuat(turn, goal[3:], quat)
+                off = np.append(off, LEVER_M * frame.reshape(3, 3) @ turn)
             if (distance := math.hypot(*off)) < 1e-8:
                 break
-            ways *= driven
-            square = ways @ ways.T + DAMPING_M * distance * np.eye(3)
-            turn = ways.T @ np.linalg.solve(square, off * min(1.0, STEP_M / distance))
-            joints = np.clip(joints + turn, arm.lower, arm.upper)
+            rows = (ways * weights)[: len(off)]
+            square = rows @ rows.T + DAMPING_M * distance * np.eye(len(off))
+            step = rows.T @ np.linalg.solve(square, off * min(1.0, STEP_M / distance))
+            joints = np.clip(joints + step, arm.lower, arm.upper)
         found.append(joints)
+        left.append(math.hypot(*off[3:]) / LEVER_M)
     columns = tuple(np.array(found, np.float32).T)
     tip = mechanism.tip_position(arm.mechanism, Vec(columns))
-    apart = np.sqrt(sum((x - y) ** 2 for x, y in zip(tip, path.T, strict=True)))
-    if apart[tick := apart.argmax()] > TOLERANCE_M:
+    apart = np.sqrt(sum((x - y) ** 2 for x, y in zip(tip, path.T[:3], strict=True)))
+    off = np.maximum(apart * 1e3, np.degrees(left))
+    if off[tick := off.argmax()] > TOLERANCE:
+        turned = f" and {np.degrees(left[tick]):.3g} degrees" * (len(goal) > 3)
         raise UserError(
             f"operator.tip: the tip cannot reach {path[tick].round(4).tolist()} m at"
             f" {tick * robot.period_ms} ms: it"
-            f" stays {apart[tick] * 1e3:.3g} mm away, with each joint in its range"
+            f" stays {apart[tick] * 1e3:.3g} mm{turned} away, with each joint in its range"
         )
     return columns

@@ -187,9 +187,10 @@ def advance(
     )
     rate = 1e3 / ms
     seen_way, model_way = ((a - b) * rate for a, b in zip((seen, model), state.tips, strict=True))
+    # Encoders were read at the start of the tick, so the cue compares the model's tip of then.
     cue, pull = haptics.step(
         *(setup, params.haptics, state.haptics),
-        haptics.HapticSignal(model, model_way, seen, seen_way),
+        haptics.HapticSignal(state.tips[1], model_way, seen, seen_way),
     )
     running, always = ~stopped, jnp.bool_(True)
     infinite, nothing = cast_to_real(setup, jnp.inf), (Vec.full(len(jpos), 0),)

@@ -19,6 +19,7 @@ import ravenjax as rj
 from ravenjax.analyses.deadline.finding import Actor, FaultActions
 from ravenjax.analyses.explorer import program
 from ravenjax.analyses.explorer.page import PREFIX, import_map
+from ravenjax.bundled import resources
 from ravenjax.campaign import outcomes
 from ravenjax.campaign.computation import Computation
 from ravenjax.engines import traced
@@ -286,7 +287,8 @@ def test_what_is_cancelled_is_given_up_and_the_rest_goes_on(page, ready):
     assert told == ["AbortError", 3, "silent/none/no cue"]
 
 
-def test_deadlines_are_those_of_the_command(page):
+@pytest.mark.parametrize("tick_ms", [1, 4])
+def test_deadlines_are_those_of_the_command(page, tick_ms, tmp_path):
     fault = {
         "site": "usb_out",
         "channel": ["shoulder", "elbow"],
@@ -295,17 +297,23 @@ def test_deadlines_are_those_of_the_command(page):
         "start_ms": 700,
         "duration_ms": 64,
     }
+    campaign = {"name": "act", "duration_s": 1.2}
+    if tick_ms > 1:
+        model = resources.find_model("ur5e/ur5e.xml").read_text()
+        (tmp_path / "arm.xml").write_text(model.replace('"0.001"', f'"{tick_ms / 1e3}"'))
+        campaign |= {"robot": str(tmp_path / "arm.xml"), "observe_ms": 400}
+        fault |= {"site": "torque", "channel": "elbow", "effect": "drift", "value": [-150, -10]}
     config = rj.load_campaign(
-        {
-            "campaign": {"name": "act", "duration_s": 1.2},
-            "group": [{"name": "harmful", "fault": [fault]}],
-        }
+        {"campaign": campaign, "group": [{"name": "harmful", "fault": [fault]}]},
+        # A slow arm, which soon stands still.
+        ["operator.amplitude=0.005"] * (tick_ms > 1),
     )
     ready, actor = program.question_plan(config), Actor(config, "simd")
     page.evaluate(
         "async (d) => { window.other = await openEngine(d, { threads: 1 }) }",
         program.describe_program(config),
     )
+    same_rows(answers(page, ready, {}, "other"), table(config, ready, Unfused()))
     told = page.evaluate(
         """async (faults) => {
           const question = other.question();
@@ -320,9 +328,10 @@ def test_deadlines_are_those_of_the_command(page):
         faults_of(ready),
     )
     assert len(told) >= 2
-    row, effect, harm = (np.repeat([one[k] for one in told], len(actor.actions)) for k in range(3))
+    row, *times = (np.repeat([one[k] for one in told], len(actor.actions)) for k in range(3))
+    effect, harm = (ms // tick_ms for ms in times)
     lanes = FaultActions(row, np.tile(list(actor.actions.values()), len(told)), effect, harm)
     found = actor.find(lanes, lambda text: None)[0]
-    ours = np.where(found < effect, -1, found).reshape(len(told), -1)
+    ours = np.where(found < effect, -1, found * tick_ms).reshape(len(told), -1)
     assert (ours > 0).any() and (ours < 0).any()
     assert [list(one[3].values()) for one in told] == ours.tolist()

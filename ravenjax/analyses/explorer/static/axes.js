@@ -40,6 +40,9 @@ export function spanOf(campaign, fault) {
   return high - low > 1 || !whole ? { low, high, whole } : { low: channel.low ?? 0, high: channel.high ?? 1, whole };
 }
 
+/** The nearest time of whole ticks, ms, at least `least`. */
+export const onTick = (campaign, ms, least = 0) => Math.max(least, Math.round(ms / campaign.tick_ms)) * campaign.tick_ms;
+
 const rounded = (value, whole) => (whole ? Math.round(value) : Number(value.toPrecision(6)));
 const distinct = (values) => [...new Set(values)];
 const even = (low, high, whole) => distinct(Array.from({ length: STEPS + 1 }, (_, k) => rounded(low + ((high - low) * k) / STEPS, whole)));
@@ -54,12 +57,12 @@ export function axisOf(campaign, fault, name, channels) {
   }
   if (name === "duration_ms") {
     const most = Math.min(LONGEST_MS, campaign.duration_ms);
-    const values = Array.from({ length: STEPS + 1 }, (_, k) => Math.round(most ** (k / STEPS)));
+    const values = Array.from({ length: STEPS + 1 }, (_, k) => onTick(campaign, most ** (k / STEPS), 1));
     return { name, title: "lasts, ms", values: distinct(values), log: true };
   }
   if (name === "start_ms") {
     const first = Math.min(EARLIEST_MS, Math.floor(campaign.duration_ms / 6));
-    return { name, title: "begins, ms into the operation", values: even(first, campaign.duration_ms - first, true) };
+    return { name, title: "begins, ms into the operation", values: distinct(even(first, campaign.duration_ms - first, true).map((ms) => onTick(campaign, ms))) };
   }
   return { name, title: "channel", values: channels };
 }

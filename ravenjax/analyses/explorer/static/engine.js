@@ -53,7 +53,7 @@ function opening(fault, ticks) {
 
 /** Converts a fault of the page to the numbers of a fault slot. Throws RangeError if the program lacks the fault. */
 export function slot(description, fault) {
-  const { channels, effects, triggers } = description;
+  const { channels, effects, triggers, tick_ms: tick } = description;
   const effect = effects[fault.effect];
   if (!effect) throw new RangeError(`effect ${fault.effect} is unknown: expected ${Object.keys(effects).join(", ")}`);
   const name = effect.channel ?? fault.channel;
@@ -66,15 +66,17 @@ export function slot(description, fault) {
   const trigger = fault.trigger ?? Object.keys(triggers)[0];
   if (!(trigger in triggers)) throw new RangeError(`trigger ${trigger} is not among ${Object.keys(triggers).join(", ")}`);
   const lasts = fault.duration_ms === "end" || fault.duration_ms === undefined || fault.duration_ms < 0;
+  const unit = trigger === "packet" ? 1 : tick; // the clock of packets counts packets
+  const value = effect.constant ?? fault.value ?? 0;
   return {
     code: place + 1,
     effect: effect.code,
-    value: effect.constant ?? fault.value ?? 0,
+    value: fault.effect === "drift" ? value * tick : value,
     trigger: triggers[trigger],
-    start: fault.start_ms,
-    duration: lasts ? description.forever : fault.duration_ms,
-    every: fault.every_ms ?? 0,
-    period: fault.period_ms ?? 0,
+    start: Math.floor(fault.start_ms / unit),
+    duration: lasts ? description.forever : Math.floor(fault.duration_ms / unit),
+    every: Math.floor((fault.every_ms ?? 0) / unit),
+    period: Math.floor((fault.period_ms ?? 0) / tick),
     key: fault.key ?? 0,
     clock: trigger,
   };
@@ -82,14 +84,14 @@ export function slot(description, fault) {
 
 /** Packs the faults of runs as 32-bit words, with the ticks at which they begin and end. Each of `faults` is a fault or a list. */
 export function pack(description, question, faults) {
-  const { fields, slots, ticks } = description;
+  const { fields, slots, ticks, tick_ms: tick } = description;
   const names = Object.keys(fields);
   const types = Object.values(fields);
   const runs = faults.map((one) => (Array.isArray(one) ? one : one === null ? [] : [one]).map((fault) => slot(description, fault)));
   const packed = new Int32Array(runs.length * slots * names.length);
   const acts = new Int32Array(runs.length).fill(ticks);
   const ends = new Int32Array(runs.length).fill(ticks);
-  const observe = question.observe_ms ?? null;
+  const observe = question.observe_ms ?? null; // a whole number of ticks
   for (const [run, some] of runs.entries()) {
     if (some.length > slots) throw new RangeError(`${some.length} faults in a run, expected ${slots} at most`);
     let last = 0;
@@ -99,7 +101,7 @@ export function pack(description, question, faults) {
       const timed = one.clock === "time";
       acts[run] = Math.min(acts[run], timed ? open.first : Math.max(0, one.start - 1));
       const final = timed ? open.last + 1 : ticks;
-      if (final > 0 && observe !== null) last = Math.max(last, Math.min(final + observe, ticks));
+      if (final > 0 && observe !== null) last = Math.max(last, Math.min(final + observe / tick, ticks));
     }
     if (last > 0) ends[run] = last;
   }
@@ -163,7 +165,7 @@ function failure(description, measures) {
       const value = measures[name];
       if (typeof value !== "number" || Number.isFinite(value)) continue;
       if (Number.isNaN(value) || !may_be_infinite.some((end) => name.endsWith(end))) {
-        first = description.ticks;
+        first = description.ticks * description.tick_ms;
         signal = failure_of_outcome;
         break;
       }
@@ -265,6 +267,18 @@ class Pool {
   }
 }
 
+/** A series of `ticks` rows with each row `times` times. */
+function held(values, ticks, times) {
+  if (times === 1) return values;
+  const width = values.length / ticks;
+  const out = new Float32Array(values.length * times);
+  for (let row = 0; row < ticks * times; row += 1) {
+    const tick = Math.floor(row / times);
+    out.set(values.subarray(tick * width, (tick + 1) * width), row * width);
+  }
+  return out;
+}
+
 const GRID = 8; // number of ticks per action, from effect to harm, that are computed before the bisection
 
 /** Whether harm occurs although an action is taken, for each action and tick: {action: [..]}. */
@@ -324,7 +338,7 @@ class Engine {
             const end = ends[run];
             if (!golden.has(end)) golden.set(end, this.measures(usual.subarray(k * size, (k + 1) * size)));
             const out = judge(this.description, this.measures(own.subarray(k * size, (k + 1) * size)), golden.get(end), faulty[run]);
-            if ((question.observe_ms ?? null) !== null) out.observed_ms = end;
+            if ((question.observe_ms ?? null) !== null) out.observed_ms = end * this.description.tick_ms;
             judged[run] = out;
           }
           onOutcomes?.(rows, rows.map((run) => judged[run]));
@@ -357,15 +371,18 @@ class Engine {
     const { packed, faulty, ends } = pack(this.description, question, [fault]);
     const both = await this.pool.submit("replay", { parameters, motion: motionOf(this.description, question), faults: packed, end: ends[0] }, { priority, token });
     const outcome = judge(this.description, this.measures(both.faulty.end), this.measures(both.golden.end), faulty[0]);
-    return { period_ms: 1, golden: both.golden.series, faulty: both.faulty.series, outcome };
+    const { ticks, tick_ms: tick } = this.description;
+    const [golden, own] = [both.golden, both.faulty].map(({ series }) => Object.fromEntries(Object.entries(series).map(([name, values]) => [name, held(values, ticks, tick)])));
+    return { period_ms: 1, golden, faulty: own, outcome };
   }
 
   /**
    * Until when each action prevents the harm of a fault, ms by the action's name; -1: at no tick that was tried.
    * outcome: of the fault, with harm. The search is that of `ravenjax deadline`: eight ticks, then bisection.
    */
-  async deadlines(question, fault, { first_active_ms: effect, unintended_first_ms: harm }, options = {}) {
-    const { actions, fields, triggers, slots } = this.description;
+  async deadlines(question, fault, { first_active_ms, unintended_first_ms }, options = {}) {
+    const { actions, fields, triggers, slots, tick_ms: tick } = this.description;
+    const [effect, harm] = [first_active_ms / tick, unintended_first_ms / tick];
     const names = Object.keys(actions);
     const parameters = packQuestion(this.description, question);
     const { packed, acts } = pack(this.description, question, [fault]);
@@ -404,7 +421,7 @@ class Engine {
       const middle = some.map((action) => ({ action, at: Math.floor((open.get(action)[0] + open.get(action)[1]) / 2) }));
       for (const [k, late] of (await harms(middle)).entries()) open.get(middle[k].action)[late ? 1 : 0] = middle[k].at;
     }
-    return Object.fromEntries(names.map((action) => [action, open.get(action)[0]]));
+    return Object.fromEntries(names.map((action) => [action, open.get(action)[0] < 0 ? -1 : open.get(action)[0] * tick]));
   }
 
   /** Cancels what was requested with this token. */

@@ -1,7 +1,7 @@
 // The main module of the page: controls of a fault, the answer in words, a map of outcomes, and one run in detail.
 
 import { command, read, toml, written } from "./address.js";
-import { AXES, axisOf, channelOf, nearest, siteOf, spanOf, unitOf, words } from "./axes.js";
+import { AXES, axisOf, channelOf, nearest, onTick, siteOf, spanOf, unitOf, words } from "./axes.js";
 import { Controls } from "./controls.js";
 import { openEngine } from "./engine.js";
 import { Field, levels } from "./field.js";
@@ -27,6 +27,7 @@ const pause = () => new Promise((resolve) => setTimeout(resolve));
 const campaign = data("campaign");
 await pause();
 const description = data("program");
+campaign.tick_ms = description.tick_ms;
 await pause();
 const MAP = 1; // priorities of computations: the run that is shown comes before the map
 const RUN = 5;
@@ -70,8 +71,8 @@ function correct() {
   const { fault } = state;
   for (const path of Object.keys(state.changes)) if (!paths.has(path) || !Number.isFinite(state.changes[path])) delete state.changes[path];
   if (!(state.motion in description.motions)) state.motion = null;
-  if (!(fault.start_ms >= 0)) fault.start_ms = 0;
-  if (fault.duration_ms !== "end" && !(fault.duration_ms >= 1)) fault.duration_ms = 64;
+  fault.start_ms = fault.start_ms >= 0 ? onTick(campaign, fault.start_ms) : 0;
+  if (fault.duration_ms !== "end") fault.duration_ms = onTick(campaign, fault.duration_ms >= 1 ? fault.duration_ms : 64, 1);
   if (!(fault.site in able)) Object.assign(fault, firstState().fault);
   const channels = able[fault.site];
   if (!(fault.channel in channels)) fault.channel = Object.keys(channels)[0];

@@ -142,7 +142,7 @@ export class Run {
     const wanted = [
       { title: "Unintended motion so far", unit: "mm", name: "unintended_mm", n: 1, limit: campaign.limit_mm },
       { title: `Motor command, ${named}`, unit: "counts", name: `${arm}/dac_cnt`, k: joint, n: width },
-      { title: `True joint position, ${named}`, unit: joint === 2 ? "m" : "rad", name: `${arm}/link_jpos`, k: joint, n: width },
+      { title: `True joint position, ${named}`, unit: campaign.linear.includes(campaign.joints[joint]) ? "m" : "rad", name: `${arm}/link_jpos`, k: joint, n: width },
       { title: "Force of the cue", unit: "device units", name: `${arm}/cue_force`, k: campaign.cue, n: campaign.cues.cap.length },
       { title: "What the cue measures", unit: "mm", name: `${arm}/tip_error_mm`, n: 1, limit: campaign.cues.threshold_mm[campaign.cue] },
     ].filter(({ name }) => name in replay.faulty);

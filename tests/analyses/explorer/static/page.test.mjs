@@ -15,6 +15,7 @@ const { csv } = await load(`${scripts}saving.js`);
 
 const campaign = {
   duration_ms: 3000,
+  tick_ms: 1,
   toml: '[campaign]\nname = "x"\n',
   varied: ["operator.scale"],
   cues: { threshold_mm: [3, 2], kp_per_mm: [0.0045, 0.0045], kd_per_mm_s: [9e-5, 9e-5], cap: [0.05, 0.05] },
@@ -114,6 +115,7 @@ test("axes hold their range, and the nearest of a growing axis is by ratio", () 
   assert.deepEqual([size.values.length, size.values[0], size.values[20], size.values[40]], [41, -20_000, 0, 20_000]);
   const lasts = axisOf(campaign, fault, "duration_ms", []);
   assert.deepEqual([lasts.values[0], lasts.values.at(-1)], [1, 1024]);
+  assert.deepEqual(axisOf({ ...campaign, tick_ms: 300 }, fault, "duration_ms", []).values, [300, 600, 900]);
   assert.equal(nearest({ values: [1, 10, 100], log: true }, 40), 2);
   assert.equal(nearest({ values: [1, 10, 100] }, 40), 1);
   for (const last of ["end", Infinity]) assert.equal(nearest({ values: [1, 10, 100], log: true }, last), 2);
