@@ -116,7 +116,7 @@ class RavenConfig(CampaignConfig):
     @property
     def watches_cables(self) -> bool:
         """Whether the mechanics have tensions that can be compared with a cable's strength."""
-        return parameter_sets.tells_tension(self.campaign.parameter_set)
+        return parameter_sets.has_realistic_tension(self.campaign.parameter_set)
 
     @property
     def touches(self) -> bool:

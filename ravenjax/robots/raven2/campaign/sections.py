@@ -133,7 +133,7 @@ class RavenCampaign(CampaignSection):
                 f"build: got {self.build!r}, which is a build of the 2015 fork only: write"
                 " software = 'fork2015', or build = 'robot'"
             )
-        if self.cables == "break" and not parameter_sets.tells_tension(self.parameter_set):
+        if self.cables == "break" and not parameter_sets.has_realistic_tension(self.parameter_set):
             raise ValueError(
                 f"cables: got 'break', but with parameter_set {self.parameter_set!r} motors pull"
                 " the cables twelve times as hard as real motors can: write parameter_set ="

@@ -96,14 +96,14 @@ def update_model_and_cue(
         )
         return tip, *haptics.step(setup, params.haptics, device_state, signal)
 
-    def make_command(*command) -> nominal.Clean:
+    def make_command(*command) -> nominal.Command:
         # Returns the command for the nominal model of one arm.
         # command: translation, quaternion and jaw motion of the arm in the packet.
         if setup.console == "increments":
             # A packet may last several cycles, and its increments count only in the first.
             no_motion = (Vec.full(3, 0), Vec((0.0, 0.0, 0.0, 1.0)), 0)
             command = where(fresh, command, no_motion)
-        return nominal.Clean(*command, engaged=clean.surgeon_mode)
+        return nominal.Command(*command, engaged=clean.surgeon_mode)
 
     commands = tuple(map(make_command, clean.delta, clean.quat, clean.grasp))
     jpos = cast_to_real(setup, robot.jpos)

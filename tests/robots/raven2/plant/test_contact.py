@@ -44,8 +44,8 @@ def at_depth(depth_m: float, jaws: float = 0.0, roll: float = 0.0) -> np.ndarray
 
 @quickly.jit
 def felt(touched, jpos, jvel):
-    one, other = contact.jaw_tips("gold", touched, Vec(jpos), Vec(jvel), 1e-3)
-    return [(c.force(), c.rise, c.normal, c.drag, c.velocity, c.vessel) for c in (one, other)]
+    tips = contact.jaw_tips("gold", touched, Vec(jpos), Vec(jvel), 1e-3)
+    return [(c.present_force(), c.rise, c.normal, c.drag, c.velocity, c.vessel) for c in tips]
 
 
 def tip_contact(jpos, jvel=(0.0,) * N):
@@ -140,12 +140,8 @@ def begun(arms, jpos, jvel, change=lambda p: p):
         state = robot.init(one, arm, own, numbers(q))
         state = replace(state, brakes=replace(state.brakes, engaged=jnp.int32(0)), jvel=numbers(v))
         params.append(own)
-        states.append(
-            replace(
-                state,
-                mvel=numbers(arm_coupling(arm, "r_grasper", "raven2").motors(Vec(map(float, v)))),
-            )
-        )
+        coupling = arm_coupling(arm, "r_grasper", "raven2")
+        states.append(replace(state, mvel=numbers(coupling.to_motors(Vec(map(float, v))))))
     return tuple(params), tuple(states)
 
 
@@ -225,7 +221,8 @@ def test_pressed_with_a_known_motor_torque_the_arm_comes_to_rest_where_statics_s
             a * t
             for a, t in zip(transmission.CABLE_PER_MOTOR, columns(out.tension)[-1], strict=True)
         )
-        pulled = np.array([*map(float, arm_coupling("gold", "r_grasper", "raven2").loads(torque))])
+        coupling = arm_coupling("gold", "r_grasper", "raven2")
+        pulled = np.array([*map(float, coupling.joint_loads(torque))])
         np.testing.assert_allclose(pulled, -load, rtol=5e-2, atol=3e-2 * np.abs(load[:3]).max())
         counts = held.actuators.torque_per_count[2] * 15
         carried = (
