@@ -343,7 +343,7 @@ class UserFiles:
                 Vec(stored.amps_per_torque(*arm, setup.software))
                 for arm in zip(setup.arms, setup.tools, strict=True)
             ),
-            counts_per_amp=Vec(transmission.COUNTS_PER_AMP),
+            counts_per_amp=transmission.COUNTS_PER_AMP,
         )
         counts = self._step_stage(DAC, current_cmd=resting)
         return tuple(

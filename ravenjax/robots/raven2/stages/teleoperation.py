@@ -1,5 +1,4 @@
-"""Teleoperation: adds up the packets' increments to the desired pose (raven2: local_io.cpp,
-mapping.cpp).
+"""Adds up the packets' increments to the desired pose (raven2: local_io.cpp, mapping.cpp).
 
 Increments are added to an accumulated pose at every run level. In pedal-down, the desired pose
 becomes the accumulated pose whenever the update flag is set. If the desired pose is set by the
@@ -82,7 +81,7 @@ def accumulate_increments(
     accepted: Scalar,
     packet: Packet,
 ) -> TeleoperationState:
-    """Return the state after an accepted packet, whose increments are added.
+    """Return the state after a packet. If it is `accepted` (bool), its increments are added.
 
     A packet of an absolute console sets the poses instead.
     """
