@@ -54,10 +54,7 @@ class Observations(NamedTuple):
 def init(
     setup: RavenSetup, params: TickParams, start: PerArm[Vec], tips: PerArm[Vec]
 ) -> ObserverState:
-    """Return the observers' state for a robot at rest.
-
-    start: 7 joints of each arm, rad and m. tips: true tips, m in frame 0 of each arm.
-    """
+    """Return the observers of a robot at rest. start: 7 joints, rad and m. tips: true tips, m."""
     return ObserverState(
         nominal=map_arms(setup, nominal.init, params.nominal, start),
         haptics=for_each_arm(setup, haptics.init(setup, params.haptics)),
@@ -76,16 +73,13 @@ def update_model_and_cue(
     """Compute one tick of the nominal model and of the haptic cue.
 
     clean: newest packet of the console, before faults. fresh: whether the packet was sent in this
-    tick. Returns `state` with the new states of model and cue, and the results of this tick.
+    tick.
     """
 
     def compute_cue(
         setup: RavenSetup, arm: ArmName, tool: str, model, device_state, jpos: Vec, mvel: Vec
     ) -> tuple[Any, ...]:
-        """Return the reported tip, the new state of the haptic device, and the cue of one arm.
-
-        model: output of the nominal model. jpos: joints, rad and m. mvel: motor speeds, rad/s.
-        """
+        """Return the reported tip, the new state of the haptic device, and the cue of one arm."""
         jvel = transmission.joint_from_motor(
             arm, tool, cast_to_real(setup, mvel), software=setup.software
         )
@@ -135,8 +129,7 @@ def update_monitor(
 ) -> monitor.MonitorState:
     """Return the monitor's state after this tick, in which `update_model_and_cue` gave `observed`.
 
-    clean, fresh, robot: as for `update_model_and_cue`. golden: contains the golden run; None: the
-    monitor compares the robot with the nominal model instead.
+    golden: contains the golden run; None: the monitor compares with the nominal model instead.
     """
     model_tips = tuple(out.tip_position for out in observed.models)
     pos = _to_um(observed.tips) if robot.pos is None else cast_to_real(setup, robot.pos)

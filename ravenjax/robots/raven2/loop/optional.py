@@ -52,10 +52,7 @@ def find_stages(setup: RavenSetup) -> dict[str, Stage]:
 
 
 def _time_packets(clock: packet_clock.PacketClock, console: Console) -> packet_clock.PacketClock:
-    """Return the clock after this tick, and write to `console` whether a packet is sent.
-
-    The number of cycles that a packet lasts is drawn when the packet is sent.
-    """
+    """Decide whether a packet is sent, and draw the number of cycles that it lasts."""
     setup, network, now = console.setup, console.params.network, console.signal.tick
     if console.signal.packet is None:
         fresh = now >= clock.due
@@ -91,8 +88,7 @@ def _remember_packet_times(history: Vec, console: Console) -> Vec:
 
 
 def _react(state: reaction.ReactionState, console: Console) -> reaction.ReactionState:
-    # Returns whether the operator's reaction to the cue has begun, and tells the console how
-    # packets deviate from the plan because of the reaction.
+    # Decides whether the reaction to the cue begins; sets how packets then deviate from the plan.
     setup, params = console.setup, console.params.reaction
     assert params is not None
     reacted = reaction.react_to_cue(setup, params, state, console.signal.tick, console.timing.row)

@@ -66,8 +66,7 @@ class OwnOperatorState:
 def init(start: Start) -> OwnOperatorState:
     """Return the state of hands on the plan, in front of a robot at rest.
 
-    Calls the file's `step` once, to find out which keys it returns. Raises UserError for mistakes
-    in the file.
+    Raises UserError for mistakes in the file.
     """
     setup, params, tips = start.setup, start.params.operator, start.tips
     assert setup.hands is not None
@@ -85,6 +84,7 @@ def init(start: Start) -> OwnOperatorState:
         lifted=None,
     )
     plan = for_each_arm(setup, (zeros, zero, zeros))
+    # The file is called once, because its results show which keys it returns.
     _, returned = _run_file(setup, params, state, whole_zero, pedal, plan)
     offsets = for_each_arm(setup, zero)
     return replace(
@@ -144,12 +144,8 @@ def act_as_file(state: OwnOperatorState, console: Console) -> OwnOperatorState:
 
 
 def _advance_pace(pace: OwnPace, share: Scalar, continues: Scalar, lag_sent: Scalar) -> OwnPace:
-    """Return the lag of the hands after one millisecond.
-
-    share: pace that the file returned, 0 (the hands wait) to 1 (the planned pace); other numbers
-    are clamped, and NaN counts as 1. continues: bool, the plan continues in this tick.
-    """
-    # A comparison with NaN is false.
+    """Return the lag after one millisecond. share: of the planned pace, clamped to 0..1."""
+    # A comparison with NaN is false, so NaN gives the planned pace.
     share = jnp.where(share < 1.0, jnp.maximum(share, 0.0), 1.0)
     behind = pace.fraction + jnp.where(continues, 1.0 - share, 0.0)
     whole_rows = as_int(behind)

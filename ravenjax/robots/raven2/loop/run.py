@@ -1,7 +1,6 @@
 """Computes a run of the Raven-II: its start, its ticks, and its outcomes.
 
-From a golden run it also returns the tips with which faulty runs are compared. This module is the
-`Loop` of `ravenjax.engines.interface`.
+This module is the `Loop` of `ravenjax.engines.interface`.
 """
 
 from operator import attrgetter
@@ -80,10 +79,7 @@ def params(
 
 
 def init(setup: RavenSetup, params: TickParams) -> TickState:
-    """Return the state of a homed robot at rest at `params.start`, before the first tick.
-
-    raven2 starts with the pedal up. The 2015 fork starts in pedal-down.
-    """
+    """Return the state of a homed robot at rest at `params.start`, before the first tick."""
     runlevel = run_levels.PEDAL_UP if setup.software == "raven2" else run_levels.PEDAL_DOWN
     jpos = cast_to_real(setup, params.start)
     plants = map_arms(setup, plant.init, params.plant, jpos)
@@ -154,10 +150,9 @@ def advance(
     motion: tuple[Any, ...],
     golden: tuple[Scalar, ...],
 ) -> tuple[TickState, tuple[Scalar, ...], TickSignals]:
-    """Compute one tick; return the new state, the `reference_series`, and all signals.
+    """Compute tick `now`; return the new state, the `reference_series`, and all signals.
 
-    now: int32, ticks since the run began. motion: columns of the operator's motion. golden: the
-    `reference_series` of the golden run in this tick.
+    golden: `reference_series` of the golden run in this tick.
     """
     inputs = Input(now, motion, reference_from(setup, golden))
     state, signals = advance_tick(setup, params, faults, state, inputs)
@@ -165,10 +160,7 @@ def advance(
 
 
 def check_histories(setup: RavenSetup, state: TickState) -> dict[str, check.CheckHistory]:
-    """Return the history of each check by its name in result columns, users' checks first.
-
-    Of a check with a history for each arm, the result is `stages.check.worst_of_arms`.
-    """
+    """Return the history of each check over all arms, by the check's name in result columns."""
     user_checks = zip(setup.checks, state.files.histories, strict=True)
     out = {f"{OWN}{use.name}": history for use, history in user_checks}
     for name, (stage, field) in _CHECKS.items():
@@ -183,10 +175,8 @@ _CHECKS = resources.read_tables(__file__, "checks.toml")
 
 
 def name_signals(setup: RavenSetup, signals: TickSignals) -> dict[str, Any]:
-    """Return every signal by its name.
-
-    Measured and desired rotations of the tips are added, as quaternions (x, y, z, w) and as the
-    nine numbers of the matrix, row by row.
+    """Return every signal by its name. Rotations of tips are added as quaternions (x, y, z, w), and
+    as the nine numbers of the matrix, row by row.
     """
     out = dict(vars(signals))
     for name in ("pos", "pos_d"):

@@ -3,9 +3,8 @@
 The order is the robot's: sense, decide, check, write. The plant moves last, and its encoders are
 read in the next tick. Optional stages (`optional.STAGES`) act before the console makes its packet,
 between console and robot, and after the robot has moved. Faults act at the sites named here and in
-`control`. The nominal model runs beside the robot on the *clean* operator input, the input before
-faults. The monitor compares the model with the robot, and the console's haptic device renders the
-cue.
+`control`. The nominal model runs beside the robot on the *clean* operator input, without faults.
+The monitor compares it with the robot, and the console's haptic device renders the cue.
 """
 
 from typing import Any
@@ -69,7 +68,6 @@ def advance_tick(
     )
     params = inject.inject_parameters(params)
     files = user_files.UserFiles(setup, params.checks, params.control.own, state.files, now)
-
     clean, packet, arrives = _send_packet(setup, params, inject, state, present, stages, console)
     pressed = detectors.detector_stops(setup, stages.get("detectors"))
     state, software, relays, robots = _move_robot(
@@ -136,10 +134,7 @@ def advance_tick(
 def _wait_for_packet(
     setup: RavenSetup, params: TickParams, state: TickState, signal: Input
 ) -> Console:
-    """Return the console in this tick, which sends or does not send a packet.
-
-    The packet comes from an external console, or a packet is sent every `cycles_per_packet` cycles.
-    """
+    """Return the console in this tick, which sends a packet every `cycles_per_packet` cycles."""
     now, cycles = signal.tick, params.network.cycles_per_packet
     soft_estopped = state.control.state_machine.soft_estopped
     # The packet generator of a simulator build ends with the robot's software E-stop.
@@ -189,8 +184,7 @@ def _send_packet(
 ) -> tuple[Packet, Packet, Scalar]:
     """Return the packet before faults, the packet at the robot, and whether a packet arrives.
 
-    present: the stages of this tick. stages: their states; this function updates the states of
-    stages that act between console and robot.
+    stages: states of the stages that are `present`; stages between console and robot update them.
     """
     signal, sequence = console.signal, console.sequence
     if inject.injects_at("hand"):
@@ -212,7 +206,6 @@ def _send_packet(
     if seeds_network(setup, "jitter"):
         late = console.packets_in(channel.delay_ms(network.jitter, sequence))
         network = replace(network, delay=network.delay + late)
-
     # A packet from an external console cannot be computed again.
     packet, may_resend = clean, signal.packet is None
     if may_resend and inject.injects_at("console", "network"):
@@ -255,7 +248,6 @@ def _move_robot(
     files.note(boards_enc_val=delivered.enc_val, current_cmd_written=message.current_cmd)
     boards = usb.transfer_values(state.boards, message, status.write_ok)
     boards = files.check_boards(state.boards, boards, state.plc.runlevel)
-
     buttons = inject("buttons", Buttons(pressed, jnp.bool_(False)))
     plc_signal = plc.PlcSignal(boards.pins[: separate_boards(setup)], buttons.estop, buttons.start)
     controller, relays = plc.step(setup, params.plc, state.plc, plc_signal)

@@ -2,24 +2,20 @@
 
 In each millisecond a file gets a *view* of one arm: the signals that the tick has computed so far
 (docs/how-to/own-check.md lists them). The view contains nothing that only the simulator knows, such
-as the true tip, the links' true motion or the fault.
+as the true tip or the fault.
 
-**Checks** run between two stages, so that they act before the next stage reads. They do what the
-robot's own checks do:
+**Checks** run between two stages, so that they act before the next stage reads. A check acts as
 
-- `watch`: nothing; they fill their columns, and do not count as a response.
-- `flag`: alert a person. The robot continues; a run in which one trips counts as flagged.
-- `limit`: on an arm where the check trips, the third result of `step` replaces the signal in this
-  millisecond, as a clipped command does; nobody is alerted. A packet is dropped for both arms,
-  whose increments are in one datagram.
-- `stop`: in the control software it acts as the overdrive check. The software E-stop is raised in
-  this cycle, so the watchdog's square wave ends and the arm's command of this cycle is 0. Before
-  the DAC conversion the E-stop flag sets the command to 0; after it the check does. The PLC then
-  misses the wave, trips, and closes the brakes. The boards have no software E-stop. The board of an
-  arm whose check trips puts 0 on its DACs and holds its watchdog pin constant, so that the PLC
-  trips 75 ms later. It does so until the PLC has been started again (run level init). From the
-  E-stop on it passes the wave through, because the robot could not be started without it. Each
-  board decides alone.
+- `watch`: changes nothing, and does not count as a response.
+- `flag`: raises an alarm. The robot continues.
+- `limit`: on an arm where the check trips, the third result of `step` replaces the signal. A packet
+  is dropped for both arms, whose increments are in one datagram.
+- `stop` in the control software: acts as the overdrive check. The software E-stop is raised in this
+  cycle, and the arm's command of this cycle is 0. The watchdog's square wave ends, so the PLC trips
+  and closes the brakes.
+- `stop` at the boards, which have no software E-stop: the board of an arm whose check trips puts 0
+  on its DACs and holds its watchdog pin constant, so that the PLC trips 75 ms later. It does so
+  until the PLC has been started again (run level init).
 
 **Stages** of the control software may be files:
 
@@ -95,11 +91,7 @@ def check_params(setup: RavenSetup, thresholds: Sequence[float]) -> CheckParams:
 
 
 def init(setup: RavenSetup, checks: CheckParams | None, stages: Any) -> UserFilesState:
-    """Return the state before the first tick.
-
-    checks: parameters of the users' checks. stages: parameter record of each file in
-    `RavenSetup.controller`; None: no such files.
-    """
+    """Return the state before the first tick. stages: parameter record of each replaced stage."""
     check_states = []
     for use, params in zip(setup.checks, () if checks is None else checks.own, strict=True):
         recent = Vec.full(use.consecutive - 1, cast_to_real(setup, 0.0))
@@ -150,11 +142,7 @@ class UserFiles:
         self._signals.update(numbers)
 
     def views(self, at: str, dtype: str) -> PerArm[part.View]:
-        """Return the view of each arm, with the signals that are stored so far.
-
-        at: point of the tick, named in error messages. dtype: type of positions, velocities and
-        torques.
-        """
+        """Return the view of each arm at a point of the tick. dtype: type of the floats."""
 
         def view(i: int, _) -> part.View:
             # Selects one arm's entry of each signal that has one per arm.
@@ -166,8 +154,6 @@ class UserFiles:
             return part.View(at, numbers)
 
         return per_arm(self._setup, view)
-
-    # --- checks ---
 
     def check_packet(self, packet: Packet) -> Packet:
         """Return the packet after users' checks. A check that limits drops the packet."""
@@ -186,10 +172,9 @@ class UserFiles:
         return packet
 
     def check(self, seam: str, signal: PerArm[Vec]) -> PerArm[Vec]:
-        """Return the signal (one Vec per arm) after the checks at a seam of the control software.
+        """Return the signal after the checks at a seam of the control software, one Vec per arm.
 
-        A check that limits replaces the signal of an arm on which it trips. A check that stops sets
-        commands of such an arm to 0; `stop` and `allow` then stop the robot.
+        A check that stops sets commands of its arm to 0; `stop` and `allow` then stop the robot.
         """
         name = _FIELDS.get(seam, seam)
         self.note(**{name: signal})
@@ -221,11 +206,11 @@ class UserFiles:
     ) -> usb.UsbOut:
         """Return the values of the USB boards after users' checks.
 
-        held: values of the boards in the last tick. boards: values that the software wrote. A check
-        that stops makes the arm's board refuse commands until the PLC is in run level init.
+        held: values of the boards in the last tick. boards: values that the software wrote.
         """
         self.note(held_cmd=held.current_cmd, pins=boards.pins, plc_runlevel=plc_runlevel)
         commands = boards.current_cmd
+        # A board that has refused commands refuses them until the PLC is started again.
         refusing = tuple(refuses & (plc_runlevel != INIT) for refuses in self.state.refusing)
         for index, use in self._checks_at(BOARDS):
             self.note(boards_cmd=commands)
@@ -286,8 +271,6 @@ class UserFiles:
         self._store("histories", index, check.update_check(history, self._tick, tripped, margin))
         return tuple(trips), tuple(values)
 
-    # --- stages ---
-
     def replaces(self, stage: str) -> bool:
         """Return whether a file replaces that stage."""
         return stage in dict(self._setup.controller)
@@ -301,11 +284,7 @@ class UserFiles:
         mpos_d: PerArm[Vec],
         jpos: PerArm[Vec],
     ) -> PerArm[motor_control.MotorControlState]:
-        """Return every arm's torques of a user's file, in place of `motor_control.motor_torques`.
-
-        The arguments are those of `motor_torques`, one entry per arm. Below run level 2 (`active`
-        is false), states remain unchanged.
-        """
+        """Return every arm's state after a user's file, in place of `motor_torques`."""
         setup, has_gravity = self._setup, self._setup.software == "raven2"
         gravity = for_each_arm(setup, Vec.full(3, 0.0))
         if has_gravity:
@@ -333,10 +312,7 @@ class UserFiles:
         return tuple(new_states)
 
     def commands(self, live: Scalar, resting: PerArm[Vec]) -> PerArm[Vec]:
-        """Return the DAC counts of every arm from a user's file, in place of `dac.step`.
-
-        live: bool, DACs are enabled. resting: the counts while DACs are not enabled.
-        """
+        """Return the DAC counts of every arm from a user's file; `resting` unless `live`."""
         setup = self._setup
         self.note(
             amps_per_torque=tuple(

@@ -231,7 +231,6 @@ def _solutions(arm: str, tip: Transform):
     insertions = [norm(wrist) for wrist in wrists]
     at_centre = [insertion <= LW for insertion in insertions]
     stopped = at_centre[0] | at_centre[1]
-
     solutions = []
     for side, (wrist, insertion) in enumerate(zip(wrists, insertions, strict=True)):
         # True where the original stopped before it computed d3 of this side.
@@ -250,8 +249,7 @@ def _solutions(arm: str, tip: Transform):
 
 
 def _cosine2(arm: str, height: Scalar, d: Scalar) -> Scalar:
-    # Returns the cosine of theta2; a cosine that is only slightly out of range is clamped.
-    # height: z of the wrist, m. d: insertion, m.
+    # Returns the cosine of theta2 from the wrist's z and the insertion d (m), clamped by a little.
     cosine = mul(-GEOMETRY[arm].side, _ONE_OVER * (height / d + GM2 * GM4))
     cosine = jnp.where((cosine > 1.0) & (cosine < 1.0 + kinematics.CLAMP), 1.0, cosine)
     return jnp.where((cosine < -1.0) & (cosine > -1.0 - kinematics.CLAMP), -1.0, cosine)
@@ -265,14 +263,12 @@ def _angles(arm: str, tip: Transform, wrist: Vec, d3: Scalar, theta2: Scalar) ->
     t03 = _chain(*_links123(arm, theta1, theta2, d3))
     t36 = multiply_literally(inverse_transform(t03), tip)
     (_, _, r02), (_, _, r12), (r20, r21, r22) = t36.rotation
-
     # Cosines and sines of theta4, theta5 and theta6
     c5, s5 = -r22, (t36.origin[2] - D4) / LW
     use_tip = jnp.abs(c5) > kinematics.SINGULAR
     c4 = jnp.where(use_tip, t36.origin[0] / (LW * c5), r02 / s5)
     s4 = jnp.where(use_tip, t36.origin[1] / (LW * c5), r12 / s5)
     theta4, theta5 = jnp.atan2(s4, c4), jnp.atan2(s5, c5)
-
     t05 = multiply_literally(t03, _chain(*_links45(theta4, theta5)))
     cosine6, _, sine6 = matvec(transpose(t05.rotation), transpose(tip.rotation)[0])
     use_axis = jnp.abs(s5) > kinematics.SINGULAR
@@ -306,11 +302,10 @@ def gravity_torque(arm: str, jpos: Vec) -> Vec:
     (com1, com2), (_, m2, m3) = gravity.CENTRES[arm], gravity.MASSES
     com3 = t23.origin
     in_frame1 = (com1, transform_point(t12, com2), transform_point(t12, com3))
-
+    # Gravity in frames 1, 2 and 3
     g1 = matvec(inverse_matrix(t01.rotation), Vec((-gravity.GRAVITY_AS_STORED, 0.0, 0.0)))
     g2 = matvec(inverse_matrix(t12.rotation), g1)
     g3 = matvec(inverse_matrix(t23.rotation), g2)
-
     loads = zip(in_frame1, gravity.MASSES, strict=True)
     shoulder = reduce(add, (_about_z(com, scale(m, g1)) for com, m in loads))
     elbow = add(_about_z(com2, scale(m2, g2)), _about_z(com3, scale(m3, g2)))
@@ -321,9 +316,6 @@ def gravity_torque(arm: str, jpos: Vec) -> Vec:
 def _about_z(centre: Vec, weight: Vec) -> Scalar:
     # Returns the torque of a weight (N) at a centre of mass (m) about the z axis.
     return sub(mul(centre[0], weight[1]), mul(centre[1], weight[0]))
-
-
-# --- choice of the order of operations ---
 
 
 class Evaluation(NamedTuple):

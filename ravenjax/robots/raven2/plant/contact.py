@@ -68,10 +68,10 @@ class NormalForce(NamedTuple):
 def damped_spring(
     spring: Scalar, stiffness: Scalar, damping: Scalar, closing: Scalar, dt: float
 ) -> NormalForce:
-    """Return the force F = spring (1 + damping closing), linearised about the coming step.
+    """Return the force spring (1 + damping closing), at least 0, linearised about the coming step.
 
     spring, stiffness: force (N) and its derivative by depth (N/m) at the end of the step `dt` (s),
-    if the closing speed (m/s) is constant. damping: s/m. The force is at least 0.
+    if the closing speed (m/s) is constant. damping: s/m.
     """
     damping_factor = 1.0 + damping * closing
     in_contact = damping_factor > 0.0
@@ -103,8 +103,7 @@ class TipContact(NamedTuple):
     def add_damping(self, system: list[list[Scalar]]) -> None:
         """Add J^T A J to the lower triangle of the equations of the joints.
 
-        J: Jacobian of the tip. A: loss of contact force per gain of tip speed, N s/m. A is `drag`
-        times the unit matrix, plus a part along `rise`.
+        J: Jacobian of the tip. A: loss of contact force per gain of tip speed, N s/m.
         """
         columns, rise_speeds = self.tip.columns, self.tip.along(self.rise)
         normal_rate = self.normal.rate - self.drag * self.inverse_square
@@ -123,10 +122,7 @@ class TipContact(NamedTuple):
 def jaw_tips(
     arm: ArmName, params: ContactParams, jpos: Vec, jvel: Vec, dt: float
 ) -> tuple[TipContact, ...]:
-    """Return the contacts of both jaw tips with the tissue in the coming step `dt` (s).
-
-    jpos, jvel: 7 joints at the start of the step, rad and m, rad/s and m/s.
-    """
+    """Return the contacts of both jaw tips with the tissue in the coming `dt` (s)."""
 
     def find_contact(tip: instrument.InstrumentPoint) -> TipContact:
         # Computes the contact of one tip: a damped Hertz contact with dry friction.
@@ -149,10 +145,7 @@ def jaw_tips(
 
 
 def contact_forces(contacts: tuple[TipContact, ...], speed_gains: Vec) -> Touch:
-    """Return the forces of tissue and vessel on an instrument in a step.
-
-    contacts: of both jaw tips. speed_gains: of the joints, rad/s and m/s.
-    """
+    """Return the forces of tissue and vessel in a step. speed_gains: of joints, rad/s and m/s."""
     forces = [tip.force(speed_gains) for tip in contacts]
     total = forces[0] + forces[1]
     on_vessel = [
@@ -189,10 +182,7 @@ class InstrumentContact(NamedTuple):
 def find_instrument_contact(
     arms: Sequence[ArmName], params: ContactParams, jpos: PerArm[Vec], jvel: PerArm[Vec], dt: float
 ) -> InstrumentContact:
-    """Return the contact of two instruments in the coming `dt` (s), where they overlap most.
-
-    jpos, jvel: 7 joints of each arm, rad and m, rad/s and m/s.
-    """
+    """Return the contact of two instruments where they overlap most, in the coming `dt` (s)."""
     lines = tuple(map(instrument.instrument_line, arms, jpos))
     pairs = itertools.starmap(_nearest_points, itertools.product(*map(_pieces, arms, lines)))
     pair = functools.reduce(lambda a, b: where(b.depth > a.depth, b, a), pairs)
@@ -245,10 +235,7 @@ def _pieces(arm: ArmName, line: instrument.InstrumentLine) -> tuple[_Piece, _Pie
 
 
 def _nearest_points(first: _Piece, second: _Piece) -> _Pair:
-    """Return the nearest points on the axes of two pieces.
-
-    Source, with its letters: C. Ericson, Real-Time Collision Detection, 2005, 5.1.9.
-    """
+    """Return the nearest points of two axes; C. Ericson, Real-Time Collision Detection, 5.1.9."""
     r = first.begin - second.begin
     d1, d2 = first.axis, second.axis
     a, b, e = dot(d1, d1), dot(d1, d2), dot(d2, d2)

@@ -43,11 +43,9 @@ class Coupling:
         )
 
     def to_joints(self, motors: Vec) -> Vec:
-        """Return T^-1 x: joint positions (or speeds) from motor angles (or speeds).
-
-        `rows` is triangular, so the joints are found one after the other.
-        """
+        """Return T^-1 x: joint positions (or speeds) from motor angles (or speeds)."""
         joints = []
+        # `rows` is lower triangular, so each joint follows from the joints before it.
         for i in range(N):
             remainder = sub(motors[i], mul(self.ratio[i], motors[Z]))
             for j in range(i):

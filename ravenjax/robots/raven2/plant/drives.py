@@ -104,10 +104,7 @@ class Linear:
     damping: Scalar  # N m s/rad, stiffness of the coming step included
 
     def tension(self, arm: float, rate: Scalar) -> Scalar:
-        """Return the cable's tension difference in the step, N.
-
-        arm: lever, m/rad. rate: stretch rate at the end of the step, rad/s.
-        """
+        """Return the tension difference, N. arm: lever, m/rad. rate: stretch rate, rad/s."""
         return (self.force + self.damping * rate) * (1.0 / arm)
 
 
@@ -204,11 +201,9 @@ def eliminate_motor(
     """
     coupling = mul(reaction_scale, cable.damping)
     momentum = inertia_rate * speed + drive - mul(reaction_scale, cable.force)
-    without_friction = add(inertia_rate, viscous)
-    friction = coulomb_damping(
-        coulomb, momentum + coupling * link_speed, without_friction + coupling
-    )
-    resistance = without_friction + friction
+    frictionless = add(inertia_rate, viscous)
+    friction = coulomb_damping(coulomb, momentum + coupling * link_speed, frictionless + coupling)
+    resistance = frictionless + friction
     inverse = 1.0 / (resistance + coupling)
     stretch_rate = (momentum - resistance * link_speed) * inverse
     return EliminatedMotor(

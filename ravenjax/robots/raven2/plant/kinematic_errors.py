@@ -65,15 +65,9 @@ because it would only turn the frame. The jaws have none, because they do not mo
 
 
 def no_errors() -> KinematicErrors:
-    """Return zero errors."""
-    zeros = Vec.full(7, 0.0)
-    return KinematicErrors(
-        scale=1.0,
-        joint_offset=zeros,
-        ratio_error=zeros,
-        links=built_links.LinkErrors(*Vec.full(7, 0.0)),
-        registered=np.int32(0),
-    )
+    """Return zero errors of joints, ratios and links, with scale 1 and without registration."""
+    zeros, link_errors = Vec.full(7, 0.0), built_links.LinkErrors(*Vec.full(7, 0.0))
+    return KinematicErrors(1.0, zeros, zeros, link_errors, registered=np.int32(0))
 
 
 def is_exact(errors: KinematicErrors) -> bool:
@@ -115,8 +109,6 @@ def _tip(arm: str, jpos: Vec, errors: KinematicErrors) -> Vec:
     return built_links.tip_position(arm, jpos, links)
 
 
-# --- registration ---
-
 STEPS = 4
 """Gauss-Newton steps. With 20 degrees of rotation, the fourth changes no bit of a float32."""
 
@@ -144,9 +136,7 @@ def in_registered_frame(frame: Registration, point: Vec) -> Vec:
 
 
 def fit_registration(arm: str, true_tips: list[Vec]) -> Registration:
-    """Return the rigid motion that moves true tips (m) at POSES onto reported ones, fitted by
-    least squares.
-    """
+    """Return the rigid motion that moves true tips (m) at POSES onto the reported tips."""
     reported_tips, fit_matrix = _linear_fit(arm)
     frame = _no_motion()
     for _ in range(STEPS):

@@ -45,8 +45,6 @@ INSERTION = 2
 # Diagonal of M at the home pose (kg m2; insertion kg), both arms; unit inertia for the jaws.
 INERTIA = (0.21635879, 0.10039008, 0.407, 6.5508e-7, 1.13110e-6, 1.0, 1.0)
 INTEGRAL_RATE = 0.25  # 1/s, ki / kp of the insertion
-
-
 UM_PER_M = 1e6
 
 
@@ -108,10 +106,7 @@ class NominalOutput:
 def params(
     setup: RavenSetup, arm: ArmName, parameter_set: str = parameter_sets.DEFAULT
 ) -> NominalParams:
-    """Return the default parameters; the module's docstring derives the gains.
-
-    parameter_set: mechanics of the robot, one of `parameter_sets.Name`.
-    """
+    """Return the default parameters for a robot of that set, one of `parameter_sets.Name`."""
     values = parameter_sets.parameter_set(parameter_sets.nominal_set(parameter_set))
     # As in the software, the first arm's tool limits the joints of every arm.
     allowed = limits.soft_limits(setup.tools[0], setup.software)
@@ -190,7 +185,6 @@ def track_target(
     mass, bias = link_dynamics.mass_matrix_and_bias(
         arm, locked, link_speeds, Vec.full(3, 0.0), params.mass_scale
     )
-
     system, right = [], []
     for i in range(LAGRANGE):
         row = [mul(1.0 / dt, mass[i][j]) for j in range(i + 1)]
@@ -209,9 +203,6 @@ def track_target(
         speed_gains.append((params.kp[i] * error[i] - damping * jvel[i]) / (1.0 / dt + damping))
     jvel = jvel + Vec(speed_gains)
     return replace(state, jpos=jpos + jvel * dt, jvel=jvel, integral=integral)
-
-
-# --- target ---
 
 
 def init_target(arm: ArmName, jpos: Vec) -> TargetState:
@@ -233,11 +224,7 @@ def step_target(
     command: Command,
     jpos: Vec,
 ) -> TargetState:
-    """Return the target after the command of one tick.
-
-    jpos: joints of the model, rad and m. Where inverse kinematics has no solution, the desired
-    joints remain. While the pedal is up, or at a joint limit, the pose is that of the joints.
-    """
+    """Return the target after the command of one tick. jpos: joints of the model, rad and m."""
     engaged = command.engaged != 0
     position_um, quat, grasp_mrad = _commanded_pose(setup, arm, state, command)
     pose = kinematics.Pose(
@@ -248,10 +235,11 @@ def step_target(
     solution = kinematics.inverse_joints(arm, pose, grasp_rad, jpos)
     clamped_jpos, at_limit = _clamp(setup, params, solution.jpos, solution.yaw)
     reachable = solution.status != kinematics.REJECTED
-
+    # Desired joints remain if they have no solution, and are the model's while the pedal is up.
     jpos_d = where(engaged & reachable, clamped_jpos, where(engaged, state.jpos_d, jpos))
     target = TargetState(position_um, quat, grasp_mrad, jpos_d)
     opening = where(engaged, grasp_mrad, state.grasp_mrad)
+    # At a limit and while the pedal is up, the desired pose is that of the desired joints.
     at_joints = replace(init_target(arm, jpos_d), grasp_mrad=opening)
     return where(~engaged | (reachable & at_limit), at_joints, target)
 
@@ -272,10 +260,7 @@ def _commanded_pose(
 
 
 def _clamp(setup: RavenSetup, params: TargetParams, jpos: Vec, yaw: Scalar) -> tuple[Vec, Scalar]:
-    """Return joints (7) with joints 1-5 clamped, and whether any joint is at a limit.
-
-    The jaws' yaw (rad) may be at its limit, too, but is not clamped.
-    """
+    """Return joints with joints 1-5 clamped, and whether one of them or the yaw is at a limit."""
     angles, at_limit = list(jpos), False
     for i, (low, high) in enumerate(zip(params.lower, params.upper, strict=True)):
         at_limit = at_limit | (jpos[i] <= low) | (jpos[i] >= high)

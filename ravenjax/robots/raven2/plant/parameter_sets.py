@@ -6,7 +6,7 @@ models/raven2/mechanics.toml has their numbers, with units and sources.
 import dataclasses
 import functools
 import tomllib
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple, get_args
 
 from ravenjax.bundled import resources
 from ravenjax.errors import UserError, describe_unknown_name
@@ -37,7 +37,7 @@ def parameter_set(name: str) -> ParameterSet:
     """Return the parameter set of that name. Raises UserError, which lists the names."""
     if name not in get_args(Name):
         raise UserError(describe_unknown_name("parameter set", name, get_args(Name)))
-    file = _file()
+    file = tomllib.loads(resources.find_model("raven2/mechanics.toml").read_text(encoding="utf-8"))
     rows = dict(file["published" if name in PUBLISHED else name])
     if name in PUBLISHED:
         # A published set differs from the table `published` in shoulder, elbow and insertion only.
@@ -47,16 +47,8 @@ def parameter_set(name: str) -> ParameterSet:
         for key, positioning in file["inputs"].get(name, {}).items():
             rows[key] = positioning + rows[key][3:]
     numbers = {key: Vec(row) for key, row in rows.items()}
-    actuators = {
-        field.name: numbers.pop(field.name) for field in dataclasses.fields(ActuatorParams)
-    }
-    return ParameterSet(ActuatorParams(**actuators), **numbers)
-
-
-@functools.cache
-def _file() -> dict[str, Any]:
-    path = resources.find_model("raven2/mechanics.toml")
-    return tomllib.loads(path.read_text(encoding="utf-8"))
+    motors = [numbers.pop(field.name) for field in dataclasses.fields(ActuatorParams)]
+    return ParameterSet(ActuatorParams(*motors), **numbers)
 
 
 def nominal_set(name: str) -> str:

@@ -132,14 +132,11 @@ def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> Pl
     )
     zeros = cast_to_real(setup, no_speed)
     torques = coupling.motor_torques(gravity_load)
-    stretch = Vec(
-        drives.resting_stretch(
-            transmission.CABLE_PER_MOTOR[i],
-            params.cable_stiffness[i] * params.cable_stiffness_scale,
-            torques[i],
-        )
-        for i in range(N)
-    )
+    stretches = []
+    for i, lever in enumerate(transmission.CABLE_PER_MOTOR):
+        stiffness = params.cable_stiffness[i] * params.cable_stiffness_scale
+        stretches.append(drives.resting_stretch(lever, stiffness, torques[i]))
+    stretch = Vec(stretches)
     angles = _nominal_coupling(setup, arm).to_motors(jpos0) + stretch
     motors = tuple(map(drives.at_angle, angles))
     fractions = Vec(motor.fraction * transmission.ENCODER_RAD for motor in motors)
@@ -248,17 +245,13 @@ class _ArmTick:
         # rad/s of motor angle, as the gains of link speed in `move`
         self._link_speed = self._coupling.to_motors(jvel)
         scale = _cable_scale(state, signal.cable_scale)
-        self._springs = [
-            drives.linearise_cable(
-                transmission.CABLE_PER_MOTOR[i],
-                _stiffness(params, i, scale[i]),
-                mul(scale[i], params.cable_damping[i]),
-                state.stretch[i],
-                dt,
-            )
-            for i in range(N)
-        ]
-        self._solved = []
+        self._springs: list[drives.Linear] = []
+        for i, lever in enumerate(transmission.CABLE_PER_MOTOR):
+            stiffness = _stiffness(params, i, scale[i])
+            damping = mul(scale[i], params.cable_damping[i])
+            spring = drives.linearise_cable(lever, stiffness, damping, state.stretch[i], dt)
+            self._springs.append(spring)
+        self._solved: list[drives.EliminatedMotor] = []
         for i in range(N):
             coulomb = motor.coulomb[i] * friction[i]
             self._solved.append(
@@ -365,28 +358,16 @@ class _ArmTick:
 
 
 def observe_robot(
-    setup: RavenSetup,
-    arm: ArmName,
-    params: PlantParams,
-    state: PlantState,
-    cable_scale: Vec = _ONES,
+    setup: RavenSetup, arm: ArmName, params: PlantParams, state: PlantState, scale: Vec = _ONES
 ) -> PlantOutput:
-    """Return the outputs of a state, without the contact forces of the tick.
-
-    cable_scale: that of `PlantSignal`. Encoder counts contain their noise.
-    """
-    scale = _cable_scale(state, cable_scale)
-    # The tension at rest: neither the damping nor the stretch rate contributes.
-    tension = Vec(
-        drives.cable_tension(
-            _stiffness(params, i, scale[i]),
-            0.0,
-            transmission.CABLE_PER_MOTOR[i] * state.stretch[i],
-            0.0,
-        )
-        for i in range(N)
-    )
-    dtype = setup.precision.real
+    """Return the outputs of a state, with noise of encoders. scale: `PlantSignal.cable_scale`."""
+    scale = _cable_scale(state, scale)
+    tensions = []
+    for i, lever in enumerate(transmission.CABLE_PER_MOTOR):
+        stiffness, stretch = _stiffness(params, i, scale[i]), lever * state.stretch[i]
+        # The static tension has no damping.
+        tensions.append(drives.cable_tension(stiffness, 0.0, stretch, 0.0))
+    tension, dtype = Vec(tensions), setup.precision.real
     signs = transmission.encoder_signs(arm, _tool(setup, arm), setup.software)
     turned = Vec(drives.angle_in_radians(motor, dtype) for motor in state.motors)
     counts = Vec(motor.count for motor in state.motors) + state.count_ref

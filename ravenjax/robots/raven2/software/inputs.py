@@ -20,9 +20,7 @@ from ravenjax.robots.raven2.setup import RavenSetup
 INT32 = (-(2**31), 2**31 - 1)
 Shape = tuple[int | None, ...]
 _POSITIONS = (-6.3, 6.3, "rad", "degrees"), (0.0, 1.0, "m", "millimetres")
-"""Range and unit of a rotating and of a sliding joint (quantities.toml), and the unit that a person
-who exceeds the range probably uses.
-"""
+"""Range and unit of rotating and sliding joints (quantities.toml), and a unit used by mistake."""
 
 
 def parse_word(name: str, word: Any, words: Iterable[str]) -> Any:
@@ -104,8 +102,7 @@ def per_board(name: str, given: Any, highest: int, *shapes: Shape) -> np.ndarray
 
 
 def _integers(name: str, given, shapes: Sequence[Shape], limits: tuple[int, int]) -> np.ndarray:
-    # Returns an array of integers within limits. Raises UserError for the first other number.
-    # Truth values are numbers if the limits are 0 and 1.
+    # Returns an array of integers within limits; for the limits 0 and 1, also of truth values.
     array = _array(name, given, shapes, "iub" if limits == (0, 1) else "iu", "integers")
     low, high = limits
     if array.size and (array.min() < low or array.max() > high):
@@ -122,10 +119,7 @@ def _index(place: Sequence[int]) -> str:
 
 
 def _array(name: str, given, shapes: Sequence[Shape], kinds: str, numbers: str) -> np.ndarray:
-    """Return an array with one of the shapes, and with a type of these `kinds` (dtype.kind).
-
-    Raises UserError, in which `numbers` are the words for the expected numbers.
-    """
+    """Return an array with one of the shapes, and a dtype of these `kinds`. numbers: error text."""
     try:
         array = np.asarray(given)
     except ValueError:  # rows of different lengths
@@ -173,10 +167,7 @@ def parse_packet(setup: RavenSetup, given: Packet) -> Packet:
 
 
 def record_like(name: str, given: Any, example: Any, finite: bool = False) -> Any:
-    """Return `given` with checked numbers, in the structure and the types of `example`.
-
-    finite: whether floats must be finite. Raises UserError, which names the wrong number.
-    """
+    """Return `given` in the structure and types of `example`. finite: floats must be finite."""
     if dataclasses.is_dataclass(example):
         kind: Any = type(example)
         if type(given) is not kind:

@@ -55,16 +55,11 @@ def step(
     state: EstimatorState,
     enc_val: Vec,
 ) -> tuple[EstimatorState, Vec, Vec]:
-    """Return the state after one sample of one arm, mpos (7, rad) and mvel (7, rad/s).
-
-    enc_val: encoder counts, 7 int32.
-    """
+    """Return the state after one sample of one arm, mpos (7, rad) and mvel (7, rad/s)."""
     signs = transmission.encoder_signs(arm, tool, setup.software)
     counts = narrow_numbers(setup, enc_val) * signs
-    angle = narrow_numbers(
-        setup,
-        RAD_PER_COUNT * widen_numbers(setup, counts - narrow_numbers(setup, params.enc_offset)),
-    )
+    offset = narrow_numbers(setup, params.enc_offset)
+    angle = narrow_numbers(setup, RAD_PER_COUNT * widen_numbers(setup, counts - offset))
     started = state.started != 0
     # The first sample fills the histories.
     histories = [where(started, old, angle) for old in (*state.inputs, *state.outputs)]
@@ -108,8 +103,7 @@ def joint_positions(setup: RavenSetup, arm: ArmName, tool: str, mpos: Vec) -> Ve
         - widen_numbers(setup, stored.C02 * shoulder)
         - widen_numbers(setup, stored.C12 * elbow)
     )
-    roll = rounded(tool_joint(3))
-    wrist = rounded(tool_joint(4))
+    roll, wrist = rounded(tool_joint(3)), rounded(tool_joint(4))
     grasp1, grasp2 = tool_joint(5), tool_joint(6)
     if jaw_per_wrist:
         bend = widen_numbers(setup, jaw_per_wrist * wrist)

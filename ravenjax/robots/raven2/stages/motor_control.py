@@ -77,10 +77,7 @@ def motor_targets(setup: RavenSetup, arm: ArmName, tool: str, jpos_d: Vec, mpos:
             ratio[0] * shoulder,
             ratio[1] * (elbow + stored.C01 * shoulder),
             ratio[2] * (insertion + stored.C02 * shoulder + stored.C12 * elbow),
-            tool_motor(3, roll),
-            tool_motor(4, wrist),
-            tool_motor(5, grasp1),
-            tool_motor(6, grasp2),
+            *map(tool_motor, range(3, 7), (roll, wrist, grasp1, grasp2)),
         )
     )
 

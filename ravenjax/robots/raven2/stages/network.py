@@ -41,10 +41,9 @@ def _below(a: Scalar, b: Scalar) -> Scalar:
 def step(
     setup: RavenSetup, state: NetworkState, tick: Scalar, packet: Packet
 ) -> tuple[NetworkState, Scalar]:
-    """Return the state after a packet, and whether the packet is accepted (bool).
+    """Return the state after a packet, and whether the packet is accepted: complete and in order.
 
-    A packet is accepted if it is complete and its number follows the last one. A greater number,
-    or a much lower one, becomes the last number, but its packet is dropped.
+    Other packets are dropped, but a greater or a much lower number becomes the last number.
     """
     received = packet.received != 0
     extra_bytes = packet.size - SIZE_BYTES[setup.console]
@@ -59,7 +58,7 @@ def step(
     duplicate = numbered & (number == last)
     # After 0xFFFFFFFF the next number is 0, which is dropped. Number 1 is then accepted.
     behind = numbered & _below(number, last) & ~accepted
-    far_behind = (_below(RESET_GAP, last)) & _below(number, last - RESET_GAP)
+    far_behind = _below(RESET_GAP, last) & _below(number, last - RESET_GAP)
     reset = behind & far_behind
     new_last = jnp.where(accepted | skip | reset, number, last)
     margin = jnp.where(received, cast_to_real(setup, extra_bytes), np.inf)

@@ -108,7 +108,6 @@ def step(
     pedal = (common_pins >> PIN_FP) & 1
     ready = (common_pins >> PIN_READY) & 1
     watchdog = tuple((pins >> PIN_WATCHDOG) & 1 for pins in signal.output_pins)
-
     quiet_ticks = tuple(
         jnp.where(pin != pin_before, 0, ticks + 1)
         for pin, pin_before, ticks in zip(watchdog, state.watchdog, state.quiet_ticks, strict=True)
@@ -119,7 +118,6 @@ def step(
     stopped = state.runlevel == E_STOP
     may_start = stopped & ~watchdog_lost & ~estop_button
     alive_ticks = jnp.where(may_start, state.alive_ticks + 1, 0)
-
     untripped = state.trip_cause == CAUSE_NONE
     pressed = signal.start_button & may_start
     start = pressed | (untripped & (params.auto_start != 0) & (alive_ticks > params.start_ticks))
@@ -129,7 +127,6 @@ def step(
     powered = jnp.where(state.runlevel == INIT, after_init, in_operation)
     trips = watchdog_lost | estop_button
     runlevel = as_int(jnp.where(stopped, after_stop, jnp.where(trips, E_STOP, powered)))
-
     watched = ~stopped & untripped
     tripped_now = watched & trips
     cause = jnp.where(estop_button, CAUSE_BUTTON, CAUSE_WATCHDOG)

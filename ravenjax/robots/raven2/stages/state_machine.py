@@ -48,17 +48,12 @@ def params(setup: RavenSetup) -> StateMachineParams:
 def init(setup: RavenSetup, runlevel: int) -> StateMachineState:
     """Return the state of a homed robot at `runlevel`."""
     ready = runlevel > E_STOP
-    sublevel = 3 if ready else 0
     zero, no_trips = np.int32(0), check.init(setup)
+    levels = np.int32(runlevel), np.int32(3 if ready else 0)
+    initialized, soft_estopped = np.int32(ready), zero
+    mismatches, settling = zero, zero
     return StateMachineState(
-        np.int32(runlevel),
-        np.int32(sublevel),
-        np.int32(ready),
-        zero,
-        zero,
-        zero,
-        no_trips,
-        no_trips,
+        *levels, initialized, soft_estopped, mismatches, settling, no_trips, no_trips
     )
 
 
@@ -71,10 +66,7 @@ def desired_runlevel(
 
 
 def adopt_level(state: StateMachineState, tick: Scalar, desired: Scalar) -> StateMachineState:
-    """Return the state, with the desired run level after MISMATCHES cycles with another level.
-
-    The cycles since the last change count; they need not be consecutive.
-    """
+    """Return the state, whose run level becomes `desired` after MISMATCHES cycles that differ."""
     mismatch = desired != state.runlevel
     count = state.mismatches + as_int(mismatch)
     changed = mismatch & (count >= MISMATCHES)
@@ -94,9 +86,7 @@ def adopt_level(state: StateMachineState, tick: Scalar, desired: Scalar) -> Stat
 def advance_sublevel(
     setup: RavenSetup, state: StateMachineState
 ) -> tuple[StateMachineState, Scalar]:
-    """Return the state with the next sublevel of init, and whether desired poses become measured
-    poses in this cycle (bool).
-    """
+    """Return the state with the next sublevel, and whether desired poses become measured poses."""
     level, sublevel = state.runlevel, state.sublevel
     in_init = level == INIT
     start = in_init & (sublevel == 0)

@@ -25,6 +25,9 @@ GRASP_RESET_MRAD = 785
 NO_PACKET_SEQUENCE = 111
 """last_seq before the first packet; raven2: local_io.cpp."""
 
+TIMEOUT_TICKS = 5000
+"""Cycles without an update after which the console has timed out; raven2: local_io.cpp."""
+
 
 @describe_fields
 @record
@@ -32,7 +35,7 @@ class TeleoperationParams:
     grasp_gain: Scalar  # raven2: local_io.cpp
     grasp_min_mrad: Scalar
     grasp_max_mrad: Scalar
-    timeout_ticks: Scalar  # raven2: local_io.cpp
+    timeout_ticks: Scalar
 
 
 @record
@@ -55,7 +58,8 @@ class TeleoperationState:
 
 def params(setup: RavenSetup) -> TeleoperationParams:
     """Return the original's values. Jaw: raven2 gain 1, -10..90 deg; fork gain 2, -30..90 deg."""
-    return TeleoperationParams(*map(np.int32, (*stored.jaw_commands(setup.software), 5000)))
+    gain, lowest_mrad, highest_mrad = map(np.int32, stored.jaw_commands(setup.software))
+    return TeleoperationParams(gain, lowest_mrad, highest_mrad, np.int32(TIMEOUT_TICKS))
 
 
 def init(setup: RavenSetup, poses: PerArm[StoredPose]) -> TeleoperationState:
