@@ -247,7 +247,7 @@ def control_cycle(
     targets = map_arms(setup, motor_control.motor_targets, tools, jpos_d, mpos)
     mpos_d = inject("mpos_d", targets)
     if files.replaces(user_files.MOTOR_CONTROL):
-        motors = files.torques(
+        motors = files.step_motor_control(
             params.motor_control, state.motor_control, active, pedal_down, mpos_d, jpos
         )
     else:
@@ -265,7 +265,7 @@ def control_cycle(
         without_command = tuple(command.map(lambda x: jnp.where(keep, x, 0)) for command in held)
     live = files.allow(active & (machine.soft_estopped == 0))
     if files.replaces(user_files.DAC):
-        commands = files.commands(live, without_command)
+        commands = files.step_dac(live, without_command)
     else:
         commands = map_arms(setup, partial(dac.step, enabled=live), tools, tau_d, without_command)
     current_cmd = files.check("current_cmd", inject("current_cmd", commands))

@@ -177,8 +177,8 @@ def _detect(state, sight: Sight) -> Any:
     views: tuple[Any, ...] = ()
     if detectors.detector_files(setup):
         # The cue's error is the model's tip minus the reported tip.
-        tips_minus_errors = zip(sight.model_tips, cues, strict=True)
-        sight.files.note(tip=tuple(tip - cue.error for tip, cue in tips_minus_errors))
+        pairs = zip(sight.model_tips, cues, strict=True)
+        sight.files.note(tip=tuple(model_tip - cue.error for model_tip, cue in pairs))
         views = sight.files.views("the end", setup.precision.real)
     signal = detectors.DetectorSignal(
         **control.columns_of(signals.plant, "mpos", "mvel", "jpos", "jvel"),

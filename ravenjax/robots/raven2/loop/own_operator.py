@@ -110,6 +110,7 @@ def act_as_file(state: OwnOperatorState, console: Console) -> OwnOperatorState:
     row, row_before = (operator.look_up_row(signal.motion, number) for number in rows)
 
     def planned_motion(offset: Vec, *values) -> tuple[Vec, Scalar, Vec]:
+        # Returns motion, closing and present offset of one hand, the entries of `plan`.
         position, old_position, grasp, old_grasp = cast_to_real(setup, values)
         motion = position - old_position, grasp - old_grasp
         no_motion = cast_to_real(setup, (Vec.full(3, 0.0), 0.0))
@@ -122,13 +123,13 @@ def act_as_file(state: OwnOperatorState, console: Console) -> OwnOperatorState:
     )
     state, deviation = replace(state, file_state=file_state), operator.PLAN
     if "delta" in returned:
-        deltas = zip(returned["delta"], plan, strict=True)
-        stray_motion = tuple(delta - planned for delta, (planned, _, _) in deltas)
+        per_hand = zip(returned["delta"], plan, strict=True)
+        stray_motion = tuple(delta - planned for delta, (planned, _, _) in per_hand)
         console.hands = operator.with_stray_motion(hands, stray_motion)
     if state.grasp is not None:
         old = state.grasp
-        grasps = zip(old.offset, returned["grasp"], plan, strict=True)
-        offsets = tuple(offset + (grasp - planned) for offset, grasp, (_, planned, _) in grasps)
+        per_hand = zip(old.offset, returned["grasp"], plan, strict=True)
+        offsets = tuple(offset + (grasp - planned) for offset, grasp, (_, planned, _) in per_hand)
         deviation = deviation._replace(grasp=offsets, grasp_before=old.offset_sent)
         state = replace(state, grasp=OwnGrasp(offsets, where(fresh, offsets, old.offset_sent)))
     if state.lifted is not None:
@@ -144,7 +145,7 @@ def act_as_file(state: OwnOperatorState, console: Console) -> OwnOperatorState:
 
 
 def _advance_pace(pace: OwnPace, share: Scalar, continues: Scalar, lag_sent: Scalar) -> OwnPace:
-    """Return the lag after one millisecond. share: of the planned pace, clamped to 0..1."""
+    """Return the lag after one millisecond. share: pace of the hands, 1 as planned, 0 at rest."""
     # A comparison with NaN is false, so NaN gives the planned pace.
     share = jnp.where(share < 1.0, jnp.maximum(share, 0.0), 1.0)
     behind = pace.fraction + jnp.where(continues, 1.0 - share, 0.0)

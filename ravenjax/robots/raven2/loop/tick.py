@@ -111,6 +111,7 @@ def advance_tick(
         setup, params, state.monitor, clean, fresh, robot, observed, signal, now
     )
     watch(early=False)
+    # The run fails in the first tick in which one of these numbers is not finite.
     numbers = {"joint": [x for out in robots for x in (*out.jpos, *out.mpos)]}
     for name, stage in present.items():
         numbers |= stage.numbers(stages[name])
@@ -212,8 +213,8 @@ def _send_packet(
         packet = make_packet(replace(params.operator, scale=scale), console.older(network))
     arrives = console.fresh & ~network.lost
     if may_resend and inject.injects_at("network"):
-        # Packets are numbered from 1, so no packet has arrived yet if the index is negative. A
-        # channel that delays packets delivers them in order, and each of them once.
+        # Sequence numbers begin at 1, so a packet with a negative index does not exist. A channel
+        # that delays packets delivers them in order, and each of them once.
         index = packet.sequence - 1
         arrives = arrives & (index >= 0) & ((network.delay == 0) | (index > state.delivered))
     return clean, replace(packet, received=as_int(arrives)), arrives

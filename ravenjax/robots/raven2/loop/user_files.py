@@ -275,7 +275,7 @@ class UserFiles:
         """Return whether a file replaces that stage."""
         return stage in dict(self._setup.controller)
 
-    def torques(
+    def step_motor_control(
         self,
         params: PerArm[motor_control.MotorControlParams],
         states: PerArm[motor_control.MotorControlState],
@@ -311,7 +311,7 @@ class UserFiles:
             new_states.append(new)
         return tuple(new_states)
 
-    def commands(self, live: Scalar, resting: PerArm[Vec]) -> PerArm[Vec]:
+    def step_dac(self, live: Scalar, resting: PerArm[Vec]) -> PerArm[Vec]:
         """Return the DAC counts of every arm from a user's file; `resting` unless `live`."""
         setup = self._setup
         self.note(

@@ -285,9 +285,6 @@ def _theta1(arm: str, wrist: Vec, d: Scalar, cos2: Scalar, sin2: Scalar) -> Scal
     return jnp.atan2(sine, cosine)
 
 
-# --- gravity ---
-
-
 def gravity_torque(arm: str, jpos: Vec) -> Vec:
     """Return tau_g: torques (3, N m at the capstan) that balance gravity.
 

@@ -157,9 +157,6 @@ def contact_forces(contacts: tuple[TipContact, ...], speed_gains: Vec) -> Touch:
     return Touch(force=total, tissue=tissue, vessel=vessel, instrument=total[0] * 0.0)
 
 
-# --- instruments against each other ---
-
-
 class InstrumentContact(NamedTuple):
     """The contact of two instruments at their nearest points, in the coming step."""
 
@@ -170,7 +167,8 @@ class InstrumentContact(NamedTuple):
     def force(self, speed_gains: Sequence[Vec], gains_per_newton: Sequence[Vec]) -> Scalar:
         """Return the force in the step in N, at least 0.
 
-        speed_gains: of each arm's joints under `normal.force`. gains_per_newton: of more force.
+        speed_gains: of each arm's joints under `normal.force`. gains_per_newton: additional gains
+        for each newton of additional force.
         """
         first, second = self.separation_rows
         separation = dot(first, speed_gains[0]) + dot(second, speed_gains[1])

@@ -74,7 +74,7 @@ class Coupling:
 
     def congruence(self, weights: Vec) -> list[list[Scalar]]:
         """Return T^T diag(weights) T, symmetric; entries [i][j] with j > i are 0 instead."""
-        # T is rows, with the insertion's row added. So T^T diag(w) T is rows^T inner rows.
+        # T = R rows, where R adds multiples of the insertion's row; inner = R^T diag(weights) R.
         inner: list[list[Scalar]] = [[0.0] * N for _ in range(N)]
         for i in range(N):
             inner[i][i] = weights[i]
@@ -82,6 +82,7 @@ class Coupling:
                 shared = mul(self.ratio[i], weights[i])
                 inner[i][Z] = shared
                 inner[Z][Z] = add(inner[Z][Z], mul(self.ratio[i], shared))
+        # outer = rows^T inner rows
         outer: list[list[Scalar]] = [[0.0] * N for _ in range(N)]
         for i in range(N):
             for j in range(i + 1):

@@ -61,7 +61,7 @@ def coulomb_damping(level: Scalar, drive: Scalar, inertia_rate: Scalar) -> Scala
     speed at the end of the step without friction, same unit. inertia_rate: inertia divided by the
     step, plus all other implicit damping, N m s/rad (insertion: N s/m).
     """
-    # The lower bound holds the joint: the friction is then greater than the force.
+    # If friction is greater than the force, the lower bound of this excess stops the joint.
     excess = jnp.maximum(jnp.abs(drive) - level, 0.0)
     return level * inertia_rate / jnp.maximum(excess, inertia_rate * CREEP)
 
@@ -201,9 +201,9 @@ def eliminate_motor(
     """
     coupling = mul(reaction_scale, cable.damping)
     momentum = inertia_rate * speed + drive - mul(reaction_scale, cable.force)
-    frictionless = add(inertia_rate, viscous)
-    friction = coulomb_damping(coulomb, momentum + coupling * link_speed, frictionless + coupling)
-    resistance = frictionless + friction
+    viscous_rate = add(inertia_rate, viscous)
+    friction = coulomb_damping(coulomb, momentum + coupling * link_speed, viscous_rate + coupling)
+    resistance = viscous_rate + friction
     inverse = 1.0 / (resistance + coupling)
     stretch_rate = (momentum - resistance * link_speed) * inverse
     return EliminatedMotor(

@@ -73,6 +73,7 @@ def no_errors() -> KinematicErrors:
 def is_exact(errors: KinematicErrors) -> bool:
     """Return whether all errors are 0 in all runs, so that the tick need not compute them."""
     numbers = tree.tree_leaves((errors.joint_offset, errors.ratio_error, errors.links))
+    # Only a number that is the same in all runs is a Python number.
     return all(type(number) in (int, float) and number == 0 for number in numbers)
 
 
@@ -88,7 +89,7 @@ def true_joints(errors: KinematicErrors, reported: Vec) -> Vec:
 
 def register_frame(arm: str, errors: KinematicErrors) -> Registration | None:
     """Return the registration of the arm's frame 0; None: without errors or not registered."""
-    # A number of NumPy or Python is the same in all runs; other numbers differ between runs.
+    # Only a number that is the same in all runs is a NumPy integer.
     never_registered = isinstance(errors.registered, np.integer) and not errors.registered
     if is_exact(errors) or never_registered:
         return None

@@ -173,7 +173,7 @@ def step(
 def track_target(
     setup: RavenSetup, arm: ArmName, params: NominalParams, state: NominalState, jpos_d: Vec
 ) -> NominalState:
-    """Compute one tick of the dynamics with the desired joints `jpos_d` (rad, m)."""
+    """Return the state after one linearly implicit step (1 ms) toward joints `jpos_d` (rad, m)."""
     dt = TICK_S
     jpos, jvel = state.jpos, state.jvel
     error = jpos_d - jpos
@@ -185,6 +185,7 @@ def track_target(
     mass, bias = link_dynamics.mass_matrix_and_bias(
         arm, locked, link_speeds, Vec.full(3, 0.0), params.mass_scale
     )
+    # Lower triangle and right side of the equations of the speed gains of joints 1-5
     system, right = [], []
     for i in range(LAGRANGE):
         row = [mul(1.0 / dt, mass[i][j]) for j in range(i + 1)]

@@ -304,7 +304,6 @@ def _encoders_at(
     setup: RavenSetup, params: control.ControlParams, jpos: Sequence[Sequence[float]]
 ) -> list[list[int]]:
     """Return the counts [arms, 7] nearest to joints [arms, 7], rad and m."""
-
     counts = []
     for arm, tool, estimator, joints in zip(
         setup.arms, setup.tools, params.estimator, jpos, strict=True
