@@ -67,7 +67,7 @@ def init(setup: RavenSetup, jpos: PerArm[Vec]) -> State:
 
 
 def measure_pose(setup: RavenSetup, arm: ArmName, jpos: Vec) -> stored_pose.StoredPose:
-    """Return the pose of the tip at measured joints, as stored. The jaws are rounded before."""
+    """Return the pose of the tip at measured joints, as stored. `jpos` are stored joints, too."""
     pose = select_evaluation(setup).forward(arm, widen_numbers(setup, jpos), _yaw(setup, jpos))
     return stored_pose.store_pose(setup, pose, to_int32((jpos[5] + jpos[6]) * 1000.0))
 

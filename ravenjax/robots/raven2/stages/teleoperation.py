@@ -105,9 +105,8 @@ def accumulate_increments(
             lambda p, row: jnp.where((row[0] + row[1] + row[2]) * 0.0 == 0.0, p, INT32_MIN),
             increment,
         )
-        quaternion = mapping.quat_mul(
-            select_evaluation(setup).quat_from_matrix(increment), old.quaternion
-        )
+        rotation_quat = select_evaluation(setup).quat_from_matrix(increment)
+        quaternion = mapping.quat_mul(rotation_quat, old.quaternion)
         opening = old.pose.grasp_mrad - params.grasp_gain * packet.grasp[i]
         opening = jnp.where(
             opening > params.grasp_max_mrad,
@@ -149,6 +148,7 @@ def hand_over(
     desired = per_arm(setup, lambda i, _: where(update_desired, state.arms[i].pose, desired[i]))
     state = replace(
         state,
+        # The flag is cleared; the result is an int32 like the flag.
         updated=state.updated & 0,
         age_ticks=jnp.where(timed_out, 0, age),
         surgeon_mode=jnp.where(timed_out, 0, state.surgeon_mode),
@@ -165,14 +165,13 @@ def reset_origin(
     A reset counts as an update.
     """
 
-    def restarted(i: int, _: ArmName) -> Accumulator:
-        # Returns one arm's accumulated pose, restarted from the desired pose.
+    def restart(i: int, _: ArmName) -> Accumulator:
+        # Returns one arm's accumulated pose: if `reset`, the desired pose. The accumulated opening
+        # of the jaws remains, unless it differs much from the desired opening.
         old, new = state.arms[i], desired[i]
         reset_jaw = jnp.abs(old.pose.grasp_mrad - new.grasp_mrad) > GRASP_RESET_MRAD
         opening = jnp.where(reset_jaw, new.grasp_mrad, old.pose.grasp_mrad)
-        restart = Accumulator(
-            StoredPose(new.position_um, new.rotation, opening), _quaternion(setup, new)
-        )
-        return where(reset, restart, old)
+        pose = StoredPose(new.position_um, new.rotation, opening)
+        return where(reset, Accumulator(pose, _quaternion(setup, new)), old)
 
-    return replace(state, arms=per_arm(setup, restarted), updated=state.updated | as_int(reset))
+    return replace(state, arms=per_arm(setup, restart), updated=state.updated | as_int(reset))
