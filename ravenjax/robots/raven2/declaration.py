@@ -6,7 +6,7 @@ from typing import Any
 
 from ravenjax.bundled import resources
 from ravenjax.robots.raven2 import run_levels
-from ravenjax.robots.raven2.arms import ARMS, JOINTS, LEADING, LINEAR
+from ravenjax.robots.raven2.arms import ARMS, JOINTS, LEADING_LENGTHS, SLIDING_JOINTS
 from ravenjax.vocabulary.checks import Check
 from ravenjax.vocabulary.robot import Robot
 from ravenjax.vocabulary.seams import Seam, SeamChannel
@@ -110,8 +110,8 @@ ROBOT = Robot(
     package=str(__package__),
     arms=ARMS,
     joints=JOINTS,
-    linear=LINEAR,
-    leading_joints=LEADING,
+    linear=SLIDING_JOINTS,
+    leading_joints=LEADING_LENGTHS,
     run_levels=run_levels.NAMES,
     sites=SITES,
     layers=LAYERS,

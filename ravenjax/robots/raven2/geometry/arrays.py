@@ -113,10 +113,8 @@ def _matrices(rows: Vec) -> Array:
 
 
 def _check_arguments(arm: str, **arguments: tuple[ArrayLike, tuple[int, ...]]) -> list[Array]:
-    """Return the arguments as arrays with broadcast leading axes. Raises UserError.
-
-    arguments: name -> (value, shape of the last axes).
-    """
+    # Returns the arguments as arrays with broadcast leading axes. Raises UserError. arguments: name
+    # -> (value, shape of the last axes).
     if arm not in ARMS:
         raise UserError(describe_unknown_name("arm", arm, ARMS))
     checked = {name: _check_numbers(name, value, row) for name, (value, row) in arguments.items()}

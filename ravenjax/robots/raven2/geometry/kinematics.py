@@ -191,10 +191,8 @@ def _wrists(arm: str, pose: Pose):
 
 
 def _reach(arm: str, wrist: _Wrist, axes: _Axes, depth: Scalar) -> _Reach:
-    """Return both solutions of a side and a depth.
-
-    axes: x, y and z axis of the pose. depth: False if the insertion axis points from the wrist.
-    """
+    # Returns both solutions of a side and a depth. axes: x, y and z axis of the pose. depth: False
+    # if the insertion axis points from the wrist.
     (x6, y6, z6), cos23 = axes, GEOMETRY[arm].cos23
     ahead, behind = (wrist.direction, wrist.insertion), (-wrist.direction, -wrist.insertion)
     toward, distance = where(depth, ahead, behind)
@@ -318,11 +316,9 @@ def _nearest_of_all(arm: str, measured: Theta, wrists: _Wrists, axes: _Axes) -> 
 
 
 def _likely_choice(arm: str, measured: Theta, wrists: _Wrists, axes: _Axes):
-    """Return the solution that is probably nearest, and a lower bound of the cost of all others.
-
-    Of each side, take the depth nearer to the measured d3, and then the side with nearer angles.
-    The bound may be NaN.
-    """
+    # Returns the solution that is probably nearest, and a lower bound of the cost of all others. Of
+    # each side, take the depth nearer to the measured d3, and then the side with nearer angles. The
+    # bound may be NaN.
 
     def nearer_depth(wrist: _Wrist):
         shallow, deep = (
@@ -340,12 +336,11 @@ def _likely_choice(arm: str, measured: Theta, wrists: _Wrists, axes: _Axes):
 
 
 def _centre_choice(measured: Theta, insertion: Scalar) -> _Choice:
-    """Return the solution that the original selects if a wrist is within Lw of the remote centre.
-
-    The original then stops before it computes angles, so all angles are zero, but counts the other
-    side as valid. Before that it computes d3 of side 0, unless side 0 is too near. Otherwise d3 is
-    also zero. insertion: distance of the wrist of side 0 from the remote centre, m.
-    """
+    # Returns the solution that the original selects if a wrist is within Lw of the remote centre.
+    # The original then stops before it computes angles, so all angles are zero, but counts the
+    # other side as valid. Before that it computes d3 of side 0, unless side 0 is too near.
+    # Otherwise d3 is also zero. insertion: distance of the wrist of side 0 from the remote centre,
+    # m.
     shallow, deep = -D4 - insertion, -D4 + insertion
     nearer = jnp.where(jnp.abs(measured.d3 - deep) < jnp.abs(measured.d3 - shallow), deep, shallow)
     d3 = jnp.where(insertion <= LW, 0.0, nearer)

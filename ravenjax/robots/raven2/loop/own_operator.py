@@ -121,9 +121,9 @@ def act_as_file(state: OwnOperatorState, console: Console) -> OwnOperatorState:
     file_state, returned = _run_file(
         setup, console.params.operator, state, signal.tick, row.surgeon_mode > 0, plan
     )
-    state, deviation = replace(state, own=file_state), operator.PLAN
+    state, deviation = replace(state, own=file_state), operator.NO_DEVIATION
     if "delta" in returned:
-        console.hands = operator.with_stray_motion(
+        console.hands = operator.add_hand_motion(
             hands,
             tuple(new - delta for new, (delta, _, _) in zip(returned["delta"], plan, strict=True)),
         )

@@ -162,10 +162,10 @@ def _wait_for_packet(
         soft_estopped=stopped,
         fresh=fresh,
         sequence=sequence,
-        timing=operator.row_by_row(sequence),
+        timing=operator.row_timing(sequence),
         plan=PlanMoment(sequence, sequence - 1, fresh),
         hands=state.hands,
-        older=lambda network: operator.row_by_row(sequence - network.lag - network.delay),
+        older=lambda network: operator.row_timing(sequence - network.lag - network.delay),
         packets_in=count_packets,
     )
 
@@ -183,7 +183,7 @@ def _send_packet(
     signal, sequence = console.signal, console.sequence
     if inject.injects_at("hand"):
         still = for_each_arm(setup, Vec.full(3, cast_to_real(setup, 0.0)))
-        console.hands = operator.with_stray_motion(console.hands, inject("hand", still))
+        console.hands = operator.add_hand_motion(console.hands, inject("hand", still))
 
     def make_packet(sender: operator.OperatorParams, timing: operator.PacketTiming) -> Packet:
         return operator.make_packet(
