@@ -17,9 +17,6 @@ JOINTS: tuple[str, ...] = (
     "grasp2",
 )
 LEADING_LENGTHS: tuple[int, ...] = (5,)
-"""Possible lengths of a vector that has entries for the first joints only.
-
-Soft limits have five entries, because the two jaws have no limits.
-"""
+"""Possible lengths of a vector without entries for the jaws, such as the soft joint limits."""
 SLIDING_JOINTS: tuple[str, ...] = ("insertion",)
 """Joints that slide, with the unit m. The other joints rotate, with the unit rad."""

@@ -1,11 +1,9 @@
 """Generates the C library of one robot: its header, its code as LLVM IR, and an example program.
 
-The code is the code of `ControlSoftware` and `VirtualRobot`, printed as LLVM IR. Its results equal
+The code is that of `ControlSoftware` and `VirtualRobot`, printed as LLVM IR. Its results equal
 theirs to the bit on every CPU, because each operation is one IEEE operation, and functions such as
-the sine come from the C library. A call reads and writes only the four structs that it receives: it
-allocates no memory, and has no global variables and no locks.
-
-The structs have the memory layout that the compiled code expects.
+the sine come from the C library. A call reads and writes only the four structs that it receives. It
+allocates no memory and takes no locks. The structs have the memory layout that the code expects.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -58,7 +56,6 @@ class Struct(NamedTuple):
 
 def make_library(software: ControlSoftware, robot: VirtualRobot) -> CLibrary:
     """Return the library of this software and robot, with their present parameters and state.
-
     Raises UserError if software and robot have different arms or tools, or if the console of the
     software sends absolute positions.
     """
@@ -87,8 +84,7 @@ def _code(software: ControlSoftware, robot: VirtualRobot) -> str:
     loops = {f"{name}_steps": transitions[key] for name, key in _FUNCTIONS.items()}
     # No CPU features: the library must run on every CPU
     text = transition.print_module(loops, frozenset())
-    # Each printed function is a loop over steps. The library hides this loop and exports a function
-    # that calls the loop for one step
+    # Each function is printed as a loop over steps; the library exports a call of one step
     for name in _FUNCTIONS:
         text = text.replace(f"define void @{name}_steps(", f"define internal void @{name}_steps(")
         text += (
@@ -109,7 +105,7 @@ def _code(software: ControlSoftware, robot: VirtualRobot) -> str:
 def _structs(software: ControlSoftware, robot: VirtualRobot) -> dict[str, Struct]:
     # Returns the struct of each record of software and robot. The key is the struct's name in the
     # header without "raven_", such as "control_params".
-    structs = dict[str, Struct]()
+    structs, arms = dict[str, Struct](), software.setup.arms
     for part, machine in (("control", software), ("robot", robot)):
         # The inner dict is an ordered set of units: joints of one parameter may differ in unit
         units: dict[str, dict[str, None]] = {}
@@ -119,10 +115,7 @@ def _structs(software: ControlSoftware, robot: VirtualRobot) -> dict[str, Struct
             if (kind := machine.code.kinds.get(field)) is not None:
                 # Only parameters have declared units
                 field_units = units if field == "params" else {}
-                members, layout = (
-                    struct_members(kind, software.setup.arms, field_units),
-                    kind.layout,
-                )
+                members, layout = struct_members(kind, arms, field_units), kind.layout
                 end = layout.offsets[-1] + stored_size(layout.types[-1])
                 structs[f"{part}_{field}"] = Struct(members, layout.bytes, layout.bytes - end)
     return structs

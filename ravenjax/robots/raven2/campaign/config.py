@@ -37,10 +37,7 @@ from ravenjax.vocabulary.parts import OwnSource
 from ravenjax.vocabulary.reactions import ACTIONS, MEANINGS
 
 HEALTHY_MM = 0.1
-"""Distance of the tip from the nominal model's tip that every moving robot exceeds without a fault.
-
-Fault-free robots reach 0.6 to 1.8 mm.
-"""
+"""Distance from the nominal model that every moving robot exceeds without a fault, mm."""
 REACH_MM = 429.0
 """Longest distance between two tip positions within the hard stops of joints 1 to 3, mm."""
 _REACTION = resources.read_tables(__file__, "reaction.toml")
@@ -80,9 +77,8 @@ class RavenConfig(CampaignConfig):
         return self
 
     def with_files(self, folder: Path) -> CampaignConfig:
-        """Return the configuration with paths of the user's files that are relative to `folder`.
-
-        It contains the code of the user's Python files. Raises UserError if a file is unusable.
+        """Return the configuration with paths of the user's files that are relative to `folder`. It
+        contains the code of the user's Python files. Raises UserError if a file is unusable.
         """
         new = super().with_files(folder)
         if self.controller is not None:
@@ -90,10 +86,8 @@ class RavenConfig(CampaignConfig):
         return new.model_copy(update={"operator": self.operator.locate_files(folder)})
 
     def own_parts(self) -> Iterator[tuple[str, OwnSource]]:
-        """Yield (prefix of parameter paths, code) for each of the user's Python files.
-
-        The parameters of a file have paths that begin with its prefix. Raises UserError if a file
-        is unusable.
+        """Yield (first part of the paths of its parameters, code) for each Python file of the user.
+        Raises UserError if a file is unusable.
         """
         yield from super().own_parts()
         if self.controller is not None:
@@ -191,20 +185,15 @@ class RavenConfig(CampaignConfig):
                     )
         axes = {path: axis for _, table in self.parameter_tables() for path, axis in table.items()}
         errors = [path for path in axes if ".kinematic_errors." in path]
-        if self.campaign.kinematic_errors == "none" and all(p.endswith(".scale") for p in errors):
-            yield from (
-                (("parameters", path), "has no effect while campaign.kinematic_errors is 'none'")
-                for path in errors
-            )
-        if self.campaign.kinematic_errors == "measured":
-            yield from (
-                (
-                    ("parameters", path),
-                    "the value 0 removes the errors of campaign.kinematic_errors = 'measured'",
-                )
-                for path in errors
-                if path.endswith(".scale") and axes[path].values == (0,)
-            )
+        only_scales = all(path.endswith(".scale") for path in errors)
+        measured = self.campaign.kinematic_errors == "measured"
+        for path in errors:
+            key = ("parameters", path)
+            if not measured and only_scales:
+                yield key, "has no effect while campaign.kinematic_errors is 'none'"
+            if measured and path.endswith(".scale") and axes[path].values == (0,):
+                message = "the value 0 removes the errors of campaign.kinematic_errors = 'measured'"
+                yield key, message
         if self.operator.motion == "still" and self.operator.seed:
             yield ("operator", "seed"), "motion 'still' is the same for every seed"
         if self.operator.place == "home" and self.operator.offset_mm is not None:
@@ -369,9 +358,8 @@ class RavenConfig(CampaignConfig):
 
     @property
     def packet_history(self) -> int:
-        """Age in ms of the oldest packet that a network fault may send again; 0: none.
-
-        Only for packets with drawn lengths; 0 without them.
+        """Age in ms of the oldest packet that a network fault may send again; 0: none. Only for
+        packets with drawn lengths; 0 without them.
         """
         if not self.random_packets:
             return 0
@@ -404,18 +392,16 @@ class RavenConfig(CampaignConfig):
         return ""
 
     def says_beyond(self, fault: Fault) -> bool:
-        """Return whether the file states how the fault's values beyond 16 bits are stored.
-
-        The fault's key `wraps` states this, or, at site usb_out, the key campaign.dac_words.
+        """Return whether the file states how the fault's values beyond 16 bits are stored. The
+        fault's key `wraps` states this, or, at site usb_out, the key campaign.dac_words.
         """
         return super().says_beyond(fault) or (
             fault.site == "usb_out" and self.campaign.dac_words is not None
         )
 
     def deciding(self) -> dict[str, Any]:
-        """Return the settings that affect all runs. The ids of the runs depend on them.
-
-        Defaults are left out, except for tools and limits. A file is represented by a hash.
+        """Return the settings that affect all runs. The ids of the runs depend on them. Defaults
+        are left out, except for tools and limits. A file is represented by a hash.
         """
         content = super().deciding()
         campaign = content["campaign"]
@@ -443,8 +429,6 @@ class RavenConfig(CampaignConfig):
         digests = {stage: part.hash_source(source) for stage, source in stages}
         return content | sections | hand | ({"controller": digests} if digests else {})
 
-
-# --- packets that network faults send again ---
 
 LONGEST_HISTORY_MS = 8192
 """Age in ms of the oldest packet that a network fault may send again, if packet lengths are drawn.
@@ -509,10 +493,7 @@ def _network_channels(fault: Fault) -> set[str]:
 
 
 def require_raven(config: CampaignConfig) -> RavenConfig:
-    """Return `config` itself, with the type of a Raven-II's campaign.
-
-    Raises UserError if the campaign has another robot.
-    """
+    """Return `config`, typed as a Raven-II's campaign. Raises UserError for another robot."""
     if not isinstance(config, RavenConfig):
         raise UserError(
             f"campaign.robot is {config.campaign.robot!r}, expected 'raven2', because this command"

@@ -49,8 +49,7 @@ def describe_figure() -> dict[str, Any]:
 def _describe_body(
     model: mujoco.MjModel, body: int, joints: dict[int, tuple[str, int]]
 ) -> dict[str, Any]:
-    # Returns the description of a body; see `describe_figure`. joints: number of a joint in the
-    # model -> its arm, and its index in the arm.
+    # Returns the description of a body. joints: a joint's number -> its arm, its index in the arm.
     # Each body of this model has at most one joint
     has_joint = model.body_jntnum[body] > 0
     joint = int(model.body_jntadr[body])
@@ -61,9 +60,7 @@ def _describe_body(
         "position": model.body_pos[body],
         "quaternion": model.body_quat[body],
         "joint": _describe_joint(model, joint, *joints[joint]) if has_joint else None,
-        "meshes": [
-            _describe_mesh(model, geoms) for geoms in body_shapes.geoms_by_look(model, body)
-        ],
+        "meshes": [_describe_mesh(model, geoms) for geoms in body_shapes.group_geoms(model, body)],
     }
 
 

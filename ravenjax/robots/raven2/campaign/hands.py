@@ -17,9 +17,8 @@ from ravenjax.store.motion.summary import MotionSummary
 
 
 def operator_replay(config: RavenConfig) -> recorded.OperatorReplay | None:
-    """Return the replay of a recorded motion during a run; None for a generated motion.
-
-    Raises UserError for a recording that the campaign cannot use.
+    """Return the replay of a recorded motion during a run; None for a generated motion. Raises
+    UserError for a recording that the campaign cannot use.
     """
     operator, arms, ticks = config.operator, config.campaign.arms, config.campaign.ticks
     if operator.file is None:
@@ -31,31 +30,25 @@ def operator_replay(config: RavenConfig) -> recorded.OperatorReplay | None:
 
 
 def operator_bounds(config: RavenConfig) -> Bounds:
-    """Return the limits to which the control software clamps the operator's commands.
-
-    They are the limits of the first five joints, those of [limits] first, and of the jaws' opening.
+    """Return the limits to which the control software clamps the operator's commands. They are the
+    limits of the first five joints, those of [limits] first, and of the jaws' opening.
     """
     # The control software applies the limits of the first arm's tool to both arms
     soft = limits.soft_limits(config.tools[0], config.campaign.software)
-    file_limits = config.limits.si()
-    lower, upper = list(soft.lower[:5]), list(soft.upper[:5])
-    for i, joint in enumerate(JOINTS[:5]):
-        if joint in file_limits:
-            lower[i], upper[i] = file_limits[joint]
+    default_ranges = zip(soft.lower[:5], soft.upper[:5], strict=True)
+    ranges = dict(zip(JOINTS[:5], default_ranges, strict=True)) | config.limits.si()
+    lower, upper = zip(*ranges.values(), strict=True)
     if config.campaign.console == "absolute":  # the opening is then not clamped
-        return Bounds(tuple(lower), tuple(upper))
+        return Bounds(lower, upper)
     jaws = teleoperation.params(RavenSetup(software=config.campaign.software))
     opening = float(jaws.grasp_gain), float(jaws.grasp_min_mrad), float(jaws.grasp_max_mrad)
-    return Bounds(tuple(lower), tuple(upper), opening)
+    return Bounds(lower, upper, opening)
 
 
-def summarize_scaled_replay(
-    replay: recorded.OperatorReplay, scales: np.ndarray | None
-) -> MotionSummary:
-    """Return the summary of a replay, with the range of the scales at which runs replay it.
-
-    scales: teleoperation scale of each run [runs], NaN: the scale of the file; None: every run has
-    the scale of the file. Raises UserError if a scale moves the replay beyond the limits.
+def summarize_replay(replay: recorded.OperatorReplay, scales: np.ndarray | None) -> MotionSummary:
+    """Return the summary of a replay, with the range of the scales at which runs replay it. scales:
+    teleoperation scale of each run [runs], NaN: the scale of the file; None: every run has the
+    scale of the file. Raises UserError if a scale moves the replay beyond the limits.
     """
     if scales is None or np.isnan(scales).all():
         return replay.summary
@@ -66,10 +59,9 @@ def summarize_scaled_replay(
 
 
 def operator_motion(config: RavenConfig) -> Motion:
-    """Return the operator's motion, recorded or generated, with one row per tick of the run.
-
-    Joints in [operator.start] replace those of the home pose. Raises UserError for a recording that
-    the campaign cannot use.
+    """Return the operator's motion, recorded or generated, with one row per tick of the run. Joints
+    in [operator.start] replace those of the home pose. Raises UserError for a recording that the
+    campaign cannot use.
     """
     operator, campaign = config.operator, config.campaign
     if (replay := operator_replay(config)) is not None:

@@ -21,10 +21,8 @@ SPEED_WINDOW = 20
 
 
 def phase_intervals(config: RavenConfig) -> dict[str, np.ndarray]:
-    """Return the intervals of each phase, int64 [intervals, 2]: first tick, first tick after it.
-
-    The key is the name of the phase. A packet that lasts several ticks has one row of the motion.
-    In phase `fast`, the commanded speed is above its median over pedal-down; `slow` is the rest of
+    """Return the intervals of each phase, int64 [intervals, 2]: first tick, first tick after it. In
+    phase `fast`, the commanded speed is above its median over pedal-down; `slow` is the rest of
     pedal-down. Raises UserError if the operator's file cannot be used.
     """
     motion, ticks = hands.operator_motion(config), config.campaign.ticks
@@ -82,6 +80,5 @@ def _tissue_depth(motion: Motion, arm_index: int, path: np.ndarray) -> np.ndarra
 
 def _true_intervals(mask: np.ndarray) -> np.ndarray:
     """Return [begin, end) of each interval of true ticks in `mask`, int64 [intervals, 2]."""
-    # A zero at both ends makes the changes begin with a begin and end with an end
-    changes = np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0))
-    return changes.reshape(-1, 2)
+    # With a zero at both ends, begins and ends of intervals alternate
+    return np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)

@@ -29,10 +29,8 @@ from ravenjax.vocabulary.reactions import SLOW
 
 PEDAL_SITES = ("network", "packet_header")
 """Fault sites where a fault may change the pedal, in addition to those of `may_restart`."""
-
 LATENCY = 8
 """Largest number of ticks from a packet until its pedal changes the run level, with a margin."""
-
 BLOCK_PACKETS = 2**20
 """Largest number of packets whose lengths are drawn at a time, which limits the memory."""
 
@@ -44,7 +42,6 @@ def trigger_clocks(
     runs: int,
 ) -> Clocks:
     """Return the times of packets and of pedal-down in all runs; see `ravenjax.campaign.prepared`.
-
     columns: the operator's motion, pedal last. varied: path of a parameter -> its values [runs].
     """
     setup, params, ticks = program.setup, program.params, program.ticks
@@ -94,7 +91,6 @@ def planned_pedal_down(
     software: str, foot: np.ndarray, cycles: int, plc: bool, ticks: int
 ) -> np.ndarray:
     """Return whether the robot is in pedal-down in each tick if nothing stops it, bool [ticks].
-
     foot: bool [rows of the motion], pedal pressed. cycles: ticks that each packet lasts. plc:
     whether the software obeys the PLC.
     """
@@ -105,9 +101,6 @@ def planned_pedal_down(
         level_end = end - 1 if end < ticks else end
         down[begin - 1 : level_end] = True
     return down
-
-
-# --- packets ---
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -168,9 +161,6 @@ class DrawnPackets:
                 ends = arrival[:, None] + np.cumsum(lengths.astype(np.int64), axis=1)
                 yield indices, first, np.concatenate([arrival[:, None], ends[:, :-1]], axis=1)
                 arrival = ends[:, -1]
-
-
-# --- the pedal ---
 
 
 def _pedal_phases(

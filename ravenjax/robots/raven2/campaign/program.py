@@ -22,18 +22,12 @@ from ravenjax.vocabulary import packets
 from ravenjax.vocabulary.reactions import ACTIONS
 
 NOISE_KEY = "plant.noise_key"
-"""Random key of the noise. A campaign sets it from the run's id, so every run draws its own noise.
-"""
-
+"""Random key of the noise. A campaign sets it from the run's id, so each run has its own noise."""
 PACKETS, PACKET_KEY = "network.packets", "network.packet_key"
-"""Parameter that makes the tick draw packet lengths, and the random key of these draws.
-
-A campaign sets the key from the run's id.
+"""Parameter that makes the tick draw packet lengths, and the key of these draws, from the run's id.
 """
-
 DELAY, LONGEST_DELAY = "usb.command_delay", 16
 """Parameter that delays commands, and the longest delay for which the tick stores commands, ms."""
-
 SETUP_KEYS = ("software", "build", "console", "substeps", "contact", "noise")
 """Keys of [campaign] that are fields of `RavenSetup`."""
 SCALE = "operator.scale"
@@ -46,10 +40,9 @@ def prepare_campaign(
     injection: Injection,
     precision: Precision,
 ) -> Prepared:
-    """Return the options, parameters and operator's motion of a campaign.
-
-    varied: path of a parameter that differs between runs -> its values [runs]. Raises UserError if
-    the operator's file cannot be used.
+    """Return the options, parameters and operator's motion of a campaign. varied: path of a
+    parameter that differs between runs -> its values [runs]. Raises UserError if the operator's
+    file cannot be used.
     """
     replay = hands.operator_replay(config)
     motion = hands.operator_motion(config) if replay is None else replay.motion
@@ -74,9 +67,7 @@ def prepare_campaign(
         params=_params(config, setup, motion),
         columns=tuple(motion.table().T),
         motion=motion,
-        operator=None
-        if replay is None
-        else hands.summarize_scaled_replay(replay, varied.get(SCALE)),
+        operator=None if replay is None else hands.summarize_replay(replay, varied.get(SCALE)),
         keys=({NOISE_KEY: "noise"} if setup.noise else {})
         | ({PACKET_KEY: "packets"} if setup.packets else {}),
     )
@@ -137,15 +128,10 @@ def _file_values(config: RavenConfig) -> dict[str, Any]:
     return values
 
 
-# --- observers ---
-
-
 def add_action(program: TickProgram) -> tuple[TickProgram, dict[str, int]]:
-    """Return the program of the same runs with a fault slot for an action, and all actions.
-
-    The second result is the name of each action and its number in the slot. An action stops or
-    slows the robot, as an answer to a fault. If a user's file is the operator, there is no action
-    `pedal`, because the file decides about the pedal.
+    """Return the program of the same runs with a fault slot for an action (`stages.acted`), and the
+    number of each action in this slot. A user's file in place of the operator decides about the
+    pedal itself, so there is then no action `pedal`.
     """
     setup, params = program.setup, program.params
     # An action needs the code of an operator who reacts, and of commands that are delayed

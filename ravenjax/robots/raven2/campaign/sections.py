@@ -39,7 +39,7 @@ from ravenjax.vocabulary.parts import OwnSource
 
 def _check_packets(raw) -> Any:
     # Checks the key `packets`: a name of a distribution, or shares of packets that last 1, 2, 3, ..
-    # cycles. Return shares as a tuple. Raises ValueError. Pydantic then refuses all other types.
+    # cycles. Returns shares as a tuple. Raises ValueError. Pydantic then refuses all other types.
     names = ", ".join(map(repr, packets.CHOICES))
     if isinstance(raw, str) and raw not in packets.CHOICES:
         raise ValueError(
@@ -188,10 +188,10 @@ class Start(Section):
 
     def si(self) -> dict[str, float]:
         """Return the joints in the file and their positions, rad and m."""
-        return {joint: value * factor for joint, factor, value in _given_joints(self)}
+        return {joint: value * factor for joint, factor, value in _keys(self)}
 
 
-def _given_joints(section: Section) -> Iterator[tuple[str, float, Any]]:
+def _keys(section: Section) -> Iterator[tuple[str, float, Any]]:
     """Yield (joint, factor to rad or m, value in the file) for each joint in the section's file."""
     for name in type(section).model_fields:
         if (value := getattr(section, name)) is not None:
@@ -312,8 +312,7 @@ class Operator(Section):
 
     @model_validator(mode="after")
     def _check_keys(self) -> Operator:
-        # Refuses keys of recorded motions for a generated motion and the reverse, keys that need
-        # another key, and a wrong window.
+        # Refuses keys for another kind of motion, a hash without a file, and a wrong window.
         if self.file is not None and self.start.si():
             raise ValueError(
                 "start is for generated motions only; a recorded motion begins where it was"
@@ -354,10 +353,7 @@ class Operator(Section):
         return own_part.part_source("hands", self.hands, self.hands_sha256, "operator")
 
     def locate_files(self, folder: Path) -> Operator:
-        """Return the section with absolute paths of its files in `folder`, and the hash of `hands`.
-
-        Raises UserError if the file `hands` is unusable.
-        """
+        """Return the section with absolute paths of its files in `folder`. Raises UserError."""
         section = own_part.locate_part(
             self, folder, what="operator", name="hands", key="hands", sha256="hands_sha256"
         )
@@ -394,10 +390,7 @@ class Limits(Section):
 
     def si(self) -> dict[str, tuple[float, float]]:
         """Return the limits in the file as joint -> (min, max), rad and m."""
-        return {
-            joint: (low * factor, high * factor)
-            for joint, factor, (low, high) in _given_joints(self)
-        }
+        return {joint: (low * factor, high * factor) for joint, factor, (low, high) in _keys(self)}
 
 
 class Reaction(Section):
@@ -466,10 +459,7 @@ class OwnStages(Section):
         yield from ((stage, file) for stage, file in files.items() if file is not None)
 
     def parts(self) -> Iterator[tuple[str, OwnSource]]:
-        """Yield (stage, code that replaces the stage), in the order of the tick.
-
-        Raises UserError if a file is unusable or has changed.
-        """
+        """Yield (stage, code of its file). Raises UserError if a file is unusable or changed."""
         for stage, file in self.files():
             yield stage, own_part.part_source(stage, file, self.sha256.get(stage), "stage")
 

@@ -15,9 +15,7 @@ from ravenjax.store.logs.topics import Base
 def more_series(
     setup: RavenSetup, signals: Mapping[str, Any], series: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Return time series of one run that are computed from its signals and from other series.
-
-    These are the distance between the tips of two arms (mm), and for each arm the measured and the
+    """Return the distance between the tips of two arms (mm), and for each arm the measured and the
     desired position of the tip [ticks, 3] (m), and the rotations [ticks, 3, 3] of the jaws of the
     robot and of its nominal model.
     """

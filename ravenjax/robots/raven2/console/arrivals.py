@@ -11,9 +11,8 @@ _STEPS = 1000
 
 
 def packet_lengths(ms: np.ndarray) -> np.ndarray:
-    """Return the number of cycles from each cycle with datagrams to the next such cycle, int.
-
-    ms: arrival times of the datagrams, ascending. A cycle lasts 1 ms.
+    """Return the number of cycles from each cycle with datagrams to the next such cycle, int. ms:
+    arrival times of the datagrams, ascending. A cycle lasts 1 ms.
     """
     return np.diff(np.unique(np.floor(ms)).astype(int))
 
@@ -25,9 +24,7 @@ def length_shares(cycles: np.ndarray) -> np.ndarray:
 
 def rounded_shares(cycles: np.ndarray) -> tuple[float, ...]:
     """Return `length_shares` for a campaign file: rounded to multiples of 0.001 with the sum 1.
-
-    Packets that are longer than allowed count as packets of the largest allowed length. cycles: int
-    [n], lengths.
+    Packets that are longer than allowed count as packets of the largest allowed length.
     """
     exact = length_shares(np.minimum(cycles, MOST_CYCLES)) * _STEPS
     # Round down, then add 0.001 to the shares with the largest remainders until the sum is 1

@@ -26,10 +26,8 @@ class ProfileChoice:
     """Reads packets as `PacketReader` does, with the profile whose rules the packets follow."""
 
     def __init__(self, profiles: Sequence[ConsoleProfile], arms: Sequence[ArmName]):
-        """Prepare the choice among `profiles`.
-
-        A single profile is chosen at once. If all profiles refuse a packet, messages state the rule
-        of the first profile.
+        """Prepare the choice among `profiles`. A single profile is chosen at once. If all profiles
+        refuse a packet, messages state the rule of the first profile.
         """
         self.readers = [PacketReader(profile, arms) for profile in profiles]
         self._arms = tuple(arms)
@@ -50,10 +48,7 @@ class ProfileChoice:
         self._restart()
 
     def read(self, fields: Sequence, is_next: bool = True) -> PacketReading | Misfit:
-        """Return a packet's increments, or a `Misfit` if the packet must not cause motion.
-
-        Its cause is "undecided" if the remaining profiles read the packet differently.
-        """
+        """Return a packet's increments or a broken rule; UNDECIDED if profiles differ about it."""
         if len(self.readers) == 1:
             return self.readers[0].read(fields, is_next)
         self._results = results = [reader.read(fields, is_next) for reader in self.readers]
@@ -118,7 +113,6 @@ def matching_profile(
     packets: Collection[Sequence], profiles: Sequence[ConsoleProfile], arms: Sequence[ArmName]
 ) -> str:
     """Return the name of the first profile whose rules 90 % of the packets follow; "" if none.
-
     packets: the fields of each packet. Rules about consecutive packets are not checked.
     """
     for profile in profiles:

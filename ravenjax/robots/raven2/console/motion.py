@@ -16,10 +16,8 @@ from ravenjax.robots.raven2.arms import ArmName
 
 TICK_S = 1e-3
 """Time between two rows of a motion, s."""
-
 NOMINAL_SCALE = 0.1
 """Teleoperation scale for which motions are generated, as in the published fault injections."""
-
 ARM_COLUMNS = ("x_um", "y_um", "z_um", "qx", "qy", "qz", "qw", "grasp_mrad")
 """Columns of one arm in `Motion.table`."""
 

@@ -22,24 +22,18 @@ from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 
 PEDAL_DOWN_S = 0.2
 """Time at which the pedal goes down, s."""
-
 MOTION_S = 0.5
 """Time at which the hands begin to move, s."""
-
 PEAK_TIP_SPEED = 0.045
 """Peak speed of the tip, m/s at NOMINAL_SCALE. In surgery tips move at 5 to 60 mm/s."""
-
 PEAK_TURN = math.radians(150.0)
 """Peak turning speed, rad/s."""
-
 _SHAFT = np.array([-0.939120456543, -0.304404280732, 0.159344915150])
 """Direction from the remote centre to the gold tip in the home pose, frame 0 of the arm."""
-
 _TIP, _TURN, _GRASP, _HAND = slice(0, 3), slice(3, 6), 6, slice(7, 10)
 """Parts of a pose [10]: tip offset from home a, b, c [m], rotation vector about a, b, c [rad],
 grasp [mrad], and offset of the hand from the tip [m of the tip], which changes with the pedal up.
 """
-
 _REST = np.zeros(10)
 
 
@@ -86,7 +80,6 @@ class _Path:
         pace: float = 1.0,
     ) -> Segment:
         """Return a straight move to a new tip offset [m], rotation vector [rad] and grasp [mrad].
-
         None leaves a value unchanged.
         """
         end = self.pose.copy()
@@ -99,9 +92,8 @@ class _Path:
         return self._move_to(end, self._move_ticks(distance, angle, pace))
 
     def arc(self, radius: float, angle: float, roll: float) -> Segment:
-        """Return the path of a needle: an arc in the a-c plane, while the shaft rolls.
-
-        radius: m. angle: of the arc, rad. roll: of the shaft, rad.
+        """Return the path of a needle: an arc in the a-c plane, while the shaft rolls. radius: m.
+        angle: of the arc, rad. roll: of the shaft, rad.
         """
         begin = self.pose
 
@@ -234,10 +226,9 @@ MOTIONS: dict[str, str] = resources.read_tables(__file__, "motions.toml")
 def generate_motion(
     name: str, duration_s: float, arms: tuple[ArmName, ...] = ("gold",), seed: int = 0
 ) -> Motion:
-    """Return the named motion for `duration_s` seconds.
-
-    Arms have different random numbers; the green arm's motion is mirrored. The arms share a pedal.
-    Raises KeyError for a name that is not in `MOTIONS`.
+    """Return the named motion for `duration_s` seconds. Arms have different random numbers; the
+    green arm's motion is mirrored. The arms share a pedal. Raises KeyError for a name that is not
+    in `MOTIONS`.
     """
     if name not in MOTIONS:
         raise KeyError(name)

@@ -37,7 +37,6 @@ class OperatorParams:
 
 def params(setup: RavenSetup, start_jpos: tuple[tuple[float, ...], ...]) -> OperatorParams:
     """Return the console's parameters for a motion that starts at the joints `start_jpos`.
-
     start_jpos: `Motion.start_jpos`, per arm 7 joints in rad and m.
     """
     with run_eagerly():
@@ -65,9 +64,8 @@ class MotionRow:
 
 
 def look_up_row(table: tuple[Any, ...], row: Scalar) -> MotionRow:
-    """Return a row of a motion. row: its index, clamped to the first and last row.
-
-    table: the columns of `Motion.table()`, each a 1-D array.
+    """Return a row of a motion. row: its index, clamped to the first and last row. table: the
+    columns of `Motion.table()`, each a 1-D array.
     """
     row = jnp.minimum(jnp.maximum(as_int(row), 0), table[0].shape[0] - 1)
     values = [column.at[row].get(mode="clip", wrap_negative_indices=False) for column in table]
@@ -139,10 +137,7 @@ def tip_offset(setup: RavenSetup, params: OperatorParams, hands: HandOffsets) ->
 
 
 def mark_sent(hands: HandOffsets, fresh: Scalar) -> HandOffsets:
-    """Return the hands after a tick, in which a packet was sent if `fresh` (bool) is true.
-
-    The next packet then sends increments from the present offset.
-    """
+    """Return the hands after a tick. fresh: whether a packet with their offset was sent, bool."""
     return replace(hands, offset_before=where(fresh, hands.offset, hands.offset_before))
 
 
@@ -168,10 +163,9 @@ def make_packet(
     hands: HandOffsets = NO_OFFSETS,
     deviation: Deviation = NO_DEVIATION,
 ) -> Packet:
-    """Return the packet that the console sends at `timing`.
-
-    motion: columns as for `look_up_row`. While the pedal is up, a console that sends increments
-    sends no motion, so that the operator can reposition the hands.
+    """Return the packet that the console sends at `timing`. motion: columns as for `look_up_row`.
+    While the pedal is up, a console that sends increments sends no motion, so that the operator can
+    reposition the hands.
     """
 
     def row_at(index: Scalar, lag: Scalar | None, offset: PerArm[Vec]):

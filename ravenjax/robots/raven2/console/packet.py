@@ -17,35 +17,27 @@ from ravenjax.robots.raven2.setup import RavenSetup
 
 UDP_PORT = 36000
 """Port on which the control software listens; raven2 `network_layer.cpp`."""
-
 U_STRUCT = np.dtype(list(resources.read_tables(__file__, "packet.toml").items()))
 """Layout of a datagram from console to robot, 124 bytes."""
-
 DELTAS, QUATS = ("delx", "dely", "delz"), ("Qx", "Qy", "Qz", "Qw")
 """Names of the fields of `U_STRUCT` for an increment's displacement and rotation."""
-
 V_STRUCT = struct.Struct("<4I7iIi")
 """Layout of a datagram from robot to console, 52 bytes. raven2 declares it, but does not send it,
-because NET_SEND is undefined.
-
-Fields: sequence, last_sequence, pactyp, version; fx, fy, fz, each of both arms; runlevel;
-jointflags; checksum.
+because NET_SEND is undefined. Fields: sequence, last_sequence, pactyp, version; fx, fy, fz, each of
+both arms; runlevel; jointflags; checksum.
 """
-
 SIZE_BYTES = {"increments": U_STRUCT.itemsize, "absolute": 204}
-"""Bytes of a datagram, by `RavenSetup.console`.
-
-The packet generator of the 2015 fork sends 204 bytes, with two 3x3 rotation matrices in place of
-two quaternions (raven2_sim `include/itp_teleoperation.h`, `Real_Packet_Generator.py`).
+"""Bytes of a datagram, by `RavenSetup.console`. The packet generator of the 2015 fork sends 204
+bytes, with two 3x3 rotation matrices in place of two quaternions (raven2_sim
+`include/itp_teleoperation.h`, `Real_Packet_Generator.py`).
 """
 
 
 @record
 class Packet:
-    """A packet that the robot receives. Tuples have one entry per arm, gold before green.
-
-    `delta` and `quat` are increments in the ITP frame. With `RavenSetup.console == "absolute"` they
-    are the desired position and orientation in the arm's frame 0, and `grasp` is absolute.
+    """A packet that the robot receives. Tuples have one entry per arm, gold before green. `delta`
+    and `quat` are increments in the ITP frame. With `RavenSetup.console == "absolute"` they are the
+    desired position and orientation in the arm's frame 0, and `grasp` is absolute.
     """
 
     received: Scalar  # int32, 1 if a datagram arrived in this cycle

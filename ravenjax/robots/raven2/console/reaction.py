@@ -77,9 +77,8 @@ def init() -> ReactionState:
 def react_to_cue(
     setup: RavenSetup, params: ReactionParams, state: ReactionState, tick: Scalar, packet: Scalar
 ) -> ReactionState:
-    """Return the state after the decision whether the action begins in this tick.
-
-    packet: row of the motion in this tick's packet, int32.
+    """Return the state after the decision whether the action begins in this tick. packet: row of
+    the motion in this tick's packet, int32.
     """
     since_felt = lax.convert_element_type(tick - state.felt, setup.precision.real)
     delay_over = since_felt >= params.delay_ms
@@ -94,9 +93,8 @@ def react_to_cue(
 def packet_deviation(
     setup: RavenSetup, params: ReactionParams, state: ReactionState, row: Scalar, before: Scalar
 ) -> Deviation:
-    """Return how foot and hands deviate from the plan in a packet: a lifted pedal, or a lag.
-
-    row, before: rows of the motion in this packet and in the packet before, int32.
+    """Return how foot and hands deviate from the plan in a packet: a lifted pedal, or a lag. row,
+    before: rows of the motion in this packet and in the packet before, int32.
     """
 
     def is_acting(packet_row: Scalar):
@@ -117,9 +115,7 @@ def feel_cue(
     setup: RavenSetup, params: ReactionParams, state: ReactionState, senses: OperatorSenses
 ) -> tuple[ReactionState, PerArm[Vec]]:
     """Return the state after this tick's cue, and the correcting motion of each tip, m, frame 0.
-
-    The first pull in pedal-down starts the delay of the reaction. Without a correction, the motion
-    is zero.
+    The first pull in pedal-down starts the delay of the reaction.
     """
     pull_is_felt = reduce(or_, (force > params.felt_force for force in senses.force))
     correcting = (state.acted >= 0) & (params.action == CORRECT) & senses.pedal_down

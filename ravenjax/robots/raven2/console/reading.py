@@ -20,8 +20,7 @@ FIELDS = struct.Struct("<3I6i8d6i")
 """Layout of `packet.U_STRUCT`. Unpacking with `struct` is ten times as fast as with NumPy."""
 DELTA, QUAT, BUTTONS, GRASP, MODE, CHECKSUM = 3, 9, 17, 19, 21, 22
 """Indices of delx[0], Qx[0], buttonstate[0], grasp[0], surgeon_mode and checksum in the fields.
-
-Fields of both arms alternate: gold, green.
+The fields of the two arms alternate.
 """
 assert FIELDS.size == U_STRUCT.itemsize
 

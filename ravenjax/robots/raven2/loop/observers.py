@@ -1,6 +1,6 @@
 """Observes the robot in each tick: nominal model, haptic cue, monitor.
 
-The observers also run without the rest of the tick, beside a remote robot that only sends reports.
+They also run without the rest of the tick, if a real or remote robot sends its signals.
 """
 
 from typing import Any, NamedTuple, TypeVar
@@ -18,7 +18,7 @@ from ravenjax.stages import haptics, monitor
 
 @record
 class ObserverState:
-    """State of the observers next to a remote robot. In simulations it is part of `TickState`."""
+    """State of the observers of a remote robot. In simulations, `TickState` has these fields."""
 
     nominal: PerArm[nominal.NominalState]
     haptics: PerArm[haptics.HapticState]
@@ -28,7 +28,7 @@ class ObserverState:
 class RobotView(NamedTuple):
     """The signals of the robot that the observers read in this tick."""
 
-    jpos: PerArm[Vec]  # rad; insertion m, as the control software has them
+    jpos: PerArm[Vec]  # rad; insertion m, as the control software estimates them
     mvel: PerArm[Vec]  # rad/s, of the motors
     runlevel: Scalar  # int32
     soft_estopped: Scalar  # int32 flag
@@ -48,7 +48,7 @@ class Observations(NamedTuple):
     tips: PerArm[Vec]  # m, true tip in frame 0; the reported tip if the true one is unknown
     depth: PerArm[Scalar]  # m below the tissue's surface, negative above
     distance: Scalar  # m between the tips; infinite with one arm
-    live: Scalar  # bool
+    live: Scalar  # bool, see `is_live`
 
 
 def init(
@@ -58,7 +58,7 @@ def init(
     return ObserverState(
         nominal=map_arms(setup, nominal.init, params.nominal, start),
         haptics=for_each_arm(setup, haptics.init(setup, params.haptics)),
-        monitor=monitor.init(setup, tips, _um(tips)),
+        monitor=monitor.init(setup, tips, _to_um(tips)),
     )
 
 
@@ -70,16 +70,15 @@ def update_model_and_cue(
     fresh: Scalar,
     robot: RobotView,
 ) -> tuple[Observed, Observations]:
-    """Compute one tick of the nominal model and of the haptic cue.
-
+    """Return the state after a tick of the nominal model and of the haptic cue, and their results.
     clean: newest packet of the console, before faults. fresh: whether the packet was sent in this
-    tick.
+    tick, bool.
     """
 
     def sense(
         setup: RavenSetup, arm: ArmName, tool: str, model, device, jpos: Vec, mvel: Vec
     ) -> tuple[Any, ...]:
-        """Return the reported tip, the state of the haptic device, and the cue."""
+        """Return the reported tip (m), the state of the haptic device, and the cue of one arm."""
         jvel = transmission.joint_from_motor(
             arm, tool, cast_to_real(setup, mvel), software=setup.software
         )
@@ -93,7 +92,7 @@ def update_model_and_cue(
     def clean_command(*command) -> nominal.Clean:
         # Returns the operator's command to one arm, without motion if the packet is old.
         if setup.console == "increments":
-            # A packet may last several cycles, and its increments count only in the first.
+            # A packet may last several cycles, and its increments count only in the first
             no_motion = (Vec.full(3, 0), Vec((0.0, 0.0, 0.0, 1.0)), 0)
             command = where(fresh, command, no_motion)
         return nominal.Clean(*command, engaged=clean.surgeon_mode)
@@ -126,12 +125,12 @@ def update_monitor(
     golden: Input | None,
     now: Scalar,
 ) -> monitor.MonitorState:
-    """Return the monitor after a tick, which follows `update_model_and_cue`.
-
-    golden: the golden run; None: the monitor compares with the nominal model instead.
+    """Return the state of the monitor after a tick. Call it after `update_model_and_cue`. seen:
+    results of `update_model_and_cue`. golden: inputs with the golden run, with which the monitor
+    compares the robot; None: it compares with the nominal model. now: the tick.
     """
     model_tips = tuple(out.tip_position for out in seen.models)
-    pos = _um(seen.tips) if robot.pos is None else cast_to_real(setup, robot.pos)
+    pos = _to_um(seen.tips) if robot.pos is None else cast_to_real(setup, robot.pos)
     signal = monitor.MonitorSignal(
         tip=seen.tips,
         pos=pos,
@@ -144,7 +143,7 @@ def update_monitor(
         pedal=clean.surgeon_mode != 0,
         tick=now,
     )
-    reference = monitor.Reference(model_tips, _um(model_tips))
+    reference = monitor.Reference(model_tips, _to_um(model_tips))
     if golden is not None:
         reference = golden_reference(setup, golden, seen.tips, pos)
     return monitor.step(setup, params.monitor, state, signal, reference)
@@ -158,9 +157,8 @@ def is_live(runlevel: Scalar, soft_estopped: Scalar) -> Scalar:
 def golden_reference(
     setup: RavenSetup, signal: Input, tips: PerArm[Vec], pos: PerArm[Vec]
 ) -> monitor.Reference:
-    """Return the golden run in this tick. tips: m; pos: um.
-
-    Until a fault acts, the robot is its own golden run, so the result is `tips` and `pos`.
+    """Return true and reported tips of the golden run in this tick. tips: m; pos: um. Before a
+    fault acts, the golden run equals the robot, so the result is `tips` and `pos`.
     """
     if signal.apart is None:
         return signal.reference
@@ -171,5 +169,5 @@ def golden_reference(
     )
 
 
-def _um(tips: PerArm[Vec]) -> PerArm[Vec]:
+def _to_um(tips: PerArm[Vec]) -> PerArm[Vec]:
     return tuple(tip * 1e6 for tip in tips)

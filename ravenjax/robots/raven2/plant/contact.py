@@ -100,7 +100,7 @@ class TipContact(NamedTuple):
 
     def stiffen(self, system: list[list[Scalar]]) -> None:
         """Add J^T A J to the lower triangle. A: loss of force per gain of tip speed, N s/m."""
-        columns, along = self.tip.columns, self.tip.along(self.rise)
+        columns, along = self.tip.columns, self.tip.project_on_joints(self.rise)
         normal_rate = self.normal.rate - self.drag * self.inverse
         for i, column in enumerate(columns):
             normal_part = mul(normal_rate, along[i])
@@ -120,7 +120,7 @@ def jaw_tips(
 
     def touch(tip: instrument.InstrumentPoint) -> TipContact:
         # Computes the contact of one tip: a damped Hertz contact with dry friction.
-        surface, velocity = scene.tissue_surface(arm, tip.at), tip.velocity(jvel)
+        surface, velocity = scene.tissue_surface(arm, tip.position), tip.velocity(jvel)
         rise = surface.rise
         closing = -dot(rise, velocity)
         depth = jnp.maximum(surface.depth + closing * dt, 0.0)
@@ -183,8 +183,8 @@ def instruments_meeting(
         inverse_rotation = transpose(rotation)
         at = matvec(inverse_rotation, best.at[i] - origin)
         direction = matvec(inverse_rotation, apart * sign)
-        point = instrument.point_on(arms[i], lines[i], at, best.beyond[i])
-        joint_speeds.append(point.along(direction))
+        point = instrument.line_point(arms[i], lines[i], at, best.beyond[i])
+        joint_speeds.append(point.project_on_joints(direction))
         directions.append(direction)
     closing = -(dot(joint_speeds[0], jvel[0]) + dot(joint_speeds[1], jvel[1]))
     depth = jnp.maximum(best.depth + closing * dt, 0.0)

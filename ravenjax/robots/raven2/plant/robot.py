@@ -278,7 +278,7 @@ class _ArmTick:
             self._tips = contact.jaw_tips(self.arm, self.touched, jpos, jvel, dt)
             for contact_point in self._tips:
                 contact_point.stiffen(system)
-                loads = loads + contact_point.tip.along(contact_point.force())
+                loads = loads + contact_point.tip.project_on_joints(contact_point.force())
         if pushed is not None:
             loads = loads + pushed
         right = []
