@@ -77,8 +77,8 @@ class RavenConfig(CampaignConfig):
         return self
 
     def with_files(self, folder: Path) -> CampaignConfig:
-        """Return the configuration with paths of the user's files that are relative to `folder`. It
-        contains the code of the user's Python files. Raises UserError if a file is unusable.
+        """Return a copy in which the paths of the user's files, which are relative to `folder`, are
+        absolute. Raises UserError if a file cannot be used.
         """
         new = super().with_files(folder)
         if self.controller is not None:
@@ -133,7 +133,7 @@ class RavenConfig(CampaignConfig):
         operator = self.operator
         motion = f"{operator.file}, recorded" if operator.file else f"{operator.label}, generated"
         hands = "" if operator.hands is None else f"; hands moved by {operator.hands}"
-        yields = "" if self.hand is None else f"; the cue moves the hand, grip {self.hand.grip:g}"
+        hand = "" if self.hand is None else f"; the cue moves the hand, grip {self.hand.grip:g}"
         if self.campaign.contact:
             yield "contact", "of jaw tips with tissue and vessel, of instruments with each other"
         if self.controller is not None:
@@ -143,7 +143,7 @@ class RavenConfig(CampaignConfig):
         if self.random_packets:
             timing = f"; on average {self.cycles_a_packet:.3g} control cycles per packet"
         scale = f"; scale {operator.scale:g}"
-        yield "operator", f"{motion}{hands}{scale}{timing}{self._describe_reaction()}{yields}"
+        yield "operator", f"{motion}{hands}{scale}{timing}{self._describe_reaction()}{hand}"
 
     def _describe_reaction(self) -> str:
         # Describes the operator's reaction to the cue in words.
@@ -368,8 +368,10 @@ class RavenConfig(CampaignConfig):
     @property
     def longest_packet(self) -> int:
         """Largest number of cycles that a packet may last, if lengths are drawn."""
-        shares = self.campaign.packet_shares
-        return max(map(len, (shares, *packets.SHARES) if self._packet_axes else (shares,)))
+        distributions = [self.campaign.packet_shares]
+        if self._packet_axes:  # runs may have other distributions
+            distributions += packets.SHARES
+        return max(map(len, distributions))
 
     @property
     def cycles_a_packet(self) -> float:
@@ -443,12 +445,11 @@ def _oldest_packet_ms(groups: Iterable[Group], longest: int) -> float:
     # Returns the age in ms of the oldest packet that network faults may send again in any run. The
     # age is 0 if no packet is sent again, and infinite if it has no bound. longest: largest number
     # of cycles that a packet lasts.
-    runs = (
-        faults
-        for group in groups
-        for faults in (group.fault, *(group.faults_of(run) for run in group.run))
-    )
-    return max((_age_ms(faults, longest) for faults in runs), default=0.0)
+    oldest = 0.0
+    for group in groups:
+        for faults in (group.fault, *map(group.faults_of, group.run)):
+            oldest = max(oldest, _age_ms(faults, longest))
+    return oldest
 
 
 def _age_ms(faults: Iterable[Fault], longest: int) -> float:

@@ -55,8 +55,7 @@ def _describe_body(
     joint = int(model.body_jntadr[body])
     return {
         "name": model.body(body).name,
-        # Body 0 is the world
-        "parent": model.body_parentid[body] if body else -1,
+        "parent": model.body_parentid[body] if body else -1,  # body 0 is the world
         "position": model.body_pos[body],
         "quaternion": model.body_quat[body],
         "joint": _describe_joint(model, joint, *joints[joint]) if has_joint else None,

@@ -46,9 +46,9 @@ def operator_bounds(config: RavenConfig) -> Bounds:
 
 
 def summarize_replay(replay: recorded.OperatorReplay, scales: np.ndarray | None) -> MotionSummary:
-    """Return the summary of a replay, with the range of the scales at which runs replay it. scales:
-    teleoperation scale of each run [runs], NaN: the scale of the file; None: every run has the
-    scale of the file. Raises UserError if a scale moves the replay beyond the limits.
+    """Return the summary of a replay, with the range of the scales at which runs replay it.
+    scales: teleoperation scale of each run [runs], NaN: the scale of the file; None: every run has
+    the scale of the file. Raises UserError if a scale moves the replay beyond the limits.
     """
     if scales is None or np.isnan(scales).all():
         return replay.summary

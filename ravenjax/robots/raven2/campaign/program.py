@@ -40,9 +40,9 @@ def prepare_campaign(
     injection: Injection,
     precision: Precision,
 ) -> Prepared:
-    """Return the options, parameters and operator's motion of a campaign. varied: path of a
-    parameter that differs between runs -> its values [runs]. Raises UserError if the operator's
-    file cannot be used.
+    """Return the options, parameters and operator's motion of a campaign.
+    varied: path of a parameter that differs between runs -> its values [runs]. Raises UserError if
+    the operator's file cannot be used.
     """
     replay = hands.operator_replay(config)
     motion = hands.operator_motion(config) if replay is None else replay.motion
@@ -77,8 +77,7 @@ def _packet_shares(
     config: RavenConfig, choices: np.ndarray | None
 ) -> tuple[tuple[float, ...], ...]:
     # Returns the distributions of packet lengths, the file's last; () if no run draws lengths.
-    # choices: number of each run's distribution [runs], NaN: that of the file; None: all of the
-    # file.
+    # choices: number of each run's distribution [runs], NaN or None: the distribution of the file.
     shares = config.campaign.packet_shares
     # Number 0, in place of NaN, is the distribution in which every cycle has a packet
     some_run_draws = choices is not None and np.nan_to_num(choices).any()

@@ -192,7 +192,7 @@ class Start(Section):
 
 
 def _keys(section: Section) -> Iterator[tuple[str, float, Any]]:
-    """Yield (joint, factor to rad or m, value in the file) for each joint in the section's file."""
+    """Yield (joint, factor to rad or m, value) for each key of the section that the file has."""
     for name in type(section).model_fields:
         if (value := getattr(section, name)) is not None:
             joint, _, unit = name.rpartition("_")  # such as shoulder, deg

@@ -11,8 +11,8 @@ _STEPS = 1000
 
 
 def packet_lengths(ms: np.ndarray) -> np.ndarray:
-    """Return the number of cycles from each cycle with datagrams to the next such cycle, int. ms:
-    arrival times of the datagrams, ascending. A cycle lasts 1 ms.
+    """Return the number of cycles from each cycle with datagrams to the next such cycle, int.
+    ms: arrival times of the datagrams, ascending. A cycle lasts 1 ms.
     """
     return np.diff(np.unique(np.floor(ms)).astype(int))
 

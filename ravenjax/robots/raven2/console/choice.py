@@ -65,7 +65,7 @@ class ProfileChoice:
         if len(self.readers) == 1:
             return
         self._packets += 1
-        self._telling_packets += any(result != self._results[0] for result in self._results)
+        self._disputed_packets += any(result != self._results[0] for result in self._results)
         for reader, result in zip(self.readers, self._results, strict=True):
             name = reader.profile.name
             if isinstance(result, Misfit):
@@ -88,7 +88,7 @@ class ProfileChoice:
     def _complaint(self, name: str) -> str:
         """Return why packets rule out a profile, by the rules of the module; "" if they do not."""
         count = self._misfits[name]
-        if count > max(MAX_CHANCE_MISFITS, MAX_CHANCE_SHARE * self._telling_packets):
+        if count > max(MAX_CHANCE_MISFITS, MAX_CHANCE_SHARE * self._disputed_packets):
             return f"{count} of the first {self._packets} packets have {self._last_misfits[name]}"
         others_fit = any(count == 0 for other, count in self._misfits.items() if other != name)
         for arm, travel in zip(self._arms, self._travel[name], strict=True):
@@ -104,7 +104,7 @@ class ProfileChoice:
         names = [reader.profile.name for reader in self.readers]
         self._misfits = dict.fromkeys(names, 0)
         # Numbers of packets of the stream, and of packets that profiles read differently
-        self._packets = self._telling_packets = 0
+        self._packets = self._disputed_packets = 0
         # Sums of the jaw increments of each arm, by profile, mrad
         self._travel = {name: [0] * len(self._arms) for name in names}
 

@@ -41,7 +41,7 @@ class Segment(NamedTuple):
     """One piece of a motion."""
 
     ticks: int
-    pose: Callable[[np.ndarray], np.ndarray]  # fraction of the segment's time [n] -> poses [n, 10]
+    poses: Callable[[np.ndarray], np.ndarray]  # fraction of the segment's time [n] -> poses [n, 10]
     pedal: float = 1.0  # 1: down, 0: up
 
 
@@ -92,8 +92,8 @@ class _Path:
         return self._move_to(end, self._move_ticks(distance, angle, pace))
 
     def arc(self, radius: float, angle: float, roll: float) -> Segment:
-        """Return the path of a needle: an arc in the a-c plane, while the shaft rolls. radius: m.
-        angle: of the arc, rad. roll: of the shaft, rad.
+        """Return the path of a needle: an arc in the a-c plane, while the shaft rolls.
+        radius: m. angle: of the arc, rad. roll: of the shaft, rad.
         """
         begin = self.pose
 
@@ -259,7 +259,7 @@ def _sample_segments(segments: Segments, rows: int) -> tuple[np.ndarray, np.ndar
     pedals = [np.zeros(up_ticks), np.ones(down_ticks)]
     while ticks < rows:
         segment = next(segments)
-        poses.append(segment.pose(np.arange(1, segment.ticks + 1) / segment.ticks))
+        poses.append(segment.poses(np.arange(1, segment.ticks + 1) / segment.ticks))
         pedals.append(np.full(segment.ticks, segment.pedal))
         ticks += segment.ticks
     return np.concatenate(poses)[:rows], np.concatenate(pedals)[:rows]

@@ -163,9 +163,9 @@ def make_packet(
     hands: HandOffsets = NO_OFFSETS,
     deviation: Deviation = NO_DEVIATION,
 ) -> Packet:
-    """Return the packet that the console sends at `timing`. motion: columns as for `look_up_row`.
-    While the pedal is up, a console that sends increments sends no motion, so that the operator can
-    reposition the hands.
+    """Return the packet that the console sends at `timing`.
+    motion: columns as for `look_up_row`. While the pedal is up, a console that sends increments
+    sends no motion, so that the operator can reposition the hands.
     """
 
     def row_at(index: Scalar, lag: Scalar | None, offset: PerArm[Vec]):

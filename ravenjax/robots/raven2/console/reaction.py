@@ -77,8 +77,8 @@ def init() -> ReactionState:
 def react_to_cue(
     setup: RavenSetup, params: ReactionParams, state: ReactionState, tick: Scalar, packet: Scalar
 ) -> ReactionState:
-    """Return the state after the decision whether the action begins in this tick. packet: row of
-    the motion in this tick's packet, int32.
+    """Return the state after the decision whether the action begins in this tick.
+    packet: row of the motion in this tick's packet, int32.
     """
     since_felt = lax.convert_element_type(tick - state.felt, setup.precision.real)
     delay_over = since_felt >= params.delay_ms
@@ -93,21 +93,23 @@ def react_to_cue(
 def packet_deviation(
     setup: RavenSetup, params: ReactionParams, state: ReactionState, row: Scalar, before: Scalar
 ) -> Deviation:
-    """Return how foot and hands deviate from the plan in a packet: a lifted pedal, or a lag. row,
-    before: rows of the motion in this packet and in the packet before, int32.
+    """Return how foot and hands deviate from the plan in a packet: a lifted pedal, or a lag.
+    row, before: rows of the motion in this packet and in the packet before, int32.
     """
 
-    def is_acting(packet_row: Scalar):
-        return (state.acted >= 0) & (packet_row - state.acted_packet >= 0)
+    def since_action(packet_row: Scalar):
+        # Returns the number of rows since the action began, and whether it has begun.
+        rows = packet_row - state.acted_packet
+        return rows, (state.acted >= 0) & (rows >= 0)
 
     def lag(packet_row: Scalar):
         # Returns the number of rows by which slowed hands are behind the plan.
-        acting = is_acting(packet_row)
-        rows = lax.convert_element_type(packet_row - state.acted_packet, setup.precision.real)
-        rows_behind = rows * (1.0 - params.slow_to)
-        return jnp.where(acting & (params.action == SLOW), as_int(rows_behind), 0)
+        rows, acts = since_action(packet_row)
+        rows_behind = lax.convert_element_type(rows, setup.precision.real) * (1.0 - params.slow_to)
+        return jnp.where(acts & (params.action == SLOW), as_int(rows_behind), 0)
 
-    lifted = is_acting(row) & (params.action == RELEASE)
+    _, acts = since_action(row)
+    lifted = acts & (params.action == RELEASE)
     return Deviation(lag(row), lag(before), lifted=lifted)
 
 

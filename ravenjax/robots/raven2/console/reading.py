@@ -39,7 +39,7 @@ class PacketReading(NamedTuple):
 class Misfit(NamedTuple):
     """Why a packet is refused: the first rule that it breaks."""
 
-    cause: str  # mode, checksum, buttons, step, quaternion, turn or grasp
+    cause: str  # mode, checksum, buttons, step, quaternion, turn or grasp; `choice.UNDECIDED`
     arm: str  # "" if the rule concerns the whole packet
     got: object
     expected: str

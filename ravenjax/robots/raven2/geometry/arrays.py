@@ -120,7 +120,7 @@ def _check_arguments(arm: str, **arguments: tuple[ArrayLike, tuple[int, ...]]) -
     # -> (value, shape of the last axes).
     if arm not in ARMS:
         raise UserError(describe_unknown_name("arm", arm, ARMS))
-    arrays, leading_shapes = {}, {}
+    arrays, leading_shapes = dict[str, Array](), dict[str, tuple[int, ...]]()
     for name, (value, last_shape) in arguments.items():
         arrays[name] = array = _check_numbers(name, value, last_shape)
         leading_shapes[name] = array.shape[: array.ndim - len(last_shape)]
@@ -135,8 +135,8 @@ def _check_arguments(arm: str, **arguments: tuple[ArrayLike, tuple[int, ...]]) -
 
 
 def _check_numbers(name: str, value: ArrayLike, last_shape: tuple[int, ...]) -> Array:
-    # Returns the argument as a float64 array [..., *last_shape] of finite numbers, or raise
-    # UserError.
+    # Returns the argument as a float64 array [..., *last_shape], or raises UserError. All numbers
+    # must be finite.
     try:
         array = np.asarray(value)
     except (TypeError, ValueError) as error:

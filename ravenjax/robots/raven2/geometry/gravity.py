@@ -13,9 +13,7 @@ from ravenjax.robots.raven2.geometry.transmission import JOINT_PER_CAPSTAN_TORQU
 GRAVITY = 9.8  # m/s^2 along -x of frame 0, both arms
 # m/s^2, the float32 that the original stores
 GRAVITY_AS_STORED = 9.800000190734863
-
 MASSES = (0.494, 0.750, 0.231)  # kg, links 1 to 3
-
 
 CENTRES = {
     arm: tuple(map(Vec, links))

@@ -85,8 +85,8 @@ def chain_axes(arm: str, jpos: Vec) -> ChainAxes:
 
 def forward_pose(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
     """Return the pose of the jaw axis at `jpos` (7, rad and m). The pose depends on the jaws only
-    through their yaw, (grasp2 - grasp1) / 2. yaw_rad: the yaw, if it is not to be computed from
-    `jpos`; the original rounds it.
+    through their yaw, (grasp2 - grasp1) / 2.
+    yaw_rad: the yaw, if it is not to be computed from `jpos`; the original rounds it.
     """
     chain = chain_axes(arm, jpos)
     theta6 = joints.jaw_yaw(jpos) if yaw_rad is None else yaw_rad
@@ -231,6 +231,7 @@ def _split_bends(arm: str, pair: _BendPair) -> tuple[Theta, Theta]:
     """Return the Denavit-Hartenberg variables of both bends; see the module for the symbols."""
     side, cos23 = GEOMETRY[arm].side, GEOMETRY[arm].cos23
     (x, y), (c2, s2), (e, f) = pair.axis, pair.theta2, pair.roll
+    # In frame 1, x and y of the insertion axis are b1 and -b2
     b1, b2 = s2 * GM3, c2 * (GM2 * GM3) + GM1 * cos23
     alpha, beta = s2 * (side * GM1), c2 * (-side * GM1 * cos23) - side * GM2 * GM3
     fa, ea, fb, eb = f * alpha, e * alpha, f * beta, e * beta
@@ -322,10 +323,9 @@ def _nearest_of_all(arm: str, measured: Theta, wrists: _Wrists, axes: _Axes) -> 
 def _likely_choice(
     arm: str, measured: Theta, wrists: _Wrists, axes: _Axes
 ) -> tuple[_Choice, Scalar]:
-    # Returns the solution that is probably nearest, and a lower bound of the cost of all others. Of
-    # each side, take the depth nearer to the measured d3, and then the side with nearer angles. The
-    # bound may be NaN.
-
+    # Returns the solution that is probably nearest, and a lower bound of the cost of all others. It
+    # takes the nearer depth of each side, and then the side with the smaller cost that both bends
+    # have in common. The bound may be NaN.
     def nearer_depth(wrist: _Wrist):
         shallow, deep = (
             _depth_cost(measured, distance - D4) for distance in (-wrist.insertion, wrist.insertion)
@@ -345,9 +345,8 @@ def _likely_choice(
 def _centre_choice(measured: Theta, insertion: Scalar) -> _Choice:
     # Returns the solution that the original selects if a wrist is within Lw of the remote centre.
     # The original then stops before it computes angles, so all angles are zero, but counts the
-    # other side as valid. Before that it computes d3 of side 0, unless side 0 is too near.
-    # Otherwise d3 is also zero. insertion: distance of the wrist of side 0 from the remote centre,
-    # m.
+    # other side as valid. Before it stops, it computes d3 of side 0, unless side 0 is too near; d3
+    # is then also zero. insertion: m, distance of the wrist of side 0 from the remote centre.
     shallow, deep = -D4 - insertion, -D4 + insertion
     nearer = jnp.where(jnp.abs(measured.d3 - deep) < jnp.abs(measured.d3 - shallow), deep, shallow)
     d3 = jnp.where(insertion <= LW, 0.0, nearer)

@@ -86,7 +86,7 @@ def tau_signs(arm: str, tool: str, software: str = "raven2", square: float = 1.0
     positioning = -1.0 if arm == "gold" else 1.0
     tool_sign = {"raven": -1.0, "dv": 1.0, "square_raven": square * positioning}
     signs = _tool_signs(tool_sign[find_tool(tool).style], software)
-    return Vec((*(positioning,) * 3, *signs))
+    return Vec((positioning, positioning, positioning, *signs))
 
 
 def encoder_signs(arm: str, tool: str, software: str = "raven2") -> Vec:

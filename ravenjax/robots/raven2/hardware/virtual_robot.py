@@ -146,7 +146,7 @@ def robot_code(setup: RavenSetup) -> TransitionCode:
 
 
 def plain_numbers(record: Any) -> Any:
-    """Return the record with NumPy numbers: float32 in place of floats, int32 of integers."""
+    """Return the record with float32 in place of each float, and int32 of each integer."""
 
     def convert(x):
         number = np.asarray(x)

@@ -342,8 +342,8 @@ def columns_of(records: tuple[Any, ...], *names: str) -> dict[str, tuple[Any, ..
 
 
 def replace_fields(records: tuple[Any, ...], **columns: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return the records of the arms with new values of some fields. columns: name of a field ->
-    its new values, one per arm.
+    """Return the records of the arms with new values of some fields.
+    columns: name of a field -> its new values, one per arm.
     """
     rows = _rows_of(**columns)
     return tuple(replace(old, **row) for old, row in zip(records, rows, strict=True))

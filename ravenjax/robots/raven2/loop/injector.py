@@ -52,7 +52,7 @@ def seeds_network(setup: RavenSetup, channel: str) -> bool:
 
 
 def may_restart(site: str, arm: str, channel: str) -> bool:
-    """Return whether a fault on a channel may start a robot that has stopped."""
+    """Return whether a fault on a channel, of any arm, may start a robot that has stopped."""
     sites = ("runlevel", "pins_out", "plc", "buttons", "usb_status", PARAMETER)
     return site in sites or channel == "pins"
 

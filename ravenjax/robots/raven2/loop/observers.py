@@ -121,31 +121,31 @@ def update_monitor(
     clean: Packet,
     fresh: Scalar,
     robot: RobotView,
-    seen: Observations,
+    observations: Observations,
     golden: Input | None,
     now: Scalar,
 ) -> monitor.MonitorState:
-    """Return the state of the monitor after a tick. Call it after `update_model_and_cue`. seen:
-    results of `update_model_and_cue`. golden: inputs with the golden run, with which the monitor
-    compares the robot; None: it compares with the nominal model. now: the tick.
+    """Return the state of the monitor after a tick. Call it after `update_model_and_cue`.
+    observations: results of `update_model_and_cue`. golden: inputs with the golden run, with which
+    the monitor compares the robot; None: it compares with the nominal model. now: the tick.
     """
-    model_tips = tuple(out.tip_position for out in seen.models)
-    pos = _to_um(seen.tips) if robot.pos is None else cast_to_real(setup, robot.pos)
+    model_tips = tuple(out.tip_position for out in observations.models)
+    pos = _to_um(observations.tips) if robot.pos is None else cast_to_real(setup, robot.pos)
     signal = monitor.MonitorSignal(
-        tip=seen.tips,
+        tip=observations.tips,
         pos=pos,
         model_tip=model_tips,
-        depth=seen.depth,
-        distance=seen.distance,
+        depth=observations.depth,
+        distance=observations.distance,
         dac=robot.dac,
         fresh=fresh,
-        live=seen.live,
+        live=observations.live,
         pedal=clean.surgeon_mode != 0,
         tick=now,
     )
     reference = monitor.Reference(model_tips, _to_um(model_tips))
     if golden is not None:
-        reference = golden_reference(setup, golden, seen.tips, pos)
+        reference = golden_reference(setup, golden, observations.tips, pos)
     return monitor.step(setup, params.monitor, state, signal, reference)
 
 
@@ -160,7 +160,7 @@ def golden_reference(
     """Return true and reported tips of the golden run in this tick. tips: m; pos: um. Before a
     fault acts, the golden run equals the robot, so the result is `tips` and `pos`.
     """
-    if signal.apart is None:
+    if signal.apart is None:  # the reference is the golden run in every tick
         return signal.reference
     return tree.map_leaves(
         lambda golden, robot: jnp.where(signal.apart, golden, cast_to_real(setup, robot)),
