@@ -90,7 +90,7 @@ def _config(
 ) -> tuple[RavenConfig, bool]:
     # Returns a campaign with the recording as its operator, and whether to replay all of it.
     from ravenjax.campaign import loading
-    from ravenjax.robots.raven2.campaign.config import of_raven
+    from ravenjax.robots.raven2.campaign.config import require_raven
     from ravenjax.store.motion import recording
 
     if campaign is None:
@@ -100,15 +100,15 @@ def _config(
             "group": [{"name": "fault_free"}],
         }
         whole = not any(text.startswith("campaign.duration_s") for text in overrides)
-        return of_raven(loading.from_dict(raw, overrides=overrides)), whole
-    base = of_raven(loading.load_campaign(campaign))
+        return require_raven(loading.from_dict(raw, overrides=overrides)), whole
+    base = require_raven(loading.load_campaign(campaign))
     replaced = [f"operator.file={file.absolute()}"]
     # The options of the generated motion are then dropped.
     if base.operator.file is None:
         replaced = ["operator={}", f"operator.scale={base.operator.scale}", *replaced]
     if arms:
         replaced.append(f"campaign.arms={arms}")
-    return of_raven(loading.load_campaign(campaign, [*replaced, *overrides])), False
+    return require_raven(loading.load_campaign(campaign, [*replaced, *overrides])), False
 
 
 def _table(summary: MotionSummary, to: Console):

@@ -126,7 +126,7 @@ def _feel_cue(state, sight: Sight) -> Any:
         tick=sight.tick,
     )
     state, correction = reaction.feel_cue(setup, params.reaction, state, senses)
-    sight.hands = operator.with_tip_motion(setup, params.operator, sight.hands, correction)
+    sight.hands = operator.add_tip_motion(setup, params.operator, sight.hands, correction)
     return state
 
 
@@ -141,7 +141,7 @@ def _move_hand(state, sight: Sight) -> Any:
     motions_um = tuple(
         (new.displacement - old.displacement) * 1e6 for new, old in zip(pushed, state, strict=True)
     )
-    sight.hands = operator.with_stray_motion(sight.hands, motions_um)
+    sight.hands = operator.add_hand_motion(sight.hands, motions_um)
     return pushed
 
 

@@ -121,11 +121,11 @@ def act_as_file(state: OwnOperatorState, console: Console) -> OwnOperatorState:
     file_state, returned = _run_file(
         setup, console.params.operator, state, signal.tick, row.surgeon_mode > 0, plan
     )
-    state, deviation = replace(state, file_state=file_state), operator.PLAN
+    state, deviation = replace(state, file_state=file_state), operator.NO_DEVIATION
     if "delta" in returned:
         per_hand = zip(returned["delta"], plan, strict=True)
         stray_motion = tuple(delta - planned for delta, (planned, _, _) in per_hand)
-        console.hands = operator.with_stray_motion(hands, stray_motion)
+        console.hands = operator.add_hand_motion(hands, stray_motion)
     if state.grasp is not None:
         old = state.grasp
         per_hand = zip(old.offset, returned["grasp"], plan, strict=True)

@@ -160,7 +160,7 @@ class Console:
     older: Callable[[Network], operator.PacketTiming]  # returns the timing of the arriving packet
     packets_in: Callable[[Scalar], Scalar]  # ms (int32) -> number of packets sent (int32)
     # Returns the operator's deviation from the plan in a packet with this timing
-    deviate: Callable[[operator.PacketTiming], operator.Deviation] = lambda timing: operator.PLAN
+    deviate: Callable[[operator.PacketTiming], operator.Deviation] = lambda _: operator.NO_DEVIATION
 
 
 @dataclasses.dataclass

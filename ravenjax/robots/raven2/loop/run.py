@@ -106,7 +106,7 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
         motors=motor_angles(setup, robots),
         nominal=observers_state.nominal,
         haptics=observers_state.haptics,
-        hands=operator.at_plan(setup) if hands_may_move else operator.ON_PLAN,
+        hands=operator.hands_on_plan(setup) if hands_may_move else operator.NO_OFFSETS,
         files=user_files.init(setup, params.checks, params.control.own),
         monitor=observers_state.monitor,
         stages={name: stage.init(start) for name, stage in stages.items()},

@@ -165,11 +165,11 @@ def _wait_for_packet(
         soft_estopped=soft_estopped,
         fresh=fresh,
         sequence=sequence,
-        timing=operator.row_by_row(sequence),
+        timing=operator.row_timing(sequence),
         # Packet k contains row k of the motion.
         plan=PlanMoment(row=sequence, before=sequence - 1, continues=fresh),
         hands=state.hands,
-        older=lambda network: operator.row_by_row(sequence - network.lag - network.delay),
+        older=lambda network: operator.row_timing(sequence - network.lag - network.delay),
         packets_in=count_packets,
     )
 
@@ -190,7 +190,7 @@ def _send_packet(
     signal, sequence = console.signal, console.sequence
     if inject.injects_at("hand"):
         no_motion = for_each_arm(setup, Vec.full(3, cast_to_real(setup, 0.0)))
-        console.hands = operator.with_stray_motion(console.hands, inject("hand", no_motion))
+        console.hands = operator.add_hand_motion(console.hands, inject("hand", no_motion))
 
     def make_packet(sender: operator.OperatorParams, timing: operator.PacketTiming) -> Packet:
         return operator.make_packet(

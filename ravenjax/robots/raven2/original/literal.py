@@ -251,8 +251,8 @@ def _solutions(arm: str, tip: Transform):
 def _cosine2(arm: str, height: Scalar, d: Scalar) -> Scalar:
     # Returns the cosine of theta2 from the wrist's z and the insertion d (m), clamped by a little.
     cosine = mul(-GEOMETRY[arm].side, _ONE_OVER * (height / d + GM2 * GM4))
-    cosine = jnp.where((cosine > 1.0) & (cosine < 1.0 + kinematics.CLAMP), 1.0, cosine)
-    return jnp.where((cosine < -1.0) & (cosine > -1.0 - kinematics.CLAMP), -1.0, cosine)
+    cosine = jnp.where((cosine > 1.0) & (cosine < 1.0 + kinematics.MAX_COSINE_EXCESS), 1.0, cosine)
+    return jnp.where((cosine < -1.0) & (cosine > -1.0 - kinematics.MAX_COSINE_EXCESS), -1.0, cosine)
 
 
 def _angles(arm: str, tip: Transform, wrist: Vec, d3: Scalar, theta2: Scalar) -> Vec:
@@ -265,13 +265,13 @@ def _angles(arm: str, tip: Transform, wrist: Vec, d3: Scalar, theta2: Scalar) ->
     (_, _, r02), (_, _, r12), (r20, r21, r22) = t36.rotation
     # Cosines and sines of theta4, theta5 and theta6
     c5, s5 = -r22, (t36.origin[2] - D4) / LW
-    use_tip = jnp.abs(c5) > kinematics.SINGULAR
+    use_tip = jnp.abs(c5) > kinematics.SINGULAR_BOUND
     c4 = jnp.where(use_tip, t36.origin[0] / (LW * c5), r02 / s5)
     s4 = jnp.where(use_tip, t36.origin[1] / (LW * c5), r12 / s5)
     theta4, theta5 = jnp.atan2(s4, c4), jnp.atan2(s5, c5)
     t05 = multiply_literally(t03, _chain(*_links45(theta4, theta5)))
     cosine6, _, sine6 = matvec(transpose(t05.rotation), transpose(tip.rotation)[0])
-    use_axis = jnp.abs(s5) > kinematics.SINGULAR
+    use_axis = jnp.abs(s5) > kinematics.SINGULAR_BOUND
     c6, s6 = jnp.where(use_axis, r20 / s5, cosine6), jnp.where(use_axis, -r21 / s5, sine6)
     return Vec((theta1, theta2, d3, theta4, theta5, jnp.atan2(s6, c6)))
 

@@ -105,7 +105,7 @@ class TipContact(NamedTuple):
 
         J: Jacobian of the tip. A: loss of contact force per gain of tip speed, N s/m.
         """
-        columns, rise_speeds = self.tip.columns, self.tip.along(self.rise)
+        columns, rise_speeds = self.tip.columns, self.tip.project_on_joints(self.rise)
         normal_rate = self.normal.rate - self.drag * self.inverse_square
         for i, column in enumerate(columns):
             normal_part = mul(normal_rate, rise_speeds[i])
@@ -126,7 +126,7 @@ def jaw_tips(
 
     def find_contact(tip: instrument.InstrumentPoint) -> TipContact:
         # Computes the contact of one tip: a damped Hertz contact with dry friction.
-        surface, velocity = scene.tissue_surface(arm, tip.at), tip.velocity(jvel)
+        surface, velocity = scene.tissue_surface(arm, tip.position), tip.velocity(jvel)
         rise = surface.rise
         closing = -dot(rise, velocity)
         depth = jnp.maximum(surface.depth + closing * dt, 0.0)
@@ -192,8 +192,8 @@ def find_instrument_contact(
         inverse_rotation = transpose(rotation)
         at = matvec(inverse_rotation, pair.points[i] - origin)
         direction = matvec(inverse_rotation, unit_separation * sign)
-        point = instrument.point_on(arms[i], lines[i], at, pair.jaw_shares[i])
-        separation_rows.append(point.along(direction))
+        point = instrument.line_point(arms[i], lines[i], at, pair.jaw_shares[i])
+        separation_rows.append(point.project_on_joints(direction))
         directions.append(direction)
     closing = -(dot(separation_rows[0], jvel[0]) + dot(separation_rows[1], jvel[1]))
     depth = jnp.maximum(pair.depth + closing * dt, 0.0)

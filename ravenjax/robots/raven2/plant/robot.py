@@ -273,7 +273,7 @@ class _ArmTick:
             self._tips = contact.jaw_tips(self.arm, self.touched, jpos, jvel, dt)
             for tip_contact in self._tips:
                 tip_contact.add_damping(system)
-                loads = loads + tip_contact.tip.along(tip_contact.present_force())
+                loads = loads + tip_contact.tip.project_on_joints(tip_contact.present_force())
         if pushed is not None:
             loads = loads + pushed
         right = []

@@ -328,7 +328,7 @@ def _at_measured_pose(
     """
     poses = tuple(arm.pos for arm in after.cartesian)
     joints, motors = control.columns_of(signals.arms, "jpos", "mpos").values()
-    with_fields = control.changed_arms
+    with_fields = control.replace_fields
     accumulated = with_fields(after.teleoperation.arms, pose=poses)
     return replace(
         state,

@@ -12,7 +12,7 @@ import numpy as np
 
 from ravenjax.errors import UserError, format_value, suggest_name
 from ravenjax.numbers import Vec
-from ravenjax.robots.raven2.arms import ARMS, JOINTS, LINEAR
+from ravenjax.robots.raven2.arms import ARMS, JOINTS, SLIDING_JOINTS
 from ravenjax.robots.raven2.console.packet import Packet, empty_packet
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS, find_tool
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -144,7 +144,7 @@ def parse_joints(given: Any, arms: int) -> list[list[float]]:
     """Return joints [arms, 7]: angles of at most one revolution, rad; travel of at most 1 m."""
     array = _array("jpos", given, [(arms, 7)], "iuf", "numbers in rad and m")
     for place, value in np.ndenumerate(array):
-        low, high, unit, mistaken = _POSITIONS[JOINTS[place[1]] in LINEAR]
+        low, high, unit, mistaken = _POSITIONS[JOINTS[place[1]] in SLIDING_JOINTS]
         if not low <= value <= high:
             raise UserError(
                 f"jpos{_index(place)} is {value}, expected {low:g}..{high:g} {unit}."

@@ -12,7 +12,7 @@ from ravenjax.engines.cpu.transition import RecordKind
 from ravenjax.numbers import Vec, tree
 from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.console import packet as packets
-from ravenjax.robots.raven2.console.packet import MOVES, SIZE_BYTES, TURNS, U_STRUCT, Packet
+from ravenjax.robots.raven2.console.packet import DELTAS, QUATS, SIZE_BYTES, U_STRUCT, Packet
 from ravenjax.robots.raven2.loop.control import Inputs
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import usb
@@ -26,7 +26,7 @@ def row_type(setup: RavenSetup) -> np.dtype:
     """
     arms, wide = len(setup.arms), np.dtype(setup.precision.wide)
     fields: list[Any] = [
-        (name, wide if name in TURNS else dtype, *shape) for name, dtype, *shape in U_STRUCT.descr
+        (name, wide if name in QUATS else dtype, *shape) for name, dtype, *shape in U_STRUCT.descr
     ]
     row: list[Any] = [
         ("size", "<i4"),  # before the packet, which aligns the quaternions
@@ -50,8 +50,8 @@ def row_kind(setup: RavenSetup) -> RecordKind:
             received=offset_of["received"],
             size=offset_of["size"],
             sequence=packet["sequence"],
-            delta=tuple(Vec(packet[name][slot] for name in MOVES) for slot in slots),
-            quat=tuple(Vec(packet[name][slot] for name in TURNS) for slot in slots),
+            delta=tuple(Vec(packet[name][slot] for name in DELTAS) for slot in slots),
+            quat=tuple(Vec(packet[name][slot] for name in QUATS) for slot in slots),
             grasp=tuple(packet["grasp"][slots]),
             surgeon_mode=packet["surgeon_mode"],
         ),

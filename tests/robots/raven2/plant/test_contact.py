@@ -37,8 +37,8 @@ def at_depth(depth_m: float, jaws: float = 0.0, roll: float = 0.0) -> np.ndarray
     jpos = np.array([*HOME_JPOS[:3], roll, HOME_JPOS[4], jaws, jaws], float)
     for _ in range(20):
         tip, _ = instrument.jaw_tips("gold", numbers(jpos))
-        surface = scene.tissue_surface("gold", tip.at)
-        jpos[2] += (depth_m - float(surface.depth)) / -float(tip.along(surface.rise)[2])
+        surface = scene.tissue_surface("gold", tip.position)
+        jpos[2] += (depth_m - float(surface.depth)) / -float(tip.project_on_joints(surface.rise)[2])
     return jpos
 
 
@@ -171,11 +171,11 @@ def stored(arm: ArmName, jpos: np.ndarray) -> np.ndarray:
 
     @quickly.jit
     def deep(q):
-        return jax.vmap(
-            lambda row: jnp.stack(
-                [scene.tissue_surface(arm, t.at).depth for t in instrument.jaw_tips(arm, Vec(row))]
-            )
-        )(q)
+        def depths(row):
+            tips = instrument.jaw_tips(arm, Vec(row))
+            return jnp.stack([scene.tissue_surface(arm, tip.position).depth for tip in tips])
+
+        return jax.vmap(depths)(q)
 
     return 0.4 * HERTZ * (np.maximum(np.asarray(deep(jnp.asarray(jpos))), 0.0) ** 2.5).sum(axis=1)
 
@@ -204,7 +204,7 @@ def test_pressed_with_a_known_motor_torque_the_arm_comes_to_rest_where_statics_s
         jpos, force = columns(out.jpos)[-1], columns(out.touch.force)[-1]
         assert np.abs(columns(out.jvel)[-1]).max() < 0.05 and np.linalg.norm(force) > 0.1
         tips = instrument.jaw_tips("gold", numbers(jpos))
-        surfaces = [scene.tissue_surface("gold", tip.at) for tip in tips]
+        surfaces = [scene.tissue_surface("gold", tip.position) for tip in tips]
         each = [
             HERTZ * max(float(s.depth), 0.0) ** 1.5 * np.array([*map(float, s.rise)])
             for s in surfaces
