@@ -98,7 +98,7 @@ def exact() -> Iterator[str]:
     )
     columns = tuple(
         np.ascontiguousarray(column[SKIPPED_ROWS : SKIPPED_ROWS + TICKS])
-        for column in longer.first(1000).table().T
+        for column in longer.first_rows(1000).table().T
     )
     traces = {}
     for name, dynamics in (("xla", "unrolled"), ("mjx", "mjx")):

@@ -161,7 +161,7 @@ def _load(angle: Any, speed: Any, acceleration: Any) -> jax.Array:
     force = Vec(
         sum(mass[max(i, j)][min(i, j)] * jacc[j] for j in range(N)) + bias[i] for i in range(N)
     )
-    return jnp.stack(arm_coupling(ARM, TOOL, software).carried(force)[:3])
+    return jnp.stack(arm_coupling(ARM, TOOL, software).motor_torques(force)[:3])
 
 
 def _fit(columns: np.ndarray, torque: np.ndarray, stretch: np.ndarray) -> LoadShare:

@@ -93,7 +93,7 @@ def _configure_replay(
     # Returns a campaign whose operator is the recording `file`, and whether to replay all of it
     # instead of the campaign's duration. campaign: path or bundled name; None: default settings.
     from ravenjax.campaign import loading
-    from ravenjax.robots.raven2.campaign.config import of_raven
+    from ravenjax.robots.raven2.campaign.config import require_raven
     from ravenjax.store.motion import recording
 
     if campaign is None:
@@ -103,15 +103,15 @@ def _configure_replay(
             "group": [{"name": "fault_free"}],
         }
         replay_all = not any(text.startswith("campaign.duration_s") for text in overrides)
-        return of_raven(loading.from_dict(raw, overrides=overrides)), replay_all
-    base = of_raven(loading.load_campaign(campaign))
+        return require_raven(loading.from_dict(raw, overrides=overrides)), replay_all
+    base = require_raven(loading.load_campaign(campaign))
     changes = [f"operator.file={file.absolute()}"]
     # A recording replaces a generated motion, so the options of the generated motion are removed.
     if base.operator.file is None:
         changes = ["operator={}", f"operator.scale={base.operator.scale}", *changes]
     if arms:
         changes.append(f"campaign.arms={arms}")
-    return of_raven(loading.load_campaign(campaign, [*changes, *overrides])), False
+    return require_raven(loading.load_campaign(campaign, [*changes, *overrides])), False
 
 
 def _print_summary(summary: MotionSummary, to: Console):

@@ -17,7 +17,7 @@ from ravenjax.robots.raven2 import ROBOT, run_levels
 from ravenjax.robots.raven2.arms import ARMS, JOINTS, ArmName
 from ravenjax.robots.raven2.console.choice import UNDECIDED, ProfileChoice, matching_profile
 from ravenjax.robots.raven2.console.motion import ARM_COLUMNS
-from ravenjax.robots.raven2.console.packet import MOVES, U_STRUCT, UDP_PORT, V_STRUCT, Packet
+from ravenjax.robots.raven2.console.packet import DELTAS, U_STRUCT, UDP_PORT, V_STRUCT, Packet
 from ravenjax.robots.raven2.console.profile import ConsoleProfile
 from ravenjax.robots.raven2.console.reading import FIELDS, MODE, Misfit
 from ravenjax.robots.raven2.geometry import kinematics, scene, transmission

@@ -41,7 +41,7 @@ def fed(reader, packets):
     for packet in packets:
         results.append(reader.read(packet))
         if isinstance(results[-1], PacketReading):
-            reader.follow()
+            reader.accept_packet()
     return results
 
 
@@ -87,9 +87,9 @@ def test_a_jaw_position_moves_by_its_change_and_never_by_what_was_lost():
     assert [getattr(r, "grasp_mrad", r) for r in fed(reader, packets[:3])] == [(0,), (30,), (-30,)]
     jump = reader.read(packets[3])
     assert isinstance(jump, Misfit) and (jump.cause, jump.got) == ("grasp", "181 mrad")
-    assert reader.read(packets[3], joined=False) == reader.read(fields(9), joined=False)
-    reader.follow()
-    far = reader.read(fields(9, jaw=3201, button=3201), joined=False)
+    assert reader.read(packets[3], is_next=False) == reader.read(fields(9), is_next=False)
+    reader.accept_packet()
+    far = reader.read(fields(9, jaw=3201, button=3201), is_next=False)
     assert str(far) == "grasp of gold: got 3201 mrad, expected a position in -200..3200 mrad"
 
 
@@ -111,7 +111,7 @@ def test_whatever_comes_only_small_increments_are_read(name, hostile):
     for n, (gold, quat, jaw, again) in enumerate(hostile, start=1):
         result = choice.read(fields(n, gold, quat, jaw, jaw if again else 0))
         if isinstance(result, PacketReading):
-            choice.follow()
+            choice.accept_packet()
             assert math.hypot(*result.delta_um[0]) <= 1000.0
             assert abs(math.hypot(*result.quat[0]) - 1.0) < 0.011
             assert (
@@ -151,6 +151,6 @@ def test_auto_finds_the_recorded_console_early(recorded, arms, half):
     choice, lost = ProfileChoice(loading.profile_choices("auto"), arms), 0
     for packet in packets:
         lost += isinstance(choice.read(packet), Misfit)
-        choice.follow()
+        choice.accept_packet()
     assert choice.profile == loading.load_profile("dv_trainer")
     assert lost < 0.02 * len(packets)

@@ -22,7 +22,7 @@ from ravenjax.campaign.plan import Plan
 from ravenjax.numbers.lazy import jax, jnp
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.campaign import hands
-from ravenjax.robots.raven2.campaign.config import of_raven
+from ravenjax.robots.raven2.campaign.config import require_raven
 from ravenjax.robots.raven2.campaign.program import PACKET_KEY, PACKETS
 from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
@@ -61,7 +61,7 @@ def bias(
 
 def lever(config: CampaignConfig, rows: np.ndarray) -> str:
     """Return the distance of the gold arm's desired tip from its first axis at these rows."""
-    raven = of_raven(config)
+    raven = require_raven(config)
     motion = hands.operator_motion(raven)
     with jax.enable_x64(True):
         start = Vec(np.float64(q) for q in motion.start_jpos[0])
@@ -97,7 +97,7 @@ def packet_ticks_of(ready: Plan) -> PacketTicks:
     if PACKET_KEY not in ready.varied:
         axis = ready.config.parameters.get(CYCLES)
         return regular(runs, length, 1 if axis is None else int(axis.values[0]))
-    shares = of_raven(ready.config).campaign.packet_shares
+    shares = require_raven(ready.config).campaign.packet_shares
     keys = jnp.asarray(ready.varied[PACKET_KEY])[:, None]
     # `length` packets are at least as many as there can be.
     packets = jnp.arange(length, dtype=jnp.int32)[None, :]

@@ -15,7 +15,7 @@ import numpy as np
 
 from ravenjax.numbers.lazy import jax
 from ravenjax.numbers.vec import Vec
-from ravenjax.robots.raven2.campaign.config import of_raven
+from ravenjax.robots.raven2.campaign.config import require_raven
 from ravenjax.robots.raven2.geometry import kinematics
 from studies.dsn16.attacks import VariantRuns, holds, other_jump_rules, read_runs
 from studies.series import Recorder, Row, Series
@@ -175,7 +175,7 @@ def visible_line(runs: VariantRuns, watched: Watched) -> Line:
 def jump_note(runs: VariantRuns, watched: Watched) -> str:
     """Say which joints make the jumps."""
     jumped = int((runs.frame["jump_packet"] > 0).sum())
-    kinds = attribute(watched.joints, of_raven(runs.config).outcomes.jump_step_mm).sum(axis=0)
+    kinds = attribute(watched.joints, require_raven(runs.config).outcomes.jump_step_mm).sum(axis=0)
     listed = ", by ".join(f"{kind} {count}" for kind, count in zip(KINDS, kinds, strict=True))
     return f"{runs.name}: {jumped} of {len(runs.frame)} runs jump, by {listed}."
 

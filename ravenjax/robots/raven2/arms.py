@@ -1,4 +1,4 @@
-"""Names arms and joints, in the order of every array. It does not import JAX."""
+"""The names of arms and joints, in the order of every array. This module does not import JAX."""
 
 from typing import Literal, TypeAlias, TypeVar
 
@@ -16,7 +16,7 @@ JOINTS: tuple[str, ...] = (
     "grasp1",
     "grasp2",
 )
-LEADING: tuple[int, ...] = (5,)
-"""Lengths of vectors for the first joints only, because jaws have no limits."""
-LINEAR: tuple[str, ...] = ("insertion",)
-"""Joints that slide, with the unit m. Other joints have the unit rad."""
+LEADING_LENGTHS: tuple[int, ...] = (5,)
+"""Possible lengths of a vector without entries for the jaws, such as the soft joint limits."""
+SLIDING_JOINTS: tuple[str, ...] = ("insertion",)
+"""Joints that slide, with the unit m. The other joints rotate, with the unit rad."""

@@ -1,4 +1,4 @@
-"""The Raven-II's declaration as records, read from `declaration.toml`, without JAX."""
+"""Reads the Raven-II's sites, seams, signals and checks from `declaration.toml`, without JAX."""
 
 import csv
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import Any
 
 from ravenjax.bundled import resources
 from ravenjax.robots.raven2 import run_levels
-from ravenjax.robots.raven2.arms import ARMS, JOINTS, LEADING, LINEAR
+from ravenjax.robots.raven2.arms import ARMS, JOINTS, LEADING_LENGTHS, SLIDING_JOINTS
 from ravenjax.vocabulary.checks import Check
 from ravenjax.vocabulary.robot import Robot
 from ravenjax.vocabulary.seams import Seam, SeamChannel
@@ -14,7 +14,8 @@ from ravenjax.vocabulary.signals import Signal
 from ravenjax.vocabulary.sites import ARM, Channel, ChannelRange, Field, Site
 
 _TABLES = resources.read_tables(__file__, "declaration.toml")
-_NAMES = {
+# Sets of channel names that the file can name
+_NAME_SETS = {
     "joints": JOINTS,
     "positioning": JOINTS[:3],
     "axes": ("x", "y", "z"),
@@ -26,29 +27,28 @@ _FIELDS = {name: Field(**field) for name, field in _TABLES["fields"].items()}
 
 
 def _channels(table: dict[str, Any]) -> list[tuple[str, str, tuple[str | int, ...]]]:
-    """Return (name, unit, path) of the channels that one table describes."""
-    names, unit = table["names"], table["unit"]
-    is_set = str(names) in _NAMES
-    units = {"insertion": table.get("linear", unit)}
+    # Returns (name, unit, path) of the channels that one table of the file describes. A path leads
+    # from the signal to the number. In it, ARM stands for the index of the arm; "#" in the file
+    # stands for the index of the channel in its table.
+    names = table["names"]  # a list of names, or the name of a set
+    is_set = str(names) in _NAME_SETS
     channels = []
-    for place, name in enumerate(_NAMES[names] if is_set else names):
+    for index, name in enumerate(_NAME_SETS[names] if is_set else names):
         path = table.get("path", [ARM, "#"] if is_set else [name])
-        indexed = tuple(place if step == "#" else step for step in path)
-        channels.append((name, units.get(name, unit), indexed))
+        steps = tuple(index if step == "#" else step for step in path)
+        unit = table.get("linear", table["unit"]) if name in SLIDING_JOINTS else table["unit"]
+        channels.append((name, unit, steps))
     return channels
 
 
 def _site(name: str, table: dict[str, Any]) -> Site:
     # Returns a fault site from its table in declaration.toml.
-    channels = tuple(
-        Channel(
-            *(channel, path, group["kind"], unit),
-            *(_FIELDS.get(group.get("field")), group.get("usual")),
-        )
-        for group in table.pop("channels")
-        for channel, unit, path in _channels(group)
-    )
-    return Site(name, channels=channels, **_DEFAULTS | table)
+    channels = []
+    for group in table.pop("channels"):
+        field, usual = _FIELDS.get(group.get("field")), group.get("usual")
+        for channel, unit, path in _channels(group):
+            channels.append(Channel(channel, path, group["kind"], unit, field, usual))
+    return Site(name, channels=tuple(channels), **_DEFAULTS | table)
 
 
 def _seam(name: str, table: dict[str, Any]) -> Seam:
@@ -67,8 +67,9 @@ def _signal(name: str, table: dict[str, Any]) -> Signal:
     names, linear = table.pop("names", ""), table.pop("linear", "")
     return Signal(
         name,
-        channels=_NAMES.get(names, ()),
+        channels=_NAME_SETS.get(names, ()),
         units=(("insertion", linear),) if linear else (),
+        # One score for the four joints of the tool
         together=(("tool", JOINTS[3:]),) if names == "joints" else (),
         against=tuple(table.pop("against", ())),
         **table,
@@ -76,33 +77,30 @@ def _signal(name: str, table: dict[str, Any]) -> Signal:
 
 
 RANGES = Path(__file__).with_name("normal_ranges.csv")
-"""Normal range of each fault channel, in runs of every generated motion at teleoperation scales
-0.05 and 0.1, in which no check trips.
+"""File with the normal range of each fault channel, from runs of every generated motion at the
+teleoperation scales 0.05 and 0.1, in which no check trips.
 """
-
 LAYERS: dict[str, str] = _TABLES["layers"]
 """Name of each layer, in the robot's order."""
-
 CHECKS = {name: Check(name, **table) for name, table in _TABLES["checks"].items()}
 """Built-in checks in the order of the loop."""
-
 SITES = {name: _site(name, table) for name, table in _TABLES["sites"].items()}
 """Fault sites, in the order of the tick."""
-
 SEAMS = {name: _seam(name, table) for name, table in _TABLES["seams"].items()}
 """Every seam, in the order of the tick."""
 
 
-def _ranges() -> dict[tuple[str, str, str], ChannelRange]:
-    # Reads the ranges that were measured in fault-free runs (analysis/normal_ranges/measure.py).
+def _read_ranges() -> dict[tuple[str, str, str], ChannelRange]:
+    # Returns the normal range of (site, arm, channel), from analysis/normal_ranges/measure.py.
     with open(RANGES, encoding="utf-8", newline="") as file:
-        _, *rows = csv.reader(file)
+        _, *rows = csv.reader(file)  # without the header
     return {
         (site, arm, channel): ChannelRange(site, arm, channel, unit, *map(float, numbers))
         for site, arm, channel, unit, *numbers in rows
     }
 
 
+# The other fields of `Robot`, with a tuple for each list of the file
 _ROBOT: dict[str, Any] = {
     key: tuple(x) if isinstance(x, list) else x for key, x in _TABLES["robot"].items()
 }
@@ -110,8 +108,8 @@ ROBOT = Robot(
     package=str(__package__),
     arms=ARMS,
     joints=JOINTS,
-    linear=LINEAR,
-    leading_joints=LEADING,
+    linear=SLIDING_JOINTS,
+    leading_joints=LEADING_LENGTHS,
     run_levels=run_levels.NAMES,
     sites=SITES,
     layers=LAYERS,
@@ -119,7 +117,7 @@ ROBOT = Robot(
     phases=_TABLES["phases"],
     check_seams=_TABLES["check_seams"],
     seams=SEAMS,
-    ranges=_ranges(),
+    ranges=_read_ranges(),
     series=_TABLES["series"],
     hazards=str(Path(__file__).with_name("hazards")),
     signals=tuple(_signal(name, table) for name, table in _TABLES["signals"].items()),

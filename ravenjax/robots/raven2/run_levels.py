@@ -1,6 +1,4 @@
-"""Defines the run levels of the robot, and the pins of its output byte to the PLC (raven2:
-defines.h).
-"""
+"""Defines the robot's run levels, and the bits of its byte to the PLC (raven2: defines.h)."""
 
 E_STOP, INIT, PEDAL_UP, PEDAL_DOWN = 0, 1, 2, 3
 

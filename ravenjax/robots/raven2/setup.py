@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Any, ClassVar, Literal
 
 from ravenjax.numbers import setup
-from ravenjax.robots.raven2.arms import JOINTS, LEADING, ArmName, PerArm
+from ravenjax.robots.raven2.arms import JOINTS, LEADING_LENGTHS, ArmName, PerArm
 from ravenjax.vocabulary.parts import OwnSource
 
 __all__ = ["ArmName", "PerArm", "RavenSetup", "map_arms"]
@@ -16,7 +16,7 @@ class RavenSetup(setup.Setup):
     """Options that select the code of the tick. Each combination is compiled once."""
 
     joints: ClassVar[tuple[str, ...]] = JOINTS
-    leading_joints: ClassVar[tuple[int, ...]] = LEADING
+    leading_joints: ClassVar[tuple[int, ...]] = LEADING_LENGTHS
     arms: tuple[ArmName, ...] = ("gold",)  # in mechanism order, gold first
     # the present raven2 software, or the 2015 simulator fork
     software: Literal["raven2", "fork2015"] = "raven2"

@@ -240,7 +240,7 @@ def read_track(
             home[arm].opening_mrad - np.cumsum(read.grasp_mrad[:, i]),
         )
     cycles = packet_lengths.packet_lengths(read.packets.time * 1e3)
-    shares = ", ".join(f"{share:g}" for share in packet_lengths.as_campaign(cycles))
+    shares = ", ".join(f"{share:g}" for share in packet_lengths.rounded_shares(cycles))
     notes = (
         *read.packets.notes,
         f"packets are those of console {read.profile.name}; the robot would drop"
@@ -263,7 +263,7 @@ def _profile(
             break
         result = choice.read(packet)
         if isinstance(result, PacketReading) or result.cause == UNDECIDED:
-            choice.follow()
+            choice.accept_packet()
     if choice.profile is not None:
         return choice.profile
     fits = matching_profile(fields, profiles, arms)
@@ -333,7 +333,7 @@ def read_stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketSt
             misfits.append(packet)
             why = result
         elif number and (number > last or restarts):
-            reader.follow()
+            reader.accept_packet()
             last, heard_s = number, time_s
             if joined:
                 readings[row], counted[row] = result, True

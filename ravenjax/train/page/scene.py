@@ -23,7 +23,7 @@ from ravenjax.bundled import resources
 from ravenjax.campaign import compile_cache
 from ravenjax.engines import trace_key
 from ravenjax.robots.raven2.dynamics import arm_model, body_shapes
-from ravenjax.robots.raven2.dynamics.scene_views import ENDOSCOPES, FIELD, VIEWS, view_pose
+from ravenjax.robots.raven2.dynamics.scene_views import ENDOSCOPES, FIELD_CENTRE, VIEWS, view_pose
 from ravenjax.train import protocol
 from ravenjax.train.page.hub import Client
 from ravenjax.train.protocol import Command, Event, Frame, Json, tissue_height
@@ -379,7 +379,7 @@ class Windows:
         server.scene.configure_default_lights(False)
         # `static/scene.js` makes the lights and the materials of this one.
         server.scene.add_light_directional("/key")
-        lamp = tuple(FIELD + ENDOSCOPES[FIRST_VIEW])
+        lamp = tuple(FIELD_CENTRE + ENDOSCOPES[FIRST_VIEW])
         server.scene.add_light_point("/lamp", position=lamp, **STYLES["lamp"])
 
         @server.on_client_connect

@@ -218,9 +218,9 @@ def _console_code(blueprint: Blueprint) -> StepCode:
         inputs, state: observers.ObserverState, now: Scalar, entering: _Reported, motion
     ) -> tuple[observers.ObserverState, list[Scalar]]:
         # Computes the packet, the nominal model, the cue and the monitor.
-        timing = operator.row_by_row(now)
+        timing = operator.row_timing(now)
         packet = operator.make_packet(setup, params.operator, motion, timing)
-        robot = observers.RobotView(*entering, unwritten)
+        robot = observers.RobotSignals(*entering, unwritten)
         fresh = jnp.bool_(True)
         after, view = observers.update_model_and_cue(setup, params, state, packet, fresh, robot)
         updated = observers.update_monitor(

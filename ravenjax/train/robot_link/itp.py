@@ -93,7 +93,7 @@ class Gate:
         """Return the address of the console whose packets are accepted, or None."""
         if self._peer is not None and now_ms - self._last_packet_ms > RELEASE_MS:
             self._peer, self._last_number = None, 0
-            self._choice.begin()
+            self._choice.begin_stream()
         return self._peer
 
     @property
@@ -129,7 +129,7 @@ class Gate:
         number = fields[0]
         cause = self._check_number(number, now_ms)
         continues = cause in CONTINUING
-        reading = self._choice.read(fields, joined=cause == TAKEN)
+        reading = self._choice.read(fields, is_next=cause == TAKEN)
         if isinstance(reading, Misfit):
             if reading.cause != robot.UNDECIDED:
                 self._record_misfit(fields, reading)
@@ -138,7 +138,7 @@ class Gate:
             cause = robot.UNDECIDED if cause == TAKEN else cause
         if continues:
             self._last_number, self._last_packet_ms, self._peer = number, now_ms, source
-            self._choice.follow()
+            self._choice.accept_packet()
             if self._is_undecided and (profile := self._choice.profile) is not None:
                 self._is_undecided = False
                 self._say(

@@ -17,7 +17,7 @@ import numpy as np
 from ravenjax import interruption
 from ravenjax.errors import UserError
 from ravenjax.train.protocol import Say
-from ravenjax.train.robot import MOVES, U_STRUCT, V_STRUCT
+from ravenjax.train.robot import DELTAS, U_STRUCT, V_STRUCT
 from ravenjax.train.robot_link import refuse_errors
 from ravenjax.train.robot_link.itp import DRIVES, PEDAL
 from ravenjax.vocabulary.packets import RELEASE_MS
@@ -63,7 +63,7 @@ def lead_packets(first: bytes) -> list[bytes]:
     last_index = int(packets["sequence"][0]) - 1
     # Numbers are 1 to the largest number, because 0 is not valid.
     packets["sequence"] = (last_index - np.arange(LEAD_COUNT, 0, -1)) % _MAX_NUMBER + 1
-    for name in (*MOVES, "surgeon_mode"):
+    for name in (*DELTAS, "surgeon_mode"):
         packets[name] = 0
     total = packets["sequence"] + packets["buttonstate"].sum(axis=1)
     packets["checksum"] = total.astype(np.int32)

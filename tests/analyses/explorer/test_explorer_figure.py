@@ -61,7 +61,7 @@ def test_bodies_stand_where_mujoco_puts_them(description):
 def test_corners_of_shapes_are_the_models_to_20_um(description):
     model = arm_model.operating_scene()
     for body, told in enumerate(description["bodies"]):
-        groups = body_shapes.geoms_by_look(model, body)
+        groups = body_shapes.group_geoms(model, body)
         assert len(told["meshes"]) == len(groups)
         for mesh, geoms in zip(told["meshes"], groups, strict=True):
             whole = body_shapes.merged_mesh(model, geoms)

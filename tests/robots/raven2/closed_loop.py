@@ -6,7 +6,7 @@ import numpy as np
 
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.arms import ARMS
-from ravenjax.robots.raven2.console.packet import MOVES, TURNS, U_STRUCT, Packet, empty_packet
+from ravenjax.robots.raven2.console.packet import DELTAS, QUATS, U_STRUCT, Packet, empty_packet
 
 
 def drive(software, robot, cycles):
@@ -38,8 +38,8 @@ def decode(datagram, arms):
         received=1,
         size=len(datagram),
         sequence=int(fields["sequence"].view(np.int32)),
-        delta=tuple(Vec(int(fields[name][slot]) for name in MOVES) for slot in slots),
-        quat=tuple(Vec(float(fields[name][slot]) for name in TURNS) for slot in slots),
+        delta=tuple(Vec(int(fields[name][slot]) for name in DELTAS) for slot in slots),
+        quat=tuple(Vec(float(fields[name][slot]) for name in QUATS) for slot in slots),
         grasp=tuple(int(fields["grasp"][slot]) for slot in slots),
         surgeon_mode=int(fields["surgeon_mode"]),
     )

@@ -19,10 +19,10 @@ def test_only_a_foot_that_never_left_the_pedal_restarts(foot, soft, first):
         control = SimpleNamespace(runlevel=level, soft_estopped=int(stops))
         sight = SimpleNamespace(
             tick=tick,
-            foot=foot[tick] == "1",
+            foot_on_pedal=foot[tick] == "1",
             live=level == 3 and not stops,
             signals=SimpleNamespace(control=control),
         )
         with run_eagerly():
             state = STAGES["restart"].watch(state, sight)
-    assert state.first == first
+    assert state.restart_tick == first

@@ -48,7 +48,7 @@ def packets(rows, scale):
     params = replace(operator.params(SETUP, HOME), scale=scale)
     ticks = jnp.arange(1, len(rows), dtype=jnp.int32)
     packet = jax.vmap(
-        lambda tick: operator.make_packet(SETUP, params, table, operator.row_by_row(tick))
+        lambda tick: operator.make_packet(SETUP, params, table, operator.row_timing(tick))
     )(ticks)
     return (
         np.moveaxis(np.array(packet.delta), 2, 0),

@@ -1,10 +1,9 @@
 """Generates the C library of one robot: its header, its code as LLVM IR, and an example program.
 
-The code is that of `ControlSoftware` and `VirtualRobot`, printed as LLVM IR. It gives their bits on
-every CPU, because each operation is one IEEE operation and the functions come from the C library. A
-call reads and writes only the four structs that it gets: no allocation, no globals, no locks.
-
-The structs have the memory layout that the compiled code expects.
+The code is that of `ControlSoftware` and `VirtualRobot`, printed as LLVM IR. Its results equal
+theirs to the bit on every CPU, because each operation is one IEEE operation, and functions such as
+the sine come from the C library. A call reads and writes only the four structs that it receives. It
+allocates no memory and takes no locks. The structs have the memory layout that the code expects.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -25,21 +24,21 @@ from ravenjax.robots.raven2.software.rows import row_type
 
 _TABLES = resources.read_tables(__file__, "library.toml")
 TYPES: dict[str, str] = _TABLES["types"]
-"""Type of a number -> its C type; a truth value is 0 or -1."""
+"""NumPy type of a number -> its C type; a truth value is 0 or -1."""
 _FUNCTIONS: dict[str, str] = _TABLES["functions"]
-"""Function of the library -> the transition that it performs."""
+"""Function of the library -> the name of its computation in `transitions` of the Python objects."""
 
 
 class CLibrary(NamedTuple):
-    """The library as texts."""
+    """The files of the library as texts."""
 
     header: str
     code: str  # LLVM IR
-    example: str  # a C program that connects the two in a closed loop
+    example: str  # a C program that connects software and robot in a closed loop
 
 
 class Member(NamedTuple):
-    """Consecutive numbers of one type in a struct."""
+    """A member of a struct: one number, or an array of numbers of one type."""
 
     type: str
     name: str
@@ -52,13 +51,13 @@ class Struct(NamedTuple):
 
     members: list[Member]
     bytes: int
-    unused: int  # padding bytes at its end
+    unused: int  # padding bytes at the end of the struct
 
 
 def make_library(software: ControlSoftware, robot: VirtualRobot) -> CLibrary:
-    """Return the library of this software and robot, with their present settings and state.
-
-    Raises UserError if the software and the robot have different arms or tools.
+    """Return the library of this software and robot, with their present parameters and state.
+    Raises UserError if software and robot have different arms or tools, or if the console of the
+    software sends absolute positions.
     """
     arms = software.setup.arms
     if arms != robot.setup.arms or software.setup.tools != robot.setup.tools:
@@ -80,11 +79,12 @@ def make_library(software: ControlSoftware, robot: VirtualRobot) -> CLibrary:
 
 
 def _code(software: ControlSoftware, robot: VirtualRobot) -> str:
-    # Prints the LLVM code of the library, with default parameters and start states as constants.
+    # Returns the LLVM IR of the library, with default parameters and start states as constants.
     transitions = software.code.transitions | robot.code.transitions
-    text = transition.print_module(
-        {f"{name}_steps": transitions[which] for name, which in _FUNCTIONS.items()}, frozenset()
-    )
+    loops = {f"{name}_steps": transitions[key] for name, key in _FUNCTIONS.items()}
+    # No CPU features: the library must run on every CPU
+    text = transition.print_module(loops, frozenset())
+    # Each function is printed as a loop over steps; the library exports a call of one step
     for name in _FUNCTIONS:
         text = text.replace(f"define void @{name}_steps(", f"define internal void @{name}_steps(")
         text += (
@@ -93,60 +93,67 @@ def _code(software: ControlSoftware, robot: VirtualRobot) -> str:
             " i64 0, ptr null, i64 1)\n  ret void\n}\n"
         )
     machines = {"control": software, "robot": robot}
-    for name, (part, what) in _TABLES["constants"].items():
-        owner = robot.reading if what == "signals" else machines[part]
-        row = machines[part].code.kinds[what].row(getattr(owner, what))
+    for name, (part, field) in _TABLES["constants"].items():
+        # The first signals of the robot are those of its last reading
+        owner = robot.reading if field == "signals" else machines[part]
+        row = machines[part].code.kinds[field].row(getattr(owner, field))
         escaped = "".join(f"\\{byte:02X}" for byte in row.tolist())
         text += f'@{name} = constant [{len(row)} x i8] c"{escaped}", align 8\n'
     return text
 
 
 def _structs(software: ControlSoftware, robot: VirtualRobot) -> dict[str, Struct]:
-    """Return the struct of each record, by its name in the header without "raven_"."""
-    structs = dict[str, Struct]()
+    # Returns the struct of each record of software and robot. The key is the struct's name in the
+    # header without "raven_", such as "control_params".
+    structs, arms = dict[str, Struct](), software.setup.arms
     for part, machine in (("control", software), ("robot", robot)):
-        units: dict[str, dict[str, None]] = {}  # a dict keeps the order
+        # The inner dict is an ordered set of units: joints of one parameter may differ in unit
+        units: dict[str, dict[str, None]] = {}
         for path, limits in quantity.list_quantities(type(machine.params)):
             units.setdefault(path, {})[limits.unit] = None
-        for what in ("params", "state", "inputs", "signals"):
-            if (kind := machine.code.kinds.get(what)) is not None:
-                known = units if what == "params" else {}
-                members, layout = members_of(kind, software.setup.arms, known), kind.layout
+        for field in ("params", "state", "inputs", "signals"):
+            if (kind := machine.code.kinds.get(field)) is not None:
+                # Only parameters have declared units
+                field_units = units if field == "params" else {}
+                members, layout = struct_members(kind, arms, field_units), kind.layout
                 end = layout.offsets[-1] + stored_size(layout.types[-1])
-                structs[f"{part}_{what}"] = Struct(members, layout.bytes, layout.bytes - end)
+                structs[f"{part}_{field}"] = Struct(members, layout.bytes, layout.bytes - end)
     return structs
 
 
-def members_of(
+def struct_members(
     kind: transition.RecordKind, arms: Sequence[str], units: Mapping[str, Iterable[str]]
 ) -> list[Member]:
     """Return the members of the C struct for a record, in order.
 
-    A nested record becomes one member per field, named by the path to the field. The numbers of a
-    Vec become an array, and so do adjacent numbers of several arms. units: by path without arms.
+    A nested record becomes one member per field, named by the path to the field. Nested tuples of
+    numbers, such as a Vec for each arm, become one array if all numbers have one type.
+    units: path of a parameter without the arm -> its units.
     """
 
-    def members(place, path: tuple[str, ...]) -> Iterator[Member]:
-        # Yields the fields of a C struct: an array where all numbers have one type, else its parts.
-        types, shape = {kind.layout.types[k] for k in tree.tree_leaves(place)}, _shape(place)
+    def members(node, path: tuple[str, ...]) -> Iterator[Member]:
+        # Yields the members for a part of the record, whose leaves are indices of numbers.
+        types, shape = {kind.layout.types[k] for k in tree.tree_leaves(node)}, _array_shape(node)
         if shape is not None and len(types) == 1:
             unit = "; ".join(units.get(".".join(name for name in path if name not in arms), ()))
             dimensions = "".join(f"[{n}]" for n in shape)
             yield Member(TYPES[types.pop()], "_".join(path), dimensions, unit)
-        elif isinstance(place, tuple):
-            names = arms if len(place) == len(arms) else map(str, range(len(place)))
-            for name, item in zip(names, place, strict=True):
+        elif isinstance(node, tuple):
+            names = arms if len(node) == len(arms) else map(str, range(len(node)))
+            for name, item in zip(names, node, strict=True):
                 yield from members(item, (*path, name))
-        elif place is not None:
-            for name, item in vars(place).items():
+        elif node is not None:
+            for name, item in vars(node).items():
                 yield from members(item, (*path, name))
 
-    return list(members(tree.fill_tree(kind.record, list(range(len(kind.layout.types)))), ()))
+    indices = list(range(len(kind.layout.types)))
+    return list(members(tree.fill_tree(kind.record, indices), ()))
 
 
-def _shape(place) -> tuple[int, ...] | None:
-    """Return the dimensions of nested tuples of numbers; () for a number, None if not an array."""
+def _array_shape(node) -> tuple[int, ...] | None:
+    # Returns the shape of the array that nested tuples of integers form; () for one integer. None
+    # for a record, and for tuples of different lengths.
     try:
-        return np.array(place, dtype=int).shape
+        return np.array(node, dtype=int).shape
     except (TypeError, ValueError):
         return None

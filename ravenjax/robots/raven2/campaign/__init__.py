@@ -1,13 +1,14 @@
-"""The Raven-II's sections of a campaign file, and what a campaign needs from the robot.
+"""The Raven-II's sections of a campaign file, and the functions that a campaign calls.
 
-See `ravenjax.campaign.prepared`. Names are imported when they are first used, so a file can be read
-and checked without the tick.
+`ravenjax.campaign.prepared` describes these functions. Each name is imported when it is first used,
+so a campaign file can be read and checked without an import of the tick.
 """
 
 import pkgutil
 from typing import Any
 
-_HOMES = {
+# Name in this module -> module and name of its definition
+_DEFINITIONS = {
     "Config": "campaign.config:RavenConfig",
     "Params": "loop.records:TickParams",
     "acted": "campaign.program:add_action",
@@ -21,6 +22,6 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
+    if name not in _DEFINITIONS:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return pkgutil.resolve_name(f"ravenjax.robots.raven2.{_HOMES[name]}")
+    return pkgutil.resolve_name(f"ravenjax.robots.raven2.{_DEFINITIONS[name]}")

@@ -37,13 +37,13 @@ from ravenjax.vocabulary.parts import OwnSource
 from ravenjax.vocabulary.reactions import ACTIONS, MEANINGS
 
 HEALTHY_MM = 0.1
-"""Below the distance of any fault-free moving robot from its nominal model (0.6 to 1.8 mm)."""
+"""Distance from the nominal model that every moving robot exceeds without a fault, mm."""
 REACH_MM = 429.0
-"""Longest distance between two tip positions within the hard stops of joints 1 to 3."""
+"""Longest distance between two tip positions within the hard stops of joints 1 to 3, mm."""
 _REACTION = resources.read_tables(__file__, "reaction.toml")
-READ_BY: dict[str, list[str]] = _REACTION["read_by"]
+USING_ACTIONS: dict[str, list[str]] = _REACTION["read_by"]
 """Parameter of a reaction -> the actions that use the parameter."""
-IDLE: dict[str, float] = _REACTION["idle"]
+NEUTRAL_VALUES: dict[str, float] = _REACTION["idle"]
 """Parameter of a reaction -> the value with which the action has no effect."""
 
 
@@ -62,44 +62,43 @@ class RavenConfig(CampaignConfig):
     changeable: ClassVar[str] = r"(control|plc|plant(?!.*\.kinematic_errors))\."
 
     @model_validator(mode="after")
-    def _draw_errors(self) -> RavenConfig:
-        """Add the parameters of kinematic errors, which are drawn, after those of the file."""
+    def _add_error_parameters(self) -> RavenConfig:
+        # Adds a normal distribution for each kinematic error of each arm to the parameters. Only
+        # with kinematic_errors = 'measured'. An error that the file already sets in [parameters] or
+        # varies in a [cross] keeps the values of the file.
         if self.campaign.kinematic_errors == "measured":
-            crossed = self.cross.keys() | {path for group in self.group for path in group.cross}
-            axes = {
-                f"plant.{arm}.kinematic_errors.{path}": Axis("normal", (0.0, deviation))
-                for arm in self.campaign.arms
-                for path, deviation in MEASURED.items()
-            }.items()
-            self.parameters.update(
-                {p: axis for p, axis in axes if p not in crossed | self.parameters.keys()}
-            )
+            set_paths = self.cross.keys() | self.parameters.keys()
+            set_paths |= {path for group in self.group for path in group.cross}
+            for arm in self.campaign.arms:
+                for error, deviation in MEASURED.items():
+                    path = f"plant.{arm}.kinematic_errors.{error}"
+                    if path not in set_paths:
+                        self.parameters[path] = Axis("normal", (0.0, deviation))
         return self
 
     def with_files(self, folder: Path) -> CampaignConfig:
-        """Return the configuration with recorded operator and users' files read from `folder`.
-
-        Raises UserError.
+        """Return a copy in which the paths of the user's files, which are relative to `folder`, are
+        absolute. Raises UserError if a file cannot be used.
         """
         new = super().with_files(folder)
         if self.controller is not None:
-            new = new.model_copy(update={"controller": self.controller.located(folder)})
-        return new.model_copy(update={"operator": self.operator.located(folder)})
+            new = new.model_copy(update={"controller": self.controller.locate_files(folder)})
+        return new.model_copy(update={"operator": self.operator.locate_files(folder)})
 
     def own_parts(self) -> Iterator[tuple[str, OwnSource]]:
-        """Yield (prefix of the paths of the file's parameters, code) for each user's file.
-
-        Raises UserError.
+        """Yield (first part of the paths of its parameters, code) for each Python file of the user.
+        Raises UserError if a file is unusable.
         """
         yield from super().own_parts()
-        for stage, source in () if self.controller is None else self.controller.parts():
-            yield f"control.own.{stage}", source
+        if self.controller is not None:
+            for stage, source in self.controller.parts():
+                yield f"control.own.{stage}", source
         if (hands := self.operator.own) is not None:
             yield "operator.own.hands", hands
 
     @property
     def tools(self) -> tuple[str, ...]:
-        """Tool names, one per arm."""
+        """Tool names, one per arm: those of the file, or the defaults of the control software."""
         defaults = DEFAULT_TOOLS[self.campaign.software]
         return self.campaign.tools or tuple(defaults[arm] for arm in self.campaign.arms)
 
@@ -116,7 +115,7 @@ class RavenConfig(CampaignConfig):
     @property
     def watches_cables(self) -> bool:
         """Whether the mechanics have tensions that can be compared with a cable's strength."""
-        return parameter_sets.tells_tension(self.campaign.parameter_set)
+        return parameter_sets.has_realistic_tension(self.campaign.parameter_set)
 
     @property
     def touches(self) -> bool:
@@ -129,33 +128,33 @@ class RavenConfig(CampaignConfig):
         return self.campaign.software
 
     def lines(self) -> Iterator[tuple[str, str]]:
-        """Yield (heading, text) of the file's settings for robot and operator."""
+        """Yield (heading, text) for each line that describes the settings of the campaign."""
         yield from super().lines()
         operator = self.operator
-        what = f"{operator.file}, recorded" if operator.file else f"{operator.label}, generated"
+        motion = f"{operator.file}, recorded" if operator.file else f"{operator.label}, generated"
         hands = "" if operator.hands is None else f"; hands moved by {operator.hands}"
-        yields = "" if self.hand is None else f"; the cue moves the hand, grip {self.hand.grip:g}"
+        hand = "" if self.hand is None else f"; the cue moves the hand, grip {self.hand.grip:g}"
         if self.campaign.contact:
             yield "contact", "of jaw tips with tissue and vessel, of instruments with each other"
         if self.controller is not None:
             files = (f"{stage}: {file}" for stage, file in self.controller.files())
             yield "controller", ", ".join(files)
-        timing = f"; on average {self.cycles_a_packet:.3g} control cycles per packet"
-        timing *= self.random_packets
+        timing = ""
+        if self.random_packets:
+            timing = f"; on average {self.cycles_a_packet:.3g} control cycles per packet"
         scale = f"; scale {operator.scale:g}"
-        yield "operator", f"{what}{hands}{scale}{timing}{self._reaction()}{yields}"
+        yield "operator", f"{motion}{hands}{scale}{timing}{self._describe_reaction()}{hand}"
 
-    def _reaction(self) -> str:
+    def _describe_reaction(self) -> str:
         # Describes the operator's reaction to the cue in words.
         if self.reaction is None:
             return ""
-        axes = [self.parameters, self.cross]
-        axes += [axes for group in self.group for axes in (group.parameters, group.cross)]
-        varies = "as reaction.action varies, or " * any("reaction.action" in a for a in axes)
-        return f"; at the cue: {varies}{MEANINGS[self.reaction.action]}"
+        varies = any("reaction.action" in table for _, table in self.parameter_tables())
+        variation = "as reaction.action varies, or " if varies else ""
+        return f"; at the cue: {variation}{MEANINGS[self.reaction.action]}"
 
     def settings(self) -> dict[str, Any]:
-        """Return the same as `lines` in the form of JSON."""
+        """Return the settings that `lines` describes, as JSON."""
         return super().settings() | {
             "software": self.campaign.software,
             "operator": self.operator.model_dump(mode="json", exclude_none=True),
@@ -169,7 +168,7 @@ class RavenConfig(CampaignConfig):
         return self.campaign.substeps
 
     def generated_motions(self) -> tuple[str, ...]:
-        """Names of the motions that the robot can generate."""
+        """Return the names of the motions that the robot can generate."""
         return tuple(MOTIONS)
 
     def notices(self) -> Iterator[Complaint]:
@@ -186,20 +185,15 @@ class RavenConfig(CampaignConfig):
                     )
         axes = {path: axis for _, table in self.parameter_tables() for path, axis in table.items()}
         errors = [path for path in axes if ".kinematic_errors." in path]
-        if self.campaign.kinematic_errors == "none" and all(p.endswith(".scale") for p in errors):
-            yield from (
-                (("parameters", path), "has no effect while campaign.kinematic_errors is 'none'")
-                for path in errors
-            )
-        if self.campaign.kinematic_errors == "measured":
-            yield from (
-                (
-                    ("parameters", path),
-                    "the value 0 removes the errors of campaign.kinematic_errors = 'measured'",
-                )
-                for path in errors
-                if path.endswith(".scale") and axes[path].values == (0,)
-            )
+        only_scales = all(path.endswith(".scale") for path in errors)
+        measured = self.campaign.kinematic_errors == "measured"
+        for path in errors:
+            key = ("parameters", path)
+            if not measured and only_scales:
+                yield key, "has no effect while campaign.kinematic_errors is 'none'"
+            if measured and path.endswith(".scale") and axes[path].values == (0,):
+                message = "the value 0 removes the errors of campaign.kinematic_errors = 'measured'"
+                yield key, message
         if self.operator.motion == "still" and self.operator.seed:
             yield ("operator", "seed"), "motion 'still' is the same for every seed"
         if self.operator.place == "home" and self.operator.offset_mm is not None:
@@ -226,47 +220,54 @@ class RavenConfig(CampaignConfig):
         paths = {path for _, table in self.parameter_tables() for path in table}
         groups = plan.rows["group"].cat.codes.to_numpy()
 
-        def in_no_run(read: np.ndarray) -> np.ndarray:
-            """Return the runs of the groups in which no run reads a number."""
-            return ~np.isin(groups, groups[read])
+        def groups_without_use(uses: np.ndarray) -> np.ndarray:
+            # Returns whether a run belongs to a group in which no run uses a key, bool [runs].
+            # uses: whether a run uses the key, bool [runs].
+            return ~np.isin(groups, groups[uses])
 
         if self.campaign.software == "raven2":
-            limits = any(path.startswith("control.overdrive.dac_max") for path in paths)
+            varies_limits = any(path.startswith("control.overdrive.dac_max") for path in paths)
             key = "campaign.level" if self.campaign.level else "control.overdrive.dac_max"
-            if self.campaign.level or limits:
+            if self.campaign.level or varies_limits:
                 yield (
                     key,
-                    in_no_run(plan.numbers("control.overdrive.policy") != 0),
+                    # Policy 0 is no_regulation
+                    groups_without_use(plan.numbers("control.overdrive.policy") != 0),
                     "has no effect with policy 'no_regulation', which ignores these limits",
                 )
         if self.detector and "detectors.armed_after" in paths:
             late = plan.numbers("detectors.armed_after") >= plan.ends
             yield "detectors.armed_after", late, "no detector becomes active before the run ends"
         if self.hand is not None:
-            idle = plan.numbers("hand.newtons_per_unit") == 0
-            yield "hand.newtons_per_unit", idle, "with 0 N per device unit the cue moves no hand"
+            forceless = plan.numbers("hand.newtons_per_unit") == 0
+            message = "with 0 N per device unit the cue moves no hand"
+            yield "hand.newtons_per_unit", forceless, message
         if self.reaction is not None:
-            yield from self._reaction_notices(plan, paths, in_no_run)
+            yield from self._reaction_notices(plan, paths, groups_without_use)
 
     def _reaction_notices(
-        self, plan, paths: set[str], in_no_run: Callable[[np.ndarray], np.ndarray]
+        self, plan, paths: set[str], groups_without_use: Callable[[np.ndarray], np.ndarray]
     ) -> Iterator[tuple[str, np.ndarray, str]]:
-        # Yields (key, runs, message) for values of [reaction] without effect.
+        # Yields (key, which runs, message) for values of [reaction] without effect.
         written = {
+            # The parameter in m/s has another name than the key in mm/s
             "correct_speed" if name == "correct_mm_s" else name
             for name, field in Reaction.model_fields.items()
             if getattr(self.reaction, name) != field.default
         }
-        numbers = {name: plan.numbers(f"reaction.{name}") for name in READ_BY}
+        numbers = {name: plan.numbers(f"reaction.{name}") for name in USING_ACTIONS}
         action = np.array(ACTIONS)[plan.numbers("reaction.action")]
-        for name, actions in READ_BY.items():
-            read = np.isin(action, actions)
+        for name, actions in USING_ACTIONS.items():
+            uses = np.isin(action, actions)
             if name in written or f"reaction.{name}" in paths:
-                unread = in_no_run(read)
-                yield f"reaction.{name}", unread, "has no effect with this reaction.action"
-            if name in IDLE:
-                idle = read & (numbers[name] == IDLE[name])
-                yield f"reaction.{name}", idle, f"with {IDLE[name]:g} the action has no effect"
+                unused = groups_without_use(uses)
+                yield f"reaction.{name}", unused, "has no effect with this reaction.action"
+            if name in NEUTRAL_VALUES:
+                neutral = NEUTRAL_VALUES[name]
+                without_effect = uses & (numbers[name] == neutral)
+                message = f"with {neutral:g} the action has no effect"
+                yield f"reaction.{name}", without_effect, message
+        # The operator feels the first haptic set
         acts, cap = action != "none", self.haptics.cues()[0].cap
         force = numbers["felt_force"]
         yield (
@@ -274,11 +275,13 @@ class RavenConfig(CampaignConfig):
             acts & (force > np.float32(cap)),
             f"{force.max():g} device units are never reached: the cue's cap is {cap:g}",
         )
-        faults = (plan.faults["code"] > 0).any(axis=1) & (plan.acts < plan.ends)
-        left = plan.ends - np.where(faults, plan.acts, 0)
+        # Ticks from the first possible cue to the end of the run. In a run without a fault, the cue
+        # may come in any tick
+        has_fault = (plan.faults["code"] > 0).any(axis=1) & (plan.acts < plan.ends)
+        ticks_left = plan.ends - np.where(has_fault, plan.acts, 0)
         yield (
             "reaction.delay_ms",
-            acts & (numbers["delay_ms"] >= left),
+            acts & (numbers["delay_ms"] >= ticks_left),
             "the delay is so long that the run ends before the operator acts",
         )
 
@@ -288,7 +291,7 @@ class RavenConfig(CampaignConfig):
         return HEALTHY_MM, REACH_MM
 
     def complaints(self) -> Iterator[Complaint]:
-        """Yield (key, message) for each mistake in the robot's own sections."""
+        """Yield (key, message) for each mistake in the file, those of the Raven-II last."""
         yield from super().complaints()
         hands = self.operator.hands
         if hands is not None and self.reaction is not None:
@@ -322,7 +325,8 @@ class RavenConfig(CampaignConfig):
         for g, group in enumerate(self.group):
             longest = self.longest_packet if self.random_packets else 1
             age = min(_oldest_packet_ms((group,), longest), self.campaign.ticks)
-            # Older packets are computed again from the plan
+            # The tick does not store packets for this site, but computes an older packet from the
+            # plan, which the hands of a user's file may have left
             if hands is not None and age > 0:
                 yield (
                     ("group", g),
@@ -354,9 +358,8 @@ class RavenConfig(CampaignConfig):
 
     @property
     def packet_history(self) -> int:
-        """Age in ms of the oldest packet that a network fault may send again; 0: none.
-
-        Only for packets with drawn lengths; 0 without them.
+        """Age in ms of the oldest packet that a network fault may send again; 0: none. Only for
+        packets with drawn lengths; 0 without them.
         """
         if not self.random_packets:
             return 0
@@ -365,8 +368,10 @@ class RavenConfig(CampaignConfig):
     @property
     def longest_packet(self) -> int:
         """Largest number of cycles that a packet may last, if lengths are drawn."""
-        shares = self.campaign.packet_shares
-        return max(map(len, (shares, *packets.SHARES) if self._packet_axes else (shares,)))
+        distributions = [self.campaign.packet_shares]
+        if self._packet_axes:  # runs may have other distributions
+            distributions += packets.SHARES
+        return max(map(len, distributions))
 
     @property
     def cycles_a_packet(self) -> float:
@@ -374,7 +379,7 @@ class RavenConfig(CampaignConfig):
         return 1.0 if self._packet_axes else packets.mean_cycles(self.campaign.packet_shares)
 
     def unread(self, path: str) -> str:
-        """Return why the parameter at `path` has no effect in this campaign, or ""."""
+        """Return why the parameter at `path` has no effect in this campaign; "" if it has one."""
         if path == "control.overdrive.dac_max.grasp2":
             return "has no effect: the original's overdrive check ignores grasp2"
         from ravenjax.campaign.file import bounds  # imported late, because it needs the tick
@@ -389,25 +394,23 @@ class RavenConfig(CampaignConfig):
         return ""
 
     def says_beyond(self, fault: Fault) -> bool:
-        """Return whether the file states how the fault's values beyond 16 bits are stored.
-
-        The fault's key `wraps` states it, or campaign.dac_words at site usb_out.
+        """Return whether the file states how the fault's values beyond 16 bits are stored. The
+        fault's key `wraps` states this, or, at site usb_out, the key campaign.dac_words.
         """
         return super().says_beyond(fault) or (
             fault.site == "usb_out" and self.campaign.dac_words is not None
         )
 
     def deciding(self) -> dict[str, Any]:
-        """Return the settings that affect all runs, on which run ids depend.
-
-        Defaults are left out, except for tools and limits.
+        """Return the settings that affect all runs. The ids of the runs depend on them. Defaults
+        are left out, except for tools and limits. A file is represented by a hash.
         """
         content = super().deciding()
         campaign = content["campaign"]
         if campaign.get("dac_words") == "wrap":  # same as without the key
             del campaign["dac_words"]
-        files = {"file", "hands", "hands_sha256"}
-        operator = self.operator.model_dump(mode="json", exclude=files, exclude_defaults=True)
+        file_keys = {"file", "hands", "hands_sha256"}
+        operator = self.operator.model_dump(mode="json", exclude=file_keys, exclude_defaults=True)
         if self.operator.file is not None:
             try:
                 with open(self.operator.file, "rb") as file:
@@ -429,70 +432,69 @@ class RavenConfig(CampaignConfig):
         return content | sections | hand | ({"controller": digests} if digests else {})
 
 
-# --- packets that network faults send again ---
-
 LONGEST_HISTORY_MS = 8192
-"""Length of the longest history of packets, which is stored if packet lengths are drawn.
+"""Age in ms of the oldest packet that a network fault may send again, if packet lengths are drawn.
 
-Without draws, the tick in which an older packet was sent follows from its number. The history has
-256 words and needs 9 000 operations per tick. The rest of a tick needs 11 400.
+The tick then stores which of the last 8 192 cycles had a packet: 256 words, which cost 9 000
+operations per tick. The rest of a tick needs 11 400. Without draws nothing is stored, because the
+number of a packet determines the tick in which it was sent.
 """
 
 
 def _oldest_packet_ms(groups: Iterable[Group], longest: int) -> float:
-    """Return the age in ms of the oldest packet that faults may send again in any run.
-
-    0 if no packet is sent again; infinite if the age has no bound. longest: largest number of
-    cycles that a packet lasts.
-    """
-    runs = (
-        faults
-        for group in groups
-        for faults in (group.fault, *(group.faults_of(run) for run in group.run))
-    )
-    return max((_age_ms(faults, longest) for faults in runs), default=0.0)
+    # Returns the age in ms of the oldest packet that network faults may send again in any run. The
+    # age is 0 if no packet is sent again, and infinite if it has no bound. longest: largest number
+    # of cycles that a packet lasts.
+    oldest = 0.0
+    for group in groups:
+        for faults in (group.fault, *map(group.faults_of, group.run)):
+            oldest = max(oldest, _age_ms(faults, longest))
+    return oldest
 
 
 def _age_ms(faults: Iterable[Fault], longest: int) -> float:
     # Returns the age of the oldest packet that the faults of one run may send again, ms.
-    network = [fault for fault in faults if fault.site == "network"]
-    counts = [count for fault in network if (count := _packets(fault)) is not None]
-    late = any("jitter" in _channels(fault) for fault in network)
-    if not counts and not late:
+    network_faults = [fault for fault in faults if fault.site == "network"]
+    delays = [delay for fault in network_faults if (delay := _longest_delay(fault)) is not None]
+    has_jitter = any("jitter" in _network_channels(fault) for fault in network_faults)
+    if not delays and not has_jitter:
         return 0.0
-    # 2: increments count from the packet before the oldest, and the newest packet may be `longest`
-    # cycles old.
-    return (sum(counts) + 2) * longest + math.ceil(DELAY_MS[1] + JITTER_MS[1]) * late
+    # The delays of several faults add up. 2 more packets: the newest packet may already be
+    # `longest` cycles old, and increments count from the packet before the oldest
+    age = (sum(delays) + 2) * longest
+    return age + math.ceil(DELAY_MS[1] + JITTER_MS[1]) if has_jitter else age
 
 
-def _packets(fault: Fault) -> float | None:
-    """Return the longest delay by a network fault, in packets; None if the fault delays none."""
-    if not _channels(fault) & {"lag", "delay"}:
+def _longest_delay(fault: Fault) -> float | None:
+    """Return the longest delay by a network fault, in packets; None if it delays no packets."""
+    if not _network_channels(fault) & {"lag", "delay"}:
         return None
-    most = 0.0
+    longest = 0.0
     for name in fault.effect.listed:
-        _, effect, value = NETWORK_EFFECTS.get(name, ("", name, None))
-        if effect == "stuck":
+        _, effect, fixed_value = NETWORK_EFFECTS.get(name, ("", name, None))
+        if effect == "stuck":  # holds the delay that other faults cause, and adds none
             continue
-        # Other effects add more than their value to a channel that other faults change.
+        # With any other effect, the sum of delays of several faults has no known bound
         if effect not in ("overwrite", "offset", "latch_offset", "periodic", "random", "toggle"):
             return math.inf
-        numbers = () if fault.value is None else fault.value.listed or fault.value.extent
-        most = max(most, *(abs(number) for number in (numbers if value is None else (value,))), 0.0)
-    return most
+        values = () if fault.value is None else fault.value.listed or fault.value.extent
+        if fixed_value is not None:
+            values = (fixed_value,)
+        longest = max([longest, *map(abs, values)])
+    return longest
 
 
-def _channels(fault: Fault) -> set[str]:
-    # Returns the channels of a fault. An effect on packets names its channel itself.
-    bound = {
+def _network_channels(fault: Fault) -> set[str]:
+    # Returns the channels of a network fault. Effects on packets, such as drop, imply a channel.
+    implied = {
         NETWORK_EFFECTS[name].channel for name in fault.effect.listed if name in NETWORK_EFFECTS
     }
     listed = () if fault.channel is None else fault.channel.listed
-    return bound | ({"lag", "delay", "jitter"} if ALL in listed else set(listed))
+    return implied | ({"lag", "delay", "jitter"} if ALL in listed else set(listed))
 
 
-def of_raven(config: CampaignConfig) -> RavenConfig:
-    """Return the campaign of a Raven-II. Raises UserError if the campaign has another robot."""
+def require_raven(config: CampaignConfig) -> RavenConfig:
+    """Return `config`, typed as a Raven-II's campaign. Raises UserError for another robot."""
     if not isinstance(config, RavenConfig):
         raise UserError(
             f"campaign.robot is {config.campaign.robot!r}, expected 'raven2', because this command"

@@ -17,9 +17,8 @@ from ravenjax.store.motion.summary import MotionSummary
 
 
 def operator_replay(config: RavenConfig) -> recorded.OperatorReplay | None:
-    """Return the replay of a recorded operator during a run; None for a generated motion.
-
-    Raises UserError for a file that the campaign cannot use.
+    """Return the replay of a recorded motion during a run; None for a generated motion. Raises
+    UserError for a recording that the campaign cannot use.
     """
     operator, arms, ticks = config.operator, config.campaign.arms, config.campaign.ticks
     if operator.file is None:
@@ -31,42 +30,46 @@ def operator_replay(config: RavenConfig) -> recorded.OperatorReplay | None:
 
 
 def operator_bounds(config: RavenConfig) -> Bounds:
-    """Return the limits to which the control software clamps the operator's commands."""
+    """Return the limits to which the control software clamps the operator's commands. They are the
+    limits of the first five joints, those of [limits] first, and of the jaws' opening.
+    """
+    # The control software applies the limits of the first arm's tool to both arms
     soft = limits.soft_limits(config.tools[0], config.campaign.software)
-    given = config.limits.si()
-    pairs = zip(JOINTS, zip(soft.lower[:5], soft.upper[:5], strict=True), strict=False)
-    lower, upper = zip(*(given.get(joint, pair) for joint, pair in pairs), strict=True)
-    if config.campaign.console == "absolute":
+    default_ranges = zip(soft.lower[:5], soft.upper[:5], strict=True)
+    ranges = dict(zip(JOINTS[:5], default_ranges, strict=True)) | config.limits.si()
+    lower, upper = zip(*ranges.values(), strict=True)
+    if config.campaign.console == "absolute":  # the opening is then not clamped
         return Bounds(lower, upper)
     jaws = teleoperation.params(RavenSetup(software=config.campaign.software))
-    ends = float(jaws.grasp_min_mrad), float(jaws.grasp_max_mrad)
-    return Bounds(lower, upper, (float(jaws.grasp_gain), *ends))
+    opening = float(jaws.grasp_gain), float(jaws.grasp_min_mrad), float(jaws.grasp_max_mrad)
+    return Bounds(lower, upper, opening)
 
 
-def scale_hands(replay: recorded.OperatorReplay, scales: np.ndarray | None) -> MotionSummary:
-    """Return the summary of a replay with the teleoperation scales that a campaign varies.
-
-    Raises UserError if a scale moves the replay beyond the limits.
+def summarize_replay(replay: recorded.OperatorReplay, scales: np.ndarray | None) -> MotionSummary:
+    """Return the summary of a replay, with the range of the scales at which runs replay it.
+    scales: teleoperation scale of each run [runs], NaN: the scale of the file; None: every run has
+    the scale of the file. Raises UserError if a scale moves the replay beyond the limits.
     """
     if scales is None or np.isnan(scales).all():
         return replay.summary
-    used = np.where(np.isnan(scales), replay.summary.scale, scales)
-    recorded.require_scales(replay, used)
-    return replay.summary.model_copy(update={"scales": (float(used.min()), float(used.max()))})
+    used_scales = np.where(np.isnan(scales), replay.summary.scale, scales)
+    recorded.require_scales(replay, used_scales)
+    scale_range = float(used_scales.min()), float(used_scales.max())
+    return replay.summary.model_copy(update={"scales": scale_range})
 
 
 def operator_motion(config: RavenConfig) -> Motion:
-    """Return the operator's motion, one row per tick of the run."""
-    operator, arms = config.operator, config.campaign.arms
+    """Return the operator's motion, recorded or generated, with one row per tick of the run. Joints
+    in [operator.start] replace those of the home pose. Raises UserError for a recording that the
+    campaign cannot use.
+    """
+    operator, campaign = config.operator, config.campaign
     if (replay := operator_replay(config)) is not None:
         return replay.motion
     name = operator.motion or "suture"
-    generated = motions.generate_motion(
-        name, config.campaign.duration_s, arms, operator.seed
-    ).first(config.campaign.ticks)
-    start = operator.start.si()
-    starts = (
-        tuple(start.get(joint, q) for joint, q in zip(JOINTS, jpos, strict=True))
-        for jpos in generated.start_jpos
-    )
-    return dataclasses.replace(generated, start_jpos=tuple(starts))
+    generated = motions.generate_motion(name, campaign.duration_s, campaign.arms, operator.seed)
+    file_start = operator.start.si()
+    home = zip(JOINTS, generated.start_jpos[0], strict=True)  # the same for all arms
+    start = tuple(file_start.get(joint, position) for joint, position in home)
+    motion = generated.first_rows(campaign.ticks)
+    return dataclasses.replace(motion, start_jpos=(start,) * len(campaign.arms))

@@ -5,9 +5,10 @@ passes from the foot through a packet to the software, from there to the PLC, an
 these steps depends on a motor, so they are simulated alone, tick by tick around each change of the
 foot.
 
-Pedal-down also ends if the robot stops or if the operator lifts the foot. It does not begin again:
-the PLC's trip latches, and only an operator from a user's file may press the pedal again. The time
-of this press is unknown, but it is not earlier than planned.
+A run may also leave pedal-down because the robot stops, or because the operator reacts and lifts
+the foot. Pedal-down does not begin again: the PLC stays in its E-stop, and only an operator from a
+user's file may press the pedal again. The time of this press is unknown, but it is not earlier than
+planned.
 """
 
 import dataclasses
@@ -28,12 +29,10 @@ from ravenjax.vocabulary.reactions import SLOW
 
 PEDAL_SITES = ("network", "packet_header")
 """Fault sites where a fault may change the pedal, in addition to those of `may_restart`."""
-
 LATENCY = 8
-"""Most ticks from a packet until its pedal changes the run level, with a margin."""
-
-BLOCK = 2**20
-"""Number of packets whose lengths are drawn at a time."""
+"""Largest number of ticks from a packet until its pedal changes the run level, with a margin."""
+BLOCK_PACKETS = 2**20
+"""Largest number of packets whose lengths are drawn at a time, which limits the memory."""
 
 
 def trigger_clocks(
@@ -42,73 +41,66 @@ def trigger_clocks(
     varied: Mapping[str, np.ndarray],
     runs: int,
 ) -> Clocks:
-    """Return the times of packets and pedal-down in all runs, as `ravenjax.campaign.prepared` asks.
-
-    columns: the operator's motion. varied: path of a parameter -> its values [runs].
+    """Return the times of packets and of pedal-down in all runs; see `ravenjax.campaign.prepared`.
+    columns: the operator's motion, pedal last. varied: path of a parameter -> its values [runs].
     """
     setup, params, ticks = program.setup, program.params, program.ticks
 
-    def numbers(path: str) -> np.ndarray:
+    def parameter_values(path: str) -> np.ndarray:
+        # Returns the values of a parameter in all runs [runs].
         return np.asarray(varied.get(path, np.full(runs, operator.attrgetter(path)(params))))
 
-    cycles = longest = np.maximum(numbers("network.cycles_per_packet").astype(np.int64), 1)
-    choice = numbers("network.packets").astype(np.int64)
+    shortest = np.maximum(parameter_values("network.cycles_per_packet").astype(np.int64), 1)
+    longest = shortest
+    choice = parameter_values("network.packets").astype(np.int64)
     if setup.packets:
-        used = [np.flatnonzero(lengths) for lengths in setup.packets]
-        cycles, longest = (1 + np.array([k[end] for k in used])[choice] for end in (0, -1))
-    timeout = numbers("control.teleoperation.timeout_ticks")
-    obeyed = numbers("control.state_machine.plc_obeyed") != 0
-    slowed = np.zeros(runs, bool)
+        occurring = [1 + np.flatnonzero(shares) for shares in setup.packets]
+        shortest = np.array([lengths[0] for lengths in occurring])[choice]
+        longest = np.array([lengths[-1] for lengths in occurring])[choice]
+    timeout = parameter_values("control.teleoperation.timeout_ticks")
+    obeys_plc = parameter_values("control.state_machine.plc_obeyed") != 0
+    slows = np.zeros(runs, bool)
     if params.reaction is not None:
-        slowed = numbers("reaction.action") == SLOW
-    unknown = slowed | (longest - 1 > timeout) | (setup.hands is not None)
-    cases = np.stack([cycles, longest, obeyed, unknown], axis=1)
+        slows = parameter_values("reaction.action") == SLOW
+    unknown = slows | (longest - 1 > timeout) | (setup.hands is not None)
+    # Runs with equal rows of these numbers have the same times of pedal-down
+    cases = np.stack([shortest, longest, obeys_plc, unknown], axis=1)
     distinct, case = cases[:1], np.zeros(runs, np.int64)
     if (cases != distinct).any():  # sorting the rows of millions of runs takes seconds
         distinct, case = np.unique(cases, axis=0, return_inverse=True)
     foot = columns[-1].astype(np.int32) > 0
-    # A simulator's packet generator ends with the robot's software E-stop
+    # In simulator builds, packets end with the software E-stop, at a time that is unknown
     arrivals = None
     if setup.build == "robot" and setup.packets:
         arrivals = DrawnPackets(setup.packets, choice, varied["network.packet_key"], ticks)
     elif setup.build == "robot":
-        arrivals = EvenPackets(cycles, ticks)
+        arrivals = EvenPackets(shortest, ticks)
+    phases = []
+    for cycles, longest_cycles, plc, unknown_times in distinct.tolist():
+        drawn_cycles = longest_cycles if setup.packets else 0
+        phases.append(
+            _pedal_phases(setup.software, foot, cycles, drawn_cycles, plc, unknown_times, ticks)
+        )
     may_move = (key[0] in PEDAL_SITES or may_restart(*key) for key in channel_keys(setup))
-    return Clocks(
-        arrivals=arrivals,
-        phases=tuple(
-            _pedal_phases(
-                setup.software,
-                foot,
-                shortest,
-                longest_length if setup.packets else 0,
-                plc,
-                unknown_times,
-                ticks,
-            )
-            for shortest, longest_length, plc, unknown_times in distinct.tolist()
-        ),
-        kind=case.reshape(-1),
-        moved=np.array([False, *may_move]),
-    )
+    # Code 0 is no channel
+    moved = np.array([False, *may_move])
+    return Clocks(arrivals=arrivals, phases=tuple(phases), kind=case.reshape(-1), moved=moved)
 
 
 def planned_pedal_down(
     software: str, foot: np.ndarray, cycles: int, plc: bool, ticks: int
 ) -> np.ndarray:
     """Return whether the robot is in pedal-down in each tick if nothing stops it, bool [ticks].
-
     foot: bool [rows of the motion], pedal pressed. cycles: ticks that each packet lasts. plc:
     whether the software obeys the PLC.
     """
     down = np.zeros(ticks, bool)
-    phases = _pedal_phases(software, foot, cycles, 0, plc, False, ticks)
+    phases = _pedal_phases(software, foot, cycles, longest=0, plc=plc, unknown=False, ticks=ticks)
     for begin, end in zip(phases.begins.tolist(), phases.ends.tolist(), strict=True):
-        down[begin - 1 : end - (end < ticks)] = True
+        # The run level changes one tick before the pedal clock, but no phase outlasts the run
+        level_end = end - 1 if end < ticks else end
+        down[begin - 1 : level_end] = True
     return down
-
-
-# --- packets ---
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -136,80 +128,80 @@ class DrawnPackets:
 
     def arrival_ticks(self, rows: np.ndarray, packets: np.ndarray) -> np.ndarray:
         # Returns the arrival ticks of packets (numbers from 1) in the runs `rows`, int64.
-        wanted = np.minimum(packets, self.ticks + 1)
+        # Packet `ticks` + 1 arrives after the end of the run, and so do all later packets
+        packets = np.minimum(packets, self.ticks + 1)
         result = np.empty(len(rows), np.int64)
-        for indices, begin, ticks in self._drawn(rows, int(wanted.max(initial=1))):
-            offset = wanted[indices] - 1 - begin
-            inside = (offset >= 0) & (offset < ticks.shape[1])
-            result[indices[inside]] = ticks[inside, offset[inside]]
+        for indices, first, ticks in self._draw_arrivals(rows, int(packets.max(initial=1))):
+            column = packets[indices] - 1 - first
+            in_block = (column >= 0) & (column < ticks.shape[1])
+            result[indices[in_block]] = ticks[in_block, column[in_block]]
         return result
 
     def newest(self, rows: np.ndarray) -> np.ndarray:
         count = np.zeros(len(rows), np.int64)
-        for indices, _, ticks in self._drawn(rows, self.ticks + 1):
+        for indices, _, ticks in self._draw_arrivals(rows, self.ticks + 1):
             count[indices] += (ticks < self.ticks).sum(axis=1)
         return count
 
-    def _drawn(self, rows: np.ndarray, most: int) -> Iterator[tuple[np.ndarray, int, np.ndarray]]:
-        """Yield (indices in `rows`, earlier packets, arrival ticks [indices, packets])."""
-        columns = min(most, 4096)
-        rows_at_once = max(1, BLOCK // columns)
-        for first in range(0, len(rows), rows_at_once):
-            indices = np.arange(first, min(first + rows_at_once, len(rows)))
-            arrival = np.zeros(len(indices), np.int64)
+    def _draw_arrivals(
+        self, rows: np.ndarray, packets: int
+    ) -> Iterator[tuple[np.ndarray, int, np.ndarray]]:
+        # Yields the arrival ticks of the first `packets` packets of the runs `rows`, in blocks.
+        # Each block is (indices in `rows`, index of the first packet, ticks [indices, packets]).
+        columns = min(packets, 4096)
+        rows_at_once = max(1, BLOCK_PACKETS // columns)
+        for begin in range(0, len(rows), rows_at_once):
+            indices = np.arange(begin, min(begin + rows_at_once, len(rows)))
+            arrival = np.zeros(len(indices), np.int64)  # of the first packet of the block
             key, choice = self.key[rows[indices]][:, None], self.choice[rows[indices]][:, None]
-            for begin in range(0, most, columns):
-                packet = np.arange(begin, min(begin + columns, most), dtype=np.int32)[None]
+            for first in range(0, packets, columns):
+                packet = np.arange(first, min(first + columns, packets), dtype=np.int32)[None]
                 with run_eagerly():
-                    lengths = packet_clock.packet_length(self.shares, choice, key, packet).astype(
-                        np.int64
-                    )
-                ends = arrival[:, None] + np.cumsum(lengths, axis=1)
-                yield indices, begin, np.concatenate([arrival[:, None], ends[:, :-1]], axis=1)
+                    lengths = packet_clock.packet_length(self.shares, choice, key, packet)
+                ends = arrival[:, None] + np.cumsum(lengths.astype(np.int64), axis=1)
+                yield indices, first, np.concatenate([arrival[:, None], ends[:, :-1]], axis=1)
                 arrival = ends[:, -1]
-
-
-# --- the pedal ---
 
 
 def _pedal_phases(
     software: str, foot: np.ndarray, cycles: int, longest: int, plc: int, unknown: int, ticks: int
 ) -> PedalPhases:
-    """Return the intervals in which the robot is in pedal-down.
-
-    foot: bool [rows of the motion], pedal pressed. cycles: ticks of a packet, if lengths are not
-    drawn. longest: ticks of the longest packet; 0: lengths are not drawn. plc: whether the software
-    obeys the PLC. unknown: whether times depend on what happens in the run.
-    """
-    changes = np.flatnonzero(np.diff(foot.astype(np.int8), prepend=np.int8(0)))
-    changes = changes * (1 if longest else cycles)
-    changes = changes[changes < ticks]
-    most_late: int | None = max(longest - 1, 0)
-    if unknown or (most_late and (np.diff(changes) <= most_late + LATENCY).any()):
-        most_late = None  # changes may overtake each other
+    # Returns the intervals in which the robot is in pedal-down. foot: bool [rows of the motion],
+    # pedal pressed. cycles: ticks of a packet, if lengths are not drawn. longest: ticks of the
+    # longest packet; 0: lengths are not drawn. plc: whether the software obeys the PLC. unknown:
+    # whether the intervals depend on what happens in the run.
+    foot_changes = np.flatnonzero(np.diff(foot.astype(np.int8), prepend=np.int8(0)))
+    # Packets with drawn lengths contain the row of the tick in which they are sent
+    foot_changes = foot_changes * (1 if longest else cycles)
+    foot_changes = foot_changes[foot_changes < ticks]
+    # A change of the foot waits for the next packet
+    max_delay: int | None = max(longest - 1, 0)
+    if unknown or (max_delay and (np.diff(foot_changes) <= max_delay + LATENCY).any()):
+        max_delay = None  # the effects of two changes may overlap
     level = PEDAL_UP if software == "raven2" else PEDAL_DOWN
-    turns = list(_clock_changes(changes.tolist(), level, plc, ticks))
-    begins, ends = turns[0::2], turns[1::2]
-    if len(ends) < len(begins):
+    clock_changes = list(_pedal_clock_changes(foot_changes.tolist(), level, plc, ticks))
+    begins, ends = clock_changes[0::2], clock_changes[1::2]
+    if len(ends) < len(begins):  # the run ends in pedal-down
         ends.append(ticks)
-    return PedalPhases(np.array(begins, np.int64), np.array(ends, np.int64), most_late)
+    return PedalPhases(np.array(begins, np.int64), np.array(ends, np.int64), max_delay)
 
 
-def _clock_changes(changes: Sequence[int], level: int, plc: int, ticks: int) -> Iterator[int]:
-    """Yield the ticks before `ticks` in which pedal-down begins and ends, alternately.
-
-    changes: ticks of packets in which the foot presses and lifts the pedal, alternately. level: run
-    level at the start. The rules are those of `state_machine.adopt_level` and `plc.step`, for a
-    robot that nothing stops.
-    """
+def _pedal_clock_changes(
+    foot_changes: Sequence[int], level: int, plc: int, ticks: int
+) -> Iterator[int]:
+    # Yields the ticks before `ticks` in which the pedal clock starts and stops, alternately. The
+    # clock starts in the tick after pedal-down begins. foot_changes: ticks of packets in which the
+    # foot presses and lifts the pedal, alternately. level: run level at the start. The rules are
+    # those of `state_machine.adopt_level` and `plc.step`, for a robot that nothing stops.
     foot, plc_level, mismatches, tick = False, level, 0, 0
-    if level == PEDAL_DOWN:  # a count of tick 0 is used in tick 1
+    if level == PEDAL_DOWN:
         yield 1
-    coming = iter([*changes, ticks])
-    change = next(coming)
+    remaining_changes = iter([*foot_changes, ticks])
+    next_change = next(remaining_changes)
     while tick + 1 < ticks:
-        while change <= tick:
-            foot, change = not foot, next(coming)
+        while next_change <= tick:
+            foot = not foot
+            next_change = next(remaining_changes)
         before = level, plc_level, mismatches
         if plc and plc_level != level:
             mismatches += 1
@@ -217,4 +209,6 @@ def _clock_changes(changes: Sequence[int], level: int, plc: int, ticks: int) -> 
                 level, mismatches = plc_level, 0
                 yield tick + 1
         plc_level = PEDAL_DOWN if foot else PEDAL_UP
-        tick = tick + 1 if (level, plc_level, mismatches) != before else max(tick + 1, change)
+        # Once nothing changes, the next event is the next change of the foot
+        settled = (level, plc_level, mismatches) == before
+        tick = max(tick + 1, next_change) if settled else tick + 1

@@ -22,25 +22,16 @@ from ravenjax.vocabulary import packets
 from ravenjax.vocabulary.reactions import ACTIONS
 
 NOISE_KEY = "plant.noise_key"
-"""Parameter that a campaign with noise sets from each run's id.
-
-The id hashes the campaign's seed, so every run draws its own noise.
-"""
-
+"""Random key of the noise. A campaign sets it from the run's id, so each run has its own noise."""
 PACKETS, PACKET_KEY = "network.packets", "network.packet_key"
-"""Parameter that makes the tick draw packet lengths, and the parameter with the key of the draws.
-
-A campaign sets the key from run ids.
+"""Parameter that makes the tick draw packet lengths, and the key of these draws, from the run's id.
 """
-
 DELAY, LONGEST_DELAY = "usb.command_delay", 16
 """Parameter that delays commands, and the longest delay for which the tick stores commands, ms."""
-
-
-SAME = ("software", "build", "console", "substeps", "contact", "noise")
+SETUP_KEYS = ("software", "build", "console", "substeps", "contact", "noise")
 """Keys of [campaign] that are fields of `RavenSetup`."""
 SCALE = "operator.scale"
-"""Parameter that scales a tip's motion relative to the hands' motion."""
+"""Parameter of the teleoperation scale."""
 
 
 def prepare_campaign(
@@ -50,21 +41,20 @@ def prepare_campaign(
     precision: Precision,
 ) -> Prepared:
     """Return the options, parameters and operator's motion of a campaign.
-
-    varied: path of a parameter that differs between runs -> its values. Raises UserError if the
-    operator's file cannot be used.
+    varied: path of a parameter that differs between runs -> its values [runs]. Raises UserError if
+    the operator's file cannot be used.
     """
     replay = hands.operator_replay(config)
     motion = hands.operator_motion(config) if replay is None else replay.motion
     setup = RavenSetup(
-        **{name: getattr(config.campaign, name) for name in SAME},
+        **{name: getattr(config.campaign, name) for name in SETUP_KEYS},
         **shared_choices(config, injection, precision),
         tools=config.tools,
         dac_words=config.campaign.dac_words or "wrap",
         cables=config.campaign.cables if config.watches_cables else "unwatched",
         controller=() if config.controller is None else tuple(config.controller.parts()),
         hands=config.operator.own,
-        packets=_distributions(config, varied.get(PACKETS)),
+        packets=_packet_shares(config, varied.get(PACKETS)),
         packet_history=config.packet_history,
         command_delay=int(np.nan_to_num(varied.get(DELAY, 0)).clip(0, LONGEST_DELAY).max()),
         checks=tuple(check.use for check in config.check),
@@ -77,43 +67,45 @@ def prepare_campaign(
         params=_params(config, setup, motion),
         columns=tuple(motion.table().T),
         motion=motion,
-        operator=None if replay is None else hands.scale_hands(replay, varied.get(SCALE)),
+        operator=None if replay is None else hands.summarize_replay(replay, varied.get(SCALE)),
         keys=({NOISE_KEY: "noise"} if setup.noise else {})
         | ({PACKET_KEY: "packets"} if setup.packets else {}),
     )
 
 
-def _distributions(
+def _packet_shares(
     config: RavenConfig, choices: np.ndarray | None
 ) -> tuple[tuple[float, ...], ...]:
-    """Return the distributions of packet lengths; () if every cycle has a packet in all runs."""
+    # Returns the distributions of packet lengths, the file's last; () if no run draws lengths.
+    # choices: number of each run's distribution [runs], NaN or None: the distribution of the file.
     shares = config.campaign.packet_shares
-    varied = choices is not None and np.nan_to_num(choices).any()
-    drawn = varied or shares != packets.SHARES[packets.EVERY_CYCLE]
-    return (*packets.SHARES, shares) if drawn else ()
+    # Number 0, in place of NaN, is the distribution in which every cycle has a packet
+    some_run_draws = choices is not None and np.nan_to_num(choices).any()
+    if some_run_draws or shares != packets.SHARES[packets.EVERY_CYCLE]:
+        return (*packets.SHARES, shares)
+    return ()
 
 
 def _params(config: RavenConfig, setup: RavenSetup, motion: Motion) -> TickParams:
     # Returns the tick's parameters with every value that the file sets.
     params = run.params(setup, motion.start_jpos, config.campaign.parameter_set)
-    level, policy = config.campaign.level, overdrive.POLICIES.index(config.campaign.policy)
-    control = replace(params.control, overdrive=overdrive.params(setup, level, policy))
+    policy = overdrive.POLICIES.index(config.campaign.policy)
+    limits = overdrive.params(setup, config.campaign.level, policy)
+    control = replace(params.control, overdrive=limits)
     params = replace(params, control=control, **shared_parameters(config))
     if params.detectors is not None:
         thresholds = tuple(thresholds for _, _, thresholds in config.detectors)
         params = replace(params, detectors=replace(params.detectors, thresholds=thresholds))
     if params.checks is not None:
-        params = replace(
-            params,
-            checks=user_files.check_params(setup, [check.threshold for check in config.check]),
-        )
-    for path, value in _values_of_file(config).items():
+        thresholds = [check.threshold for check in config.check]
+        params = replace(params, checks=user_files.check_params(setup, thresholds))
+    for path, value in _file_values(config).items():
         params = paths.assign_numbers(params, setup, path, value)
     return params
 
 
-def _values_of_file(config: RavenConfig) -> dict[str, Any]:
-    # Values of the file by path of the tick's parameters, in SI units.
+def _file_values(config: RavenConfig) -> dict[str, Any]:
+    # Returns the values of the robot's sections in SI units, by path of the tick's parameters.
     values: dict[str, Any] = {
         SCALE: config.operator.scale,
         PACKETS: np.int32(config.campaign.packet_choice),
@@ -123,7 +115,7 @@ def _values_of_file(config: RavenConfig) -> dict[str, Any]:
     if config.reaction is not None:
         reaction = config.reaction.model_dump()
         reaction["action"] = np.int32(ACTIONS.index(reaction["action"]))
-        reaction["correct_speed"] = reaction.pop("correct_mm_s") / 1e3
+        reaction["correct_speed"] = reaction.pop("correct_mm_s") / 1e3  # m/s
         values |= {f"reaction.{name}": value for name, value in reaction.items()}
     if config.hand is not None:
         values |= {f"hand.{name}": value for name, value in config.hand.model_dump().items()}
@@ -135,18 +127,16 @@ def _values_of_file(config: RavenConfig) -> dict[str, Any]:
     return values
 
 
-# --- observers ---
-
-
 def add_action(program: TickProgram) -> tuple[TickProgram, dict[str, int]]:
-    """Return a program of the same runs with a slot for an action, and the number of each action.
-
-    If a user's file is the operator, there is no action `pedal`.
+    """Return the program of the same runs with a fault slot for an action (`stages.acted`), and the
+    number of each action in this slot. A user's file in place of the operator decides about the
+    pedal itself, so there is then no action `pedal`.
     """
     setup, params = program.setup, program.params
+    # An action needs the code of an operator who reacts, and of commands that are delayed
     setup = replace(setup, reacts=True, command_delay=max(1, setup.command_delay))
     params = replace(params, reaction=params.reaction or reaction.ReactionParams())
-    program, numbers = acted.add_action(replace(program, setup=setup, params=params))
+    program, actions = acted.add_action(replace(program, setup=setup, params=params))
     if setup.hands is not None:
-        del numbers["pedal"]
-    return program, numbers
+        del actions["pedal"]
+    return program, actions

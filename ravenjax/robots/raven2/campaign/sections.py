@@ -37,10 +37,9 @@ from ravenjax.vocabulary import packets
 from ravenjax.vocabulary.parts import OwnSource
 
 
-def _packets(raw) -> Any:
-    """Check how many cycles packets last: the name of a distribution, or the shares of packets that
-    last 1, 2, 3, .. cycles. Other types are refused later. Raises ValueError.
-    """
+def _check_packets(raw) -> Any:
+    # Checks the key `packets`: a name of a distribution, or shares of packets that last 1, 2, 3, ..
+    # cycles. Returns shares as a tuple. Raises ValueError. Pydantic then refuses all other types.
     names = ", ".join(map(repr, packets.CHOICES))
     if isinstance(raw, str) and raw not in packets.CHOICES:
         raise ValueError(
@@ -54,18 +53,19 @@ def _packets(raw) -> Any:
             f"got {len(raw)} shares, expected 1 to {packets.MOST_CYCLES}, the shares of packets"
             " that last 1, 2, 3, .. cycles"
         )
-    numbers = [x for x in raw if isinstance(x, int | float) and not isinstance(x, bool) and x >= 0]
-    if len(numbers) < len(raw) or abs(math.fsum(numbers) - 1.0) > 1e-6:
-        total = f", whose sum is {math.fsum(numbers):g}" if len(numbers) == len(raw) else ""
+    shares = [x for x in raw if isinstance(x, int | float) and not isinstance(x, bool) and x >= 0]
+    if len(shares) < len(raw) or abs(math.fsum(shares) - 1.0) > 1e-6:
+        total = f", whose sum is {math.fsum(shares):g}" if len(shares) == len(raw) else ""
         raise ValueError(
             f"got {format_value(list(raw))}{total}, expected shares of packets that last 1, 2, 3,"
             " .. cycles: none negative, with the sum 1, such as [0.1, 0.8, 0.1]"
         )
-    return tuple(float(x) for x in numbers)
+    return tuple(float(share) for share in shares)
 
 
 Packets = Annotated[
-    Literal["every_cycle", "measured", "bursts"] | tuple[float, ...], BeforeValidator(_packets)
+    Literal["every_cycle", "measured", "bursts"] | tuple[float, ...],
+    BeforeValidator(_check_packets),
 ]
 """How long packets last: a name of `vocabulary.packets`, or a list of shares."""
 
@@ -122,7 +122,7 @@ class RavenCampaign(CampaignSection):
     """plant steps per 1 ms tick"""
 
     @model_validator(mode="after")
-    def _together(self) -> RavenCampaign:
+    def _check_combinations(self) -> RavenCampaign:
         # Refuses combinations of keys that contradict each other.
         if self.tools is not None and len(self.tools) != len(self.arms):
             raise ValueError(
@@ -133,7 +133,7 @@ class RavenCampaign(CampaignSection):
                 f"build: got {self.build!r}, which is a build of the 2015 fork only: write"
                 " software = 'fork2015', or build = 'robot'"
             )
-        if self.cables == "break" and not parameter_sets.tells_tension(self.parameter_set):
+        if self.cables == "break" and not parameter_sets.has_realistic_tension(self.parameter_set):
             raise ValueError(
                 f"cables: got 'break', but with parameter_set {self.parameter_set!r} motors pull"
                 " the cables twelve times as hard as real motors can: write parameter_set ="
@@ -147,7 +147,7 @@ class RavenCampaign(CampaignSection):
 
     @property
     def packet_choice(self) -> int:
-        """Number of the distribution of packet lengths: an index of CHOICES, or OWN."""
+        """Number of the distribution of packet lengths: an index of `packets.CHOICES`, or `OWN`."""
         if isinstance(self.packets, str):
             return packets.CHOICES.index(self.packets)
         every_cycle = self.packets == packets.SHARES[packets.EVERY_CYCLE]
@@ -161,7 +161,7 @@ class RavenCampaign(CampaignSection):
         return self.packets
 
 
-# Where the joint meets its hard stop, or its original soft limit if no stop is published; raven2
+# Hard stops of the joints, or the original soft limits where no hard stop is published; raven2
 # `defines.h`, `tools.cpp` (r_grasper).
 _Shoulder = Annotated[float, Field(ge=0.0, le=90.0)]
 _Elbow = Annotated[float, Field(ge=45.0, le=137.5)]
@@ -187,21 +187,21 @@ class Start(Section):
     """wrist of the instrument"""
 
     def si(self) -> dict[str, float]:
-        """Return the joints that were given, rad and m."""
-        return {joint: value * factor for joint, factor, value in _given(self)}
+        """Return the joints in the file and their positions, rad and m."""
+        return {joint: value * factor for joint, factor, value in _keys(self)}
 
 
-def _given(section: Section) -> Iterator[tuple[str, float, Any]]:
-    """Yield (joint, factor to rad or m, given value) for each joint that a section has."""
+def _keys(section: Section) -> Iterator[tuple[str, float, Any]]:
+    """Yield (joint, factor to rad or m, value) for each key of the section that the file has."""
     for name in type(section).model_fields:
         if (value := getattr(section, name)) is not None:
-            joint, _, unit = name.rpartition("_")
+            joint, _, unit = name.rpartition("_")  # such as shoulder, deg
             yield joint, math.pi / 180.0 if unit == "deg" else 1.0, value
 
 
-RECORDED = tuple(field.name for field in dataclasses.fields(ReplayOptions))
-GENERATED = ("seed",)
-"""Keys of [operator] that apply to one kind of motion only."""
+RECORDED_KEYS = tuple(field.name for field in dataclasses.fields(ReplayOptions))
+GENERATED_KEYS = ("seed",)
+"""Keys of [operator] for recorded motions only, and keys for generated motions only."""
 
 
 class Operator(Section):
@@ -268,8 +268,8 @@ class Operator(Section):
 
     @model_validator(mode="before")
     @classmethod
-    def _one_source(cls, raw: Any) -> Any:
-        # Accepts a Python file as `file`, and refuses two sources of the motion.
+    def _choose_source(cls, raw: Any) -> Any:
+        # Moves a Python file from key `file` to `hands`, and refuses two sources of the motion.
         if not isinstance(raw, dict):
             return raw
         if str(raw.get("file")).endswith(".py"):
@@ -283,35 +283,36 @@ class Operator(Section):
 
     @field_validator("file", "hands")
     @classmethod
-    def _path(cls, file: Path | None, info: ValidationInfo) -> Path | None:
-        # imported late, because the import is slow
-        from ravenjax.store.motion.recording import ANY_KIND
+    def _check_path(cls, file: Path | None, info: ValidationInfo) -> Path | None:
+        # Refuses a path that cannot be a file, and hands that are no Python file.
+        from ravenjax.store.motion.recording import ANY_KIND  # late, because the import is slow
 
-        python = info.field_name == "hands"
-        if file and (not file.name or "\0" in str(file) or (python and file.suffix != ".py")):
-            kind = ".py file (for a recorded motion write file)" if python else f"{ANY_KIND} file"
+        is_hands = info.field_name == "hands"
+        if file and (not file.name or "\0" in str(file) or (is_hands and file.suffix != ".py")):
+            kind = ".py file (for a recorded motion write file)" if is_hands else f"{ANY_KIND} file"
             raise ValueError(f"got {format_value(str(file))}, expected the path of a {kind}")
         return file
 
     @field_validator("rotation")
     @classmethod
-    def _proper(cls, value: Any) -> Any:
-        # Requires a proper rotation, as a matrix or a quaternion.
+    def _check_rotation(cls, value: Any) -> Any:
+        # Refuses a quaternion or matrix [3, 3] that is no rotation. A dict has one for each arm.
         import numpy as np
 
-        for turn in value.values() if isinstance(value, dict) else [value] if value else []:
-            rows = np.array(turn)
-            apart = rows @ rows - 1.0 if rows.ndim == 1 else rows @ rows.T - np.eye(3)
-            if np.abs(apart).max() > 0.01 or (rows.ndim == 2 and np.linalg.det(rows) < 0.0):
+        rotations = list(value.values()) if isinstance(value, dict) else [value]
+        for rotation in filter(None, rotations):
+            rows = np.array(rotation)
+            error = rows @ rows - 1.0 if rows.ndim == 1 else rows @ rows.T - np.eye(3)
+            if np.abs(error).max() > 0.01 or (rows.ndim == 2 and np.linalg.det(rows) < 0.0):
                 raise ValueError(
-                    f"got {format_value(turn)}, expected a rotation: three rows of length 1 at"
+                    f"got {format_value(rotation)}, expected a rotation: three rows of length 1 at"
                     " right angles without a reflection, or a quaternion x, y, z, w of length 1"
                 )
         return value
 
     @model_validator(mode="after")
-    def _window(self) -> Operator:
-        # Keys of recorded motions are refused for generated ones, and the reverse.
+    def _check_keys(self) -> Operator:
+        # Refuses keys for another kind of motion, a hash without a file, and a wrong window.
         if self.file is not None and self.start.si():
             raise ValueError(
                 "start is for generated motions only; a recorded motion begins where it was"
@@ -326,22 +327,24 @@ class Operator(Section):
                 "window_s = [begin, end] in s: expected 0 <= begin < end, got"
                 f" {list(self.window_s)}"
             )
-        for name in RECORDED if self.file is None else GENERATED:
+        refused, kind, actual = RECORDED_KEYS, "recorded", "generated"
+        if self.file is not None:
+            refused, kind, actual = GENERATED_KEYS, "generated", "recorded"
+        for name in refused:
             if getattr(self, name) != type(self).model_fields[name].default:
-                kind, other = ("recorded", "generated")[:: 1 if self.file is None else -1]
                 raise ValueError(
-                    f"{name} is for {kind} motions only, but the motion is {other}: remove {name}"
+                    f"{name} is for {kind} motions only, but the motion is {actual}: remove {name}"
                 )
         return self
 
     @property
     def options(self) -> ReplayOptions:
         """Options for the replay of a recorded motion."""
-        return ReplayOptions(**{name: getattr(self, name) for name in RECORDED})
+        return ReplayOptions(**{name: getattr(self, name) for name in RECORDED_KEYS})
 
     @property
     def own(self) -> OwnSource | None:
-        """The code of `hands`; None without `hands`, when the hands follow the plan.
+        """The code of the file `hands`; None if there is no file, and the hands follow the plan.
 
         Raises UserError if the file is unusable or has changed.
         """
@@ -349,11 +352,13 @@ class Operator(Section):
             return None
         return own_part.part_source("hands", self.hands, self.hands_sha256, "operator")
 
-    def located(self, folder: Path) -> Operator:
-        """Return the section with paths relative to `folder`, and with the code of `hands`."""
-        there = own_part.locate_part(self, folder, "operator", "hands", "hands", "hands_sha256")
+    def locate_files(self, folder: Path) -> Operator:
+        """Return the section with absolute paths of its files in `folder`. Raises UserError."""
+        section = own_part.locate_part(
+            self, folder, what="operator", name="hands", key="hands", sha256="hands_sha256"
+        )
         file = None if self.file is None else (folder / self.file).absolute()
-        return there.model_copy(update={"file": file})
+        return section.model_copy(update={"file": file})
 
     @property
     def label(self) -> str:
@@ -377,19 +382,20 @@ class Limits(Section):
 
     @field_validator("*")
     @classmethod
-    def _increasing(cls, pair: tuple[float, float] | None) -> tuple[float, float] | None:
+    def _check_order(cls, pair: tuple[float, float] | None) -> tuple[float, float] | None:
+        # Refuses limits whose minimum is not below the maximum.
         if pair is not None and not pair[0] < pair[1]:
             raise ValueError(f"got {list(pair)}, expected [min, max] with min < max")
         return pair
 
     def si(self) -> dict[str, tuple[float, float]]:
-        """Return the limits that were given, by joint, in rad and m."""
-        return {joint: (low * factor, high * factor) for joint, factor, (low, high) in _given(self)}
+        """Return the limits in the file as joint -> (min, max), rad and m."""
+        return {joint: (low * factor, high * factor) for joint, factor, (low, high) in _keys(self)}
 
 
 class Reaction(Section):
-    """[reaction]: how the operator reacts to the cue of the first haptic set. Its parameters are
-    reaction.delay_ms and so on.
+    """[reaction]: how the operator reacts to the cue of the first haptic set. The paths of its
+    parameters begin with reaction, such as reaction.delay_ms.
     """
 
     action: Literal["none", "release", "slow", "correct"] = "release"
@@ -408,8 +414,8 @@ class Reaction(Section):
 
 
 class Hand(Section):
-    """[hand]: a hand that the force of the first haptic set moves. Its parameters are hand.grip and
-    so on.
+    """[hand]: a hand that the force of the first haptic set moves. The paths of its parameters
+    begin with hand, such as hand.grip.
 
     The robot and the nominal model both follow the moved hand.
     """
@@ -434,8 +440,8 @@ class OwnStages(Section):
     )
 
     @model_validator(mode="after")
-    def _some(self) -> OwnStages:
-        # Requires at least one replaced stage, and no hash of a stage that is not replaced.
+    def _check_stages(self) -> OwnStages:
+        # Requires a file for at least one stage. Refuses the hash of a stage without a file.
         if not list(self.files()):
             raise ValueError(
                 '[controller] replaces no stage: write motor_control or dac = "file.py", or remove'
@@ -453,14 +459,13 @@ class OwnStages(Section):
         yield from ((stage, file) for stage, file in files.items() if file is not None)
 
     def parts(self) -> Iterator[tuple[str, OwnSource]]:
-        """Yield (stage, code). Raises UserError for a file that is unusable or has changed."""
+        """Yield (stage, code of its file). Raises UserError if a file is unusable or changed."""
         for stage, file in self.files():
             yield stage, own_part.part_source(stage, file, self.sha256.get(stage), "stage")
 
-    def located(self, folder: Path) -> OwnStages:
-        """Return the section with its files in `folder`, and the SHA-256 of the content of each."""
-        there = self.model_copy(
-            update={stage: folder.absolute() / file for stage, file in self.files()}
-        )
-        hashes = {stage: part.hash_source(source) for stage, source in there.parts()}
-        return there.model_copy(update={"sha256": hashes})
+    def locate_files(self, folder: Path) -> OwnStages:
+        """Return the section with absolute paths of its files in `folder`, and their hashes."""
+        paths = {stage: folder.absolute() / file for stage, file in self.files()}
+        section = self.model_copy(update=paths)
+        hashes = {stage: part.hash_source(source) for stage, source in section.parts()}
+        return section.model_copy(update={"sha256": hashes})

@@ -1,4 +1,4 @@
-"""Computes the time series of a run that are no signals of its ticks, and the arms' bases."""
+"""Computes time series of a run that the tick does not compute, and the base frames of the arms."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -15,18 +15,21 @@ from ravenjax.store.logs.topics import Base
 def more_series(
     setup: RavenSetup, signals: Mapping[str, Any], series: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Return further time series; see `campaign.prepared`."""
-    out = {}
+    """Return the distance between the tips of two arms (mm), and for each arm the measured and the
+    desired position of the tip [ticks, 3] (m), and the rotations [ticks, 3, 3] of the jaws of the
+    robot and of its nominal model.
+    """
+    more = {}
     if len(setup.arms) > 1:
-        out["tip_distance_mm"] = np.asarray(signals["tip_distance"]) * 1e3
+        more["tip_distance_mm"] = np.asarray(signals["tip_distance"]) * 1e3
     for arm, software in zip(setup.arms, signals["control"].arms, strict=True):
-        for ending, pose in (("", software.pos), ("_d", software.pos_d)):
-            out[f"{arm}/position{ending}"] = stack(pose.position_um) * 1e-6
-        for of, jpos in (("tip", "link_jpos"), ("model", "model_jpos")):
-            out[f"{arm}/{of}_rotation"] = jaw_rotation(arm, series[f"{arm}/{jpos}"])
-    return out
+        more[f"{arm}/position"] = stack(software.pos.position_um) * 1e-6
+        more[f"{arm}/position_d"] = stack(software.pos_d.position_um) * 1e-6
+        more[f"{arm}/tip_rotation"] = jaw_rotation(arm, series[f"{arm}/link_jpos"])
+        more[f"{arm}/model_rotation"] = jaw_rotation(arm, series[f"{arm}/model_jpos"])
+    return more
 
 
 def arm_bases(setup: RavenSetup) -> dict[str, Base]:
-    """Return position and orientation of each arm's base in the world."""
+    """Return the pose of each arm's frame 0 in the world: position (m) and quaternion."""
     return {arm: Base(*scene.base_pose(arm)) for arm in setup.arms}

@@ -1,8 +1,9 @@
 """An operator's motion: positions of hands and pedal, one row per millisecond. NumPy only.
 
-Hands move in the ITP frame of their arm (`geometry.mapping`), relative to their start, and *before*
-the console's scale: the tip moves by scale times the hand. Orientations are not scaled. They are
-relative to the start, and turn the tip about the axes of the ITP frame.
+Positions of hands are in the ITP frame of their arm (`geometry.mapping`), relative to the start of
+the motion, and *before* teleoperation scaling: the tip moves by scale times the motion of the hand.
+Orientations are not scaled. They are relative to the start, and turn the tip about the axes of the
+ITP frame.
 """
 
 from __future__ import annotations
@@ -14,13 +15,11 @@ import numpy as np
 from ravenjax.robots.raven2.arms import ArmName
 
 TICK_S = 1e-3
-"""Time between two rows of a motion, s: the console sends one packet per millisecond."""
-
+"""Time between two rows of a motion, s."""
 NOMINAL_SCALE = 0.1
-"""Teleoperation scale at which motions are planned, which is that of the published fault runs."""
-
+"""Teleoperation scale for which motions are generated, as in the published fault injections."""
 ARM_COLUMNS = ("x_um", "y_um", "z_um", "qx", "qy", "qz", "qw", "grasp_mrad")
-"""Columns of one arm in the engine's table."""
+"""Columns of one arm in `Motion.table`."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -43,13 +42,13 @@ class Motion:
         return len(self) * TICK_S
 
     def table(self) -> np.ndarray:
-        """Return the table of the motion for the engine: float32 [T, len(columns(arms))]."""
+        """Return the motion as a table, float32: `ARM_COLUMNS` of each arm, then the pedal."""
         per_arm = np.concatenate([self.position_um, self.quat, self.grasp_mrad[..., None]], axis=2)
         flat = per_arm.reshape(len(self), len(self.arms) * len(ARM_COLUMNS))
         return np.concatenate([flat, self.surgeon_mode[:, None]], axis=1).astype(np.float32)
 
-    def first(self, rows: int) -> Motion:
-        """Return the first `rows` rows; a shorter motion is extended by its last row."""
+    def first_rows(self, rows: int) -> Motion:
+        """Return the first `rows` rows of the motion; a shorter motion repeats its last row."""
         index = np.minimum(np.arange(rows), len(self) - 1)
         columns = ("position_um", "quat", "grasp_mrad", "surgeon_mode")
         return dataclasses.replace(self, **{name: getattr(self, name)[index] for name in columns})

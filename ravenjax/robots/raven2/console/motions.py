@@ -1,10 +1,10 @@
 """Generates operator motions: smooth, surgical in speed and size, reproducible. NumPy only.
 
-Each motion is a chain of rest-to-rest segments with the minimum-jerk time law, so position,
-orientation and grasp are twice continuously differentiable. It is planned as tip motion at the
-scale `NOMINAL_SCALE`, from the arm's home pose. Its axes are those of the instrument: a and b point
-sideways, c along the shaft into the tissue. The size suits scales up to 0.2: at
-that scale, too, every pose lies inside the soft limits.
+Each motion is a chain of segments. A segment begins and ends at rest and follows the minimum-jerk
+time law, so position, orientation and grasp are twice continuously differentiable. The motion is
+planned as tip motion at the scale `NOMINAL_SCALE`, from the arm's home pose. Its axes are those of
+the instrument: a and b point sideways, c along the shaft into the tissue. At scales up to 0.2,
+every pose lies inside the soft limits.
 """
 
 import math
@@ -21,26 +21,19 @@ from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 
 PEDAL_DOWN_S = 0.2
-"""Time at which the pedal goes down, s; the motion itself begins at MOTION_S."""
-
+"""Time at which the pedal goes down, s."""
 MOTION_S = 0.5
-
+"""Time at which the hands begin to move, s."""
 PEAK_TIP_SPEED = 0.045
 """Peak speed of the tip, m/s at NOMINAL_SCALE. In surgery tips move at 5 to 60 mm/s."""
-
 PEAK_TURN = math.radians(150.0)
 """Peak turning speed, rad/s."""
-
 _SHAFT = np.array([-0.939120456543, -0.304404280732, 0.159344915150])
-"""Direction from remote centre to gold tip at home, frame 0: first column of its rotation."""
-
+"""Direction from the remote centre to the gold tip in the home pose, frame 0 of the arm."""
 _TIP, _TURN, _GRASP, _HAND = slice(0, 3), slice(3, 6), 6, slice(7, 10)
-"""Slices of a pose.
-
-They are the tip offset a, b, c [m], the rotation vector about a, b, c [rad], the grasp [mrad], and
-the hand's offset [m, as tip motion] from the tip, which only changes while the pedal is up.
+"""Parts of a pose [10]: tip offset from home a, b, c [m], rotation vector about a, b, c [rad],
+grasp [mrad], and offset of the hand from the tip [m of the tip], which changes with the pedal up.
 """
-
 _REST = np.zeros(10)
 
 
@@ -48,8 +41,8 @@ class Segment(NamedTuple):
     """One piece of a motion."""
 
     ticks: int
-    pose: Callable[[np.ndarray], np.ndarray]  # fraction of the segment's time [n] -> poses [n, 10]
-    pedal: float = 1.0
+    poses: Callable[[np.ndarray], np.ndarray]  # fraction of the segment's time [n] -> poses [n, 10]
+    pedal: float = 1.0  # 1: down, 0: up
 
 
 Segments = Iterator[Segment]
@@ -62,20 +55,20 @@ def minimum_jerk(fraction: np.ndarray) -> np.ndarray:
 
 
 class _Path:
-    """The pose at the end of the segments so far. Methods return the next segments."""
+    """A chain of segments. The methods return the next segment and move `pose`, its end, along."""
 
     def __init__(self, rng: np.random.Generator):
         self.pose, self.rng = _REST.copy(), rng
 
-    def _ticks(self, distance: float, turn: float, pace: float) -> int:
-        """Return the ticks of a minimum-jerk move, whose peak speed is 15/8 of its mean speed.
-
-        distance: m. turn: rad. pace: peak speed as a share of PEAK_TIP_SPEED and PEAK_TURN.
-        """
+    def _move_ticks(self, distance: float, turn: float, pace: float) -> int:
+        # Returns the duration of a minimum-jerk move over `distance` (m) and `turn` (rad), ticks.
+        # pace: peak speed as a share of PEAK_TIP_SPEED and PEAK_TURN.
+        # The peak speed of a minimum-jerk move is 15/8 of its mean speed
         seconds = 1.875 * max(distance / PEAK_TIP_SPEED, turn / PEAK_TURN) / pace
-        return max(math.ceil(seconds / TICK_S), 250)
+        return max(math.ceil(seconds / TICK_S), 250)  # no move is shorter than 0.25 s
 
-    def _to(self, pose: np.ndarray, ticks: int, pedal: float = 1.0) -> Segment:
+    def _move_to(self, pose: np.ndarray, ticks: int, pedal: float = 1.0) -> Segment:
+        # Returns a straight move to `pose`, which becomes the end of the path.
         begin, self.pose = self.pose, pose
         return Segment(ticks, lambda s: begin + minimum_jerk(s)[:, None] * (pose - begin), pedal)
 
@@ -87,67 +80,67 @@ class _Path:
         pace: float = 1.0,
     ) -> Segment:
         """Return a straight move to a new tip offset [m], rotation vector [rad] and grasp [mrad].
-
         None leaves a value unchanged.
         """
         end = self.pose.copy()
-        for place, value in ((_TIP, tip), (_TURN, turn), (_GRASP, grasp)):
+        for part, value in ((_TIP, tip), (_TURN, turn), (_GRASP, grasp)):
             if value is not None:
-                end[place] = value
-        way = end - self.pose
-        distance, angle = (float(np.linalg.norm(way[part], axis=0)) for part in (_TIP, _TURN))
-        return self._to(end, self._ticks(distance, angle, pace))
+                end[part] = value
+        # With `axis`, `norm` has the same bits on every CPU
+        distance = float(np.linalg.norm((end - self.pose)[_TIP], axis=0))
+        angle = float(np.linalg.norm((end - self.pose)[_TURN], axis=0))
+        return self._move_to(end, self._move_ticks(distance, angle, pace))
 
     def arc(self, radius: float, angle: float, roll: float) -> Segment:
         """Return the path of a needle: an arc in the a-c plane, while the shaft rolls.
-
         radius: m. angle: of the arc, rad. roll: of the shaft, rad.
         """
         begin = self.pose
 
-        def pose(fraction: np.ndarray):
+        def poses(fraction: np.ndarray):
             # Returns the poses [n, 10] at fractions [n] of the segment's time.
             progress = minimum_jerk(fraction)
             out = np.repeat(begin[None], len(progress), axis=0)
-            out[:, 0] += radius * (1.0 - cos(progress * angle))
-            out[:, 2] += radius * sin(progress * angle)
-            out[:, 5] += progress * roll
+            out[:, 0] += radius * (1.0 - cos(progress * angle))  # tip along a
+            out[:, 2] += radius * sin(progress * angle)  # tip along c, into the tissue
+            out[:, 5] += progress * roll  # rotation about c, the shaft
             return out
 
-        self.pose = pose(np.ones(1))[0]
-        return Segment(self._ticks(radius * angle, abs(roll), 1.0), pose)
+        self.pose = poses(np.ones(1))[0]
+        return Segment(self._move_ticks(radius * angle, abs(roll), pace=1.0), poses)
 
     def dwell(self, seconds: float) -> Segment:
         """Return a rest at the present pose."""
-        return self._to(self.pose, max(1, round(seconds / TICK_S)))
+        return self._move_to(self.pose, max(1, round(seconds / TICK_S)))
 
     def release(self, seconds: float) -> Segment:
         """Return a segment with the pedal up: the hand returns to its start while the tip stays."""
         end = self.pose.copy()
         end[_HAND] = -end[_TIP]
-        return self._to(end, round(seconds / TICK_S), pedal=0.0)
+        return self._move_to(end, round(seconds / TICK_S), pedal=0.0)
 
-    # --- the named motions: endless chains of segments ---
-
-    def still(self) -> Segments:
-        while True:
-            yield self.dwell(1.0)
-
-    def anywhere(self) -> tuple[np.ndarray, np.ndarray]:
+    def draw_target(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return a random tip offset [m] and rotation vector [rad] near the home pose."""
         direction = self.rng.normal(size=3)
         offset = direction / np.linalg.norm(direction, axis=0) * self.rng.uniform(0.5, 1.0)
         tip = offset * np.array([0.012, 0.012, 0.008])
         return tip, self.rng.uniform(-1.0, 1.0, 3) * np.radians([12.0, 12.0, 40.0])
 
+    # --- the motions of motions.toml: endless chains of segments ---
+
+    def still(self) -> Segments:
+        while True:
+            yield self.dwell(1.0)
+
     def reach(self) -> Segments:
         while True:
-            yield self.move(*self.anywhere(), pace=self.rng.uniform(0.5, 1.0))
+            yield self.move(*self.draw_target(), pace=self.rng.uniform(0.5, 1.0))
             yield self.dwell(self.rng.uniform(0.05, 0.3))
 
     def clutched(self) -> Segments:
         # Moves, then lifts the pedal and moves the hand back, again and again.
         while True:
-            reach = self.move(*self.anywhere())
+            reach = self.move(*self.draw_target())
             yield reach
             # both arms share the pedal, so their cycles have equal length
             yield self.dwell(1.4 - reach.ticks * TICK_S)
@@ -160,20 +153,22 @@ class _Path:
         start = self.rng.uniform(0.0, 2.0 * math.pi)
         speed = 2.0 * math.pi / round_s
 
-        def at(phase: np.ndarray):
+        def poses(phase: np.ndarray):
+            # Returns the poses [n, 10] at angles `phase` [n] from the start of the circle, rad.
             out = np.zeros((len(phase), len(_REST)))
             out[:, 0] = radius * (cos(start + phase) - cos(start))
             out[:, 1] = radius * (sin(start + phase) - sin(start))
             return out
 
-        # The speed of the run-up follows `minimum_jerk`, so its mean is half the final speed.
-        ticks, way = round(run_up_s / TICK_S), speed * run_up_s
-        yield Segment(ticks, lambda s: at(way * s**2 * s**2 * (2.5 - 3.0 * s + s**2)))
+        # The speed of the run-up follows `minimum_jerk`, whose integral is the polynomial. The mean
+        # of this speed is half the final speed
+        ticks, angle = round(run_up_s / TICK_S), speed * run_up_s
+        yield Segment(ticks, lambda s: poses(angle * s**2 * s**2 * (2.5 - 3.0 * s + s**2)))
         while True:
-            yield Segment(round(round_s / TICK_S), lambda s: at(way / 2.0 + 2.0 * math.pi * s))
+            yield Segment(round(round_s / TICK_S), lambda s: poses(angle / 2.0 + 2.0 * math.pi * s))
 
     def palpate(self) -> Segments:
-        # Presses the tissue at one place after the other, from side to side.
+        # Presses the tissue at one place after the other. The row of places turns at both ends.
         side, direction = 0.0, 1.0
         while True:
             depth = self.rng.uniform(0.003, 0.005)
@@ -231,16 +226,18 @@ MOTIONS: dict[str, str] = resources.read_tables(__file__, "motions.toml")
 def generate_motion(
     name: str, duration_s: float, arms: tuple[ArmName, ...] = ("gold",), seed: int = 0
 ) -> Motion:
-    """Return the named motion for `duration_s` seconds.
-
-    Arms have different random numbers; the green arm's motion is mirrored. Raises KeyError.
+    """Return the named motion for `duration_s` seconds. Arms have different random numbers; the
+    green arm's motion is mirrored. The arms share a pedal. Raises KeyError for a name that is not
+    in `MOTIONS`.
     """
     if name not in MOTIONS:
         raise KeyError(name)
+    # 1e-9: a duration of whole ticks may be larger by a rounding error
     rows = max(1, math.ceil(duration_s / TICK_S - 1e-9))
     paths = [_Path(np.random.default_rng([seed, i])) for i in range(len(arms))]
-    chains = (getattr(path, name)() for path in paths)
-    poses, pedals = zip(*(_sample_chain(chain, rows) for chain in chains), strict=True)
+    # The method of `_Path` with the name of the motion yields the segments
+    chains = [getattr(path, name)() for path in paths]
+    poses, pedals = zip(*(_sample_segments(chain, rows) for chain in chains), strict=True)
     position, quat = zip(*map(_hand_motion, arms, poses), strict=True)
     return Motion(
         name=name,
@@ -253,46 +250,47 @@ def generate_motion(
     )
 
 
-def _sample_chain(chain: Segments, rows: int):
-    """Return poses [rows, 10] and pedal [rows] along a chain of segments, one row per tick.
-
-    The motion begins after a rest of MOTION_S, with the pedal down from PEDAL_DOWN_S on.
-    """
+def _sample_segments(segments: Segments, rows: int) -> tuple[np.ndarray, np.ndarray]:
+    # Returns poses [rows, 10] and pedal [rows] along a chain of segments, one row per tick. The
+    # segments begin after a rest of MOTION_S, with the pedal down from PEDAL_DOWN_S on.
     up_ticks, down_ticks = round(PEDAL_DOWN_S / TICK_S), round((MOTION_S - PEDAL_DOWN_S) / TICK_S)
     ticks = up_ticks + down_ticks
     poses = [np.repeat(_REST[None], ticks, axis=0)]
     pedals = [np.zeros(up_ticks), np.ones(down_ticks)]
     while ticks < rows:
-        segment = next(chain)
-        poses.append(segment.pose(np.arange(1, segment.ticks + 1) / segment.ticks))
+        segment = next(segments)
+        poses.append(segment.poses(np.arange(1, segment.ticks + 1) / segment.ticks))
         pedals.append(np.full(segment.ticks, segment.pedal))
         ticks += segment.ticks
     return np.concatenate(poses)[:rows], np.concatenate(pedals)[:rows]
 
 
-def _hand_motion(arm: ArmName, poses: np.ndarray):
+def _hand_motion(arm: ArmName, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return hand positions [T, 3] um and quaternions [T, 4] in the arm's ITP frame."""
-    axes = _axes()
-    tip, turn = _product(poses[:, _TIP] + poses[:, _HAND], axes), _product(poses[:, _TURN], axes)
+    axes = _instrument_axes()
+    hand = _multiply(poses[:, _TIP] + poses[:, _HAND], axes)  # m of the tip, frame 0
+    turn = _multiply(poses[:, _TURN], axes)
     if arm == "green":
         # gold mirrored at the x-z plane of frame 0; rotations mirror as pseudovectors
-        tip, turn = tip * [1.0, -1.0, 1.0], turn * [-1.0, 1.0, -1.0]
+        hand, turn = hand * [1.0, -1.0, 1.0], turn * [-1.0, 1.0, -1.0]
     to_itp = np.array(ITP_AXES[arm])  # x @ C is C^-1 x, because C is a rotation
-    return _product(tip, to_itp) / NOMINAL_SCALE * 1e6, _quaternion(_product(turn, to_itp))
+    return _multiply(hand, to_itp) / NOMINAL_SCALE * 1e6, _quaternions(_multiply(turn, to_itp))
 
 
-def _product(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+def _multiply(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     """Return rows [T, 3] times a matrix [3, 3], with the same bits on every CPU, unlike BLAS."""
     return sum(rows[:, k, None] * matrix[k] for k in range(3))  # type: ignore[return-value]
 
 
-def _axes() -> np.ndarray:
+def _instrument_axes() -> np.ndarray:
+    # Returns the axes a, b and c of the gold instrument in the home pose: rows [3, 3], frame 0.
     a = np.cross(_SHAFT, [0.0, 0.0, 1.0])
     a /= np.linalg.norm(a, axis=0)
     return np.stack([a, np.cross(_SHAFT, a), _SHAFT])
 
 
-def _quaternion(turn: np.ndarray) -> np.ndarray:
+def _quaternions(turn: np.ndarray) -> np.ndarray:
+    # Returns the quaternions [T, 4] of rotation vectors [T, 3], rad.
     angle = np.linalg.norm(turn, axis=1, keepdims=True)
     axis = np.divide(turn, angle, out=np.zeros_like(turn), where=angle > 0.0)
     return np.concatenate([axis * sin(angle / 2.0), cos(angle / 2.0)], axis=1)

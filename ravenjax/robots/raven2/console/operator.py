@@ -1,11 +1,12 @@
-"""Makes the console's packets from a table of the hands' motion, one row per tick.
+"""Makes the console's packets from a table of the hands' planned motion, one row per tick.
 
-Hands may deviate from the planned motion: by a tremor, by a correction, or under the cue's force.
-All deviations are added up in one offset per hand, which is the only state. The robot and the
-nominal model both follow it.
+Hands may deviate from the plan: by a tremor, by a correction, or under the cue's force. These
+displacements are added up in one offset per hand, which is the only state. The robot and the
+nominal model both follow the hands.
 
 A packet carries whole numbers. The console truncates the *scaled position* and sends the difference
-of two truncated positions. The robot's accumulator never drifts from the hand by more than 1 um.
+of two truncated positions. Therefore the sum of the increments in the robot never differs from the
+position of the hand by more than 1 um.
 """
 
 from operator import add
@@ -31,12 +32,11 @@ class OperatorParams:
     start_position: PerArm[Vec]
     start_quat: PerArm[Vec]  # x, y, z, w
     start_grasp: PerArm[Scalar]
-    own: Any = None  # parameters of a user's file in place of the operator, under `hands`
+    own: Any = None  # parameters of a user's file that replaces the operator, in a field `hands`
 
 
 def params(setup: RavenSetup, start_jpos: tuple[tuple[float, ...], ...]) -> OperatorParams:
-    """Return the parameters of a motion that starts in `start_jpos`.
-
+    """Return the console's parameters for a motion that starts at the joints `start_jpos`.
     start_jpos: `Motion.start_jpos`, per arm 7 joints in rad and m.
     """
     with run_eagerly():
@@ -47,6 +47,7 @@ def params(setup: RavenSetup, start_jpos: tuple[tuple[float, ...], ...]) -> Oper
         scale=NOMINAL_SCALE,
         start_position=tuple(Vec(float(x) * 1e6 for x in pose.position) for pose in poses),
         start_quat=tuple(quat.map(float) for quat in quats),
+        # Jaw opening, truncated to whole mrad
         start_grasp=tuple(float(int((joints[5] + joints[6]) * 1000.0)) for joints in start_jpos),
         own=None if setup.hands is None else part.part_parameters((setup.hands,)),
     )
@@ -54,7 +55,7 @@ def params(setup: RavenSetup, start_jpos: tuple[tuple[float, ...], ...]) -> Oper
 
 @record
 class MotionRow:
-    """Hands and pedal in one millisecond; fields are those of `console.motion.Motion`."""
+    """One row of a `console.motion.Motion`: hands and pedal in one millisecond."""
 
     position: PerArm[Vec]  # um, ITP frame, before scaling
     quat: PerArm[Vec]  # x, y, z, w
@@ -63,9 +64,8 @@ class MotionRow:
 
 
 def look_up_row(table: tuple[Any, ...], row: Scalar) -> MotionRow:
-    """Return a row of a motion. row: its index, clamped to the first and last row.
-
-    table: the columns of `Motion.table()`, each a 1-D array.
+    """Return a row of a motion. row: its index, clamped to the first and last row. table: the
+    columns of `Motion.table()`, each a 1-D array.
     """
     row = jnp.minimum(jnp.maximum(as_int(row), 0), table[0].shape[0] - 1)
     values = [column.at[row].get(mode="clip", wrap_negative_indices=False) for column in table]
@@ -87,57 +87,57 @@ class HandOffsets:
     offset_before: PerArm[Vec]  # offset in the last packet
 
 
-ON_PLAN = HandOffsets((), ())
-"""Hands without any offset from the plan."""
+NO_OFFSETS = HandOffsets((), ())
+"""Hands that cannot leave the plan: no code for offsets is generated."""
 
 
 class Deviation(NamedTuple):
     """Deviations from the plan in a packet, in addition to `HandOffsets`; None: no deviation."""
 
-    lag: Scalar | None = None  # int32 rows behind the plan
-    lag_before: Scalar | None = None  # int32 rows behind the plan, in the packet before
-    grasp: PerArm[Scalar] | None = None  # mrad beyond the plan
-    grasp_before: PerArm[Scalar] | None = None
+    lag: Scalar | None = None  # int32, rows by which the hands are behind the plan
+    lag_before: Scalar | None = None  # lag in the packet before
+    grasp: PerArm[Scalar] | None = None  # mrad, jaw command in addition to the plan
+    grasp_before: PerArm[Scalar] | None = None  # grasp in the packet before
     lifted: Scalar | None = None  # bool, the foot is off the pedal
 
 
-PLAN = Deviation()
+NO_DEVIATION = Deviation()
 """An operator who follows the plan."""
 
 
-def at_plan(setup: RavenSetup) -> HandOffsets:
-    """Return hands without an offset from the plan."""
+def hands_on_plan(setup: RavenSetup) -> HandOffsets:
+    """Return hands that are on the plan and may leave it."""
     still = for_each_arm(setup, Vec.full(3, cast_to_real(setup, 0.0)))
     return HandOffsets(still, still)
 
 
-def with_stray_motion(hands: HandOffsets, motion: PerArm[Vec]) -> HandOffsets:
-    """Return the hands after a motion in addition to the plan, um before scaling, ITP axes."""
-    return replace(hands, offset=_sums(hands.offset, motion))
+def add_hand_motion(hands: HandOffsets, motion: PerArm[Vec]) -> HandOffsets:
+    """Return the hands after a motion that is added to the plan, um before scaling, ITP axes."""
+    return replace(hands, offset=_add_each(hands.offset, motion))
 
 
-def _sums(values: tuple[Any, ...], more: tuple[Any, ...]) -> tuple[Any, ...]:
+def _add_each(values: tuple[Any, ...], more: tuple[Any, ...]) -> tuple[Any, ...]:
     return tuple(map(add, values, more))
 
 
-def with_tip_motion(
+def add_tip_motion(
     setup: RavenSetup, params: OperatorParams, hands: HandOffsets, tips: PerArm[Vec]
 ) -> HandOffsets:
-    """Return the hands after a motion that moves each tip by `tips`, m in frame 0."""
-    per_m = 1e6 / params.scale
-    motion = per_arm(setup, lambda i, arm: mapping.position_to_itp(arm, tips[i]) * per_m)
-    return with_stray_motion(hands, motion)
+    """Return the hands after an added motion that moves each tip by `tips`, m in frame 0."""
+    um_per_m = 1e6 / params.scale  # um of the hand per m of the tip
+    motion = per_arm(setup, lambda i, arm: mapping.position_to_itp(arm, tips[i]) * um_per_m)
+    return add_hand_motion(hands, motion)
 
 
 def tip_offset(setup: RavenSetup, params: OperatorParams, hands: HandOffsets) -> PerArm[Vec]:
     """Return the tip offsets that the hands' offsets cause, m in frame 0."""
-    m_per_um = params.scale * 1e-6
+    m_per_um = params.scale * 1e-6  # m of the tip per um of the hand
     offsets = hands.offset
     return per_arm(setup, lambda i, arm: mapping.position_from_itp(arm, offsets[i]) * m_per_um)
 
 
 def mark_sent(hands: HandOffsets, fresh: Scalar) -> HandOffsets:
-    """Return the hands after a tick. fresh: whether a packet was sent in this tick, bool."""
+    """Return the hands after a tick. fresh: whether a packet with their offset was sent, bool."""
     return replace(hands, offset_before=where(fresh, hands.offset, hands.offset_before))
 
 
@@ -150,8 +150,8 @@ class PacketTiming:
     before: Scalar  # int32, row of the packet before; increments are differences from that row
 
 
-def row_by_row(index: Scalar) -> PacketTiming:
-    """Return the timing of a packet if packet k contains row k of the motion."""
+def row_timing(index: Scalar) -> PacketTiming:
+    """Return the timing of a packet if a packet is sent in every row of the motion."""
     return PacketTiming(index, index, index - 1)
 
 
@@ -160,24 +160,24 @@ def make_packet(
     params: OperatorParams,
     motion: tuple[Any, ...],
     timing: PacketTiming,
-    hands: HandOffsets = ON_PLAN,
-    deviation: Deviation = PLAN,
+    hands: HandOffsets = NO_OFFSETS,
+    deviation: Deviation = NO_DEVIATION,
 ) -> Packet:
     """Return the packet that the console sends at `timing`.
-
     motion: columns as for `look_up_row`. While the pedal is up, a console that sends increments
     sends no motion, so that the operator can reposition the hands.
     """
 
     def row_at(index: Scalar, lag: Scalar | None, offset: PerArm[Vec]):
+        # Returns the row of the plan, `lag` rows earlier, with the hands displaced by `offset`.
         row = look_up_row(motion, index if lag is None else index - lag)
-        return replace(row, position=_sums(row.position, offset)) if offset else row
+        return replace(row, position=_add_each(row.position, offset)) if offset else row
 
     row = row_at(timing.row, deviation.lag, hands.offset)
     row_before = row_at(timing.before, deviation.lag_before, hands.offset_before)
     if deviation.grasp is not None and deviation.grasp_before is not None:
-        row = replace(row, grasp=_sums(row.grasp, deviation.grasp))
-        row_before = replace(row_before, grasp=_sums(row_before.grasp, deviation.grasp_before))
+        row = replace(row, grasp=_add_each(row.grasp, deviation.grasp))
+        row_before = replace(row_before, grasp=_add_each(row_before.grasp, deviation.grasp_before))
     if deviation.lifted is not None:
         row = replace(row, surgeon_mode=jnp.where(deviation.lifted, 0, row.surgeon_mode))
     sequence, pedal = timing.index + 1, row.surgeon_mode > 0
@@ -190,10 +190,10 @@ def make_packet(
         x, y, z, w = row_before.quat[i]
         turn = mapping.quat_mul(row.quat[i], Vec((-x, -y, -z, w)))
         length = jnp.sqrt(sum(c * c for c in turn))
-        still = (0.0, 0.0, 0.0, 1.0)
+        no_rotation = (0.0, 0.0, 0.0, 1.0)
         return (
             delta.map(lambda d: jnp.where(pedal, d, 0)),
-            turn.map(lambda c, rest: jnp.where(pedal, c / length, rest), still),
+            turn.map(lambda c, still: jnp.where(pedal, c / length, still), no_rotation),
             jnp.where(pedal, to_int32(row.grasp[i]) - to_int32(row_before.grasp[i]), 0),
         )
 

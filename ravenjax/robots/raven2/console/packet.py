@@ -1,4 +1,4 @@
-"""The console's packet: one ITP datagram as a record of single numbers, and as bytes on the wire.
+"""The console's packet: one ITP datagram as a record of single numbers, and as bytes.
 
 Layout, frames and units: raven2 `include/itp_teleoperation.h` (packed, little-endian, UDP port
 36000). Index 0 of each pair is the gold arm, 1 the green arm.
@@ -17,34 +17,27 @@ from ravenjax.robots.raven2.setup import RavenSetup
 
 UDP_PORT = 36000
 """Port on which the control software listens; raven2 `network_layer.cpp`."""
-
 U_STRUCT = np.dtype(list(resources.read_tables(__file__, "packet.toml").items()))
-"""Console to robot, 124 bytes."""
-
-MOVES, TURNS = ("delx", "dely", "delz"), ("Qx", "Qy", "Qz", "Qw")
-"""Fields of an increment's displacement and rotation."""
-
+"""Layout of a datagram from console to robot, 124 bytes."""
+DELTAS, QUATS = ("delx", "dely", "delz"), ("Qx", "Qy", "Qz", "Qw")
+"""Names of the fields of `U_STRUCT` for an increment's displacement and rotation."""
 V_STRUCT = struct.Struct("<4I7iIi")
-"""Robot to console, 52 bytes; declared by raven2 and never sent by it (NET_SEND is undefined).
-
-Fields: sequence, last_sequence, pactyp, version; fx, fy, fz, each of both arms; runlevel;
-jointflags; checksum.
+"""Layout of a datagram from robot to console, 52 bytes. raven2 declares it, but does not send it,
+because NET_SEND is undefined. Fields: sequence, last_sequence, pactyp, version; fx, fy, fz, each of
+both arms; runlevel; jointflags; checksum.
 """
-
 SIZE_BYTES = {"increments": U_STRUCT.itemsize, "absolute": 204}
-"""Bytes of a datagram, by `RavenSetup.console`.
-
-204 is from the packet generator of the 2015 fork, which has two 3x3 rotation matrices in place of
-two quaternions (raven2_sim `include/itp_teleoperation.h`, `Real_Packet_Generator.py`).
+"""Bytes of a datagram, by `RavenSetup.console`. The packet generator of the 2015 fork sends 204
+bytes, with two 3x3 rotation matrices in place of two quaternions (raven2_sim
+`include/itp_teleoperation.h`, `Real_Packet_Generator.py`).
 """
 
 
 @record
 class Packet:
-    """A packet that the robot receives. Tuples have one entry per arm, gold before green.
-
-    `delta` and `quat` are increments in the ITP frame. With `RavenSetup.console == "absolute"` they
-    are the desired position and orientation in the arm's frame 0, and `grasp` is absolute.
+    """A packet that the robot receives. Tuples have one entry per arm, gold before green. `delta`
+    and `quat` are increments in the ITP frame. With `RavenSetup.console == "absolute"` they are the
+    desired position and orientation in the arm's frame 0, and `grasp` is absolute.
     """
 
     received: Scalar  # int32, 1 if a datagram arrived in this cycle
@@ -73,12 +66,13 @@ def empty_packet(setup: RavenSetup) -> Packet:
 
 
 def fill_fields(fields: Any, packet: Packet, arms: tuple[ArmName, ...]) -> None:
-    """Write a packet's numbers into a zeroed datagram. Arms that are not in `arms` do not move."""
+    """Write a packet of these arms into a zeroed datagram (`U_STRUCT`). Other arms do not move."""
     fields["sequence"] = int(packet.sequence) % 2**32
     fields["surgeon_mode"] = int(packet.surgeon_mode)
-    fields["Qw"] = 1.0
+    fields["Qw"] = 1.0  # no rotation
     for i, arm in enumerate(arms):
         slot = ARMS.index(arm)
         numbers = *packet.delta[i], *packet.quat[i], packet.grasp[i]
-        for name, value in zip((*MOVES, *TURNS, "grasp"), numbers, strict=True):
+        names = *DELTAS, *QUATS, "grasp"
+        for name, value in zip(names, numbers, strict=True):
             fields[name][slot] = value

@@ -1,4 +1,4 @@
-"""Console profiles: meaning, unit and bounds of each field of a console's packets."""
+"""Console profiles: files with meaning, unit and bounds of each field of a console's packets."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ class ProfileTable(BaseModel):
 
 
 class SentPosition(ProfileTable):
-    """[position]: delx, dely, delz, the increment of the tip along the ITP axes."""
+    """[position]: the fields delx, dely, delz, the increment of the tip along the ITP axes."""
 
-    unit: Length = "um"  # Unit of one step
+    unit: Length = "um"  # Unit of the number 1 in a field
     scale: Scale = 1.0  # Factor for increments
 
     @property
     def um(self) -> float:
-        """um of the tip per step."""
+        """Motion of the tip for the number 1 in a field, um."""
         return LENGTHS_UM[self.unit] * self.scale
 
 
 class SentOrientation(ProfileTable):
-    """[orientation]: Qx, Qy, Qz, Qw."""
+    """[orientation]: the fields Qx, Qy, Qz, Qw, which contain the rotation of the hand."""
 
     # increments: the rotation since the last packet, as a unit quaternion; vector: this rotation as
     # a rotation vector in Qx, Qy, Qz, with Qw = 1; quaternion: the hand's orientation
@@ -45,22 +45,23 @@ class SentOrientation(ProfileTable):
     @model_validator(mode="after")
     def _quaternions_have_no_unit(self) -> SentOrientation:
         if self.form != "vector" and (self.unit != "rad" or self.scale != 1.0):
-            others = f"form = 'vector' only, not for {self.form!r}"
-            raise ValueError(f"unit and scale are for {others}: remove them")
+            raise ValueError(
+                f"unit and scale are for form = 'vector' only, not for {self.form!r}: remove them"
+            )
         return self
 
     @property
     def rad(self) -> float:
-        """rad per step of a vector."""
+        """Angle of a rotation vector of length 1, rad."""
         return ANGLES_RAD[self.unit] * self.scale
 
 
 class SentJaw(ProfileTable):
-    """[jaw]: grasp."""
+    """[jaw]: the field grasp, the motion or position of the jaw."""
 
     # increments: change since the last packet; positions: position of the console's jaw
     form: Literal["increments", "positions"] = "increments"
-    unit: Angle = "mrad"  # Unit of one step
+    unit: Angle = "mrad"  # Unit of the number 1 in the field
     scale: Scale = 1.0  # Factor for values
     closes: Literal["rising", "falling"] = "rising"  # Direction of values while the jaw closes
     lowest_mrad: float = -math.inf  # Lower bound of positions, scaled; smaller values are refused
@@ -82,7 +83,7 @@ class SentJaw(ProfileTable):
 
     @property
     def mrad(self) -> float:
-        """mrad of closing per step."""
+        """Angle by which the number 1 closes the jaw, mrad; negative if rising numbers open it."""
         return ANGLES_RAD[self.unit] * 1e3 * self.scale * (1.0 if self.closes == "rising" else -1.0)
 
 
@@ -91,10 +92,10 @@ class SentStream(ProfileTable):
 
     # Packets that the console sends per second
     rate_hz: float = Field(default=1000.0, gt=0.0, le=20_000.0)
-    # Most packets that are added up in one millisecond; further packets wait for the next one
+    # Largest number of packets that are added up in a millisecond; further packets wait
     per_tick: int = Field(default=4, ge=1, le=32)
-    checksum: bool = True  # Whether the checksum must be right
-    # Content of the field of the buttons: anything (free), or always the same as grasp (jaw)
+    checksum: bool = True  # Whether a packet with a wrong checksum is refused
+    # Content of the field buttonstate: anything (free), or always the same as in grasp (jaw)
     buttonstate: Literal["free", "jaw"] = "free"
 
 

@@ -1,19 +1,20 @@
 """Models an operator who releases the pedal, slows down or corrects, some time after the cue.
 
-The operator feels the first haptic set. The resulting motion of the hands goes into the console's
-packets, and so to the robot and to the nominal model alike. With action `none` the operator ignores
-the cue; pairs of runs compare this with an action.
+The operator feels the force of the first haptic set. The resulting motion of the hands goes into
+the console's packets, and so to the robot and to the nominal model alike. With action `none` the
+operator ignores the cue. A campaign can run the same fault with and without an action.
 
 - 1 release: the foot leaves the pedal.
 - 2 slow: the hands continue along their path at `slow_to` of their speed.
-- 3 correct: the hands move the instrument back to the intended position. This position is the
-  nominal model's tip without the motion of the hands beyond the plan. The operator sees how far the
-  true tip is from it. The correction reduces it by `correct_per_s`, at most at `correct_speed`.
+- 3 correct: the hands move the instrument back to the intended position, which is the tip of the
+  nominal model without the hands' deviation from the plan. The operator sees the distance of the
+  true tip from this position. The correction reduces the distance by the share `correct_per_s` per
+  second, with at most the speed `correct_speed`.
 
 No source measured reactions on this robot. It is *assumed* that the action follows the first pull
 after 0.25 s, and that a correction by eye has a time constant of 0.2 s (docs/explanation/hand.md
-has sources of reaction times). A packet that the network delays carries the hands' motion at the
-time when it was made, except a correction, which is the present one.
+has sources of reaction times). A packet that the network delays carries the hands' motion from the
+time when it was sent. A correction is an exception: such a packet carries the present correction.
 """
 
 from functools import reduce
@@ -29,14 +30,14 @@ from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup
 from ravenjax.vocabulary.reactions import CORRECT, NONE, RELEASE, SLOW
 
 TICK_S = 1e-3
-# m; a smaller distance is not corrected
-TINY_M = 1e-9
+# m; keeps a division by the distance finite
+MIN_DISTANCE_M = 1e-9
 
 
 @describe_fields
 @record
 class ReactionParams:
-    """Parameters of the reaction. The defaults are assumed, and have no action."""
+    """Parameters of the reaction. The defaults are assumed; the default action is `none`."""
 
     action: Scalar = np.int32(NONE)  # int32, one of ACTIONS
     delay_ms: Scalar = 250.0
@@ -62,21 +63,21 @@ class OperatorSenses:
     force: PerArm[Scalar]  # device units, of the first haptic set
     tip: PerArm[Vec]  # m, true tip
     model_tip: PerArm[Vec]  # m, tip of the nominal model
-    off_plan: PerArm[Vec]  # m, frame 0, tip motion commanded by the hands in addition to the plan
+    off_plan: PerArm[Vec]  # m, frame 0, deviation of the tips that the hands add to the plan
     pedal_down: Scalar  # bool
     tick: Scalar  # int32
 
 
 def init() -> ReactionState:
     """Return the state before any pull."""
-    return ReactionState(*(jnp.int32(-1),) * 3)
+    never = jnp.int32(-1)
+    return ReactionState(felt=never, acted=never, acted_packet=never)
 
 
 def react_to_cue(
     setup: RavenSetup, params: ReactionParams, state: ReactionState, tick: Scalar, packet: Scalar
 ) -> ReactionState:
     """Return the state after the decision whether the action begins in this tick.
-
     packet: row of the motion in this tick's packet, int32.
     """
     since_felt = lax.convert_element_type(tick - state.felt, setup.precision.real)
@@ -92,39 +93,44 @@ def react_to_cue(
 def packet_deviation(
     setup: RavenSetup, params: ReactionParams, state: ReactionState, row: Scalar, before: Scalar
 ) -> Deviation:
-    """Return the deviations of foot and hands in a packet.
-
+    """Return how foot and hands deviate from the plan in a packet: a lifted pedal, or a lag.
     row, before: rows of the motion in this packet and in the packet before, int32.
     """
 
-    def since(packet: Scalar):
-        rows = packet - state.acted_packet
+    def since_action(packet_row: Scalar):
+        # Returns the number of rows since the action began, and whether it has begun.
+        rows = packet_row - state.acted_packet
         return rows, (state.acted >= 0) & (rows >= 0)
 
-    def lag(packet: Scalar):
-        rows, is_acting = since(packet)
+    def lag(packet_row: Scalar):
+        # Returns the number of rows by which slowed hands are behind the plan.
+        rows, acts = since_action(packet_row)
         rows_behind = lax.convert_element_type(rows, setup.precision.real) * (1.0 - params.slow_to)
-        return jnp.where(is_acting & (params.action == SLOW), as_int(rows_behind), 0)
+        return jnp.where(acts & (params.action == SLOW), as_int(rows_behind), 0)
 
-    released = since(row)[1] & (params.action == RELEASE)
-    return Deviation(lag(row), lag(before), lifted=released)
+    _, acts = since_action(row)
+    lifted = acts & (params.action == RELEASE)
+    return Deviation(lag(row), lag(before), lifted=lifted)
 
 
 def feel_cue(
     setup: RavenSetup, params: ReactionParams, state: ReactionState, senses: OperatorSenses
 ) -> tuple[ReactionState, PerArm[Vec]]:
-    """Return the state after this tick's cue, and the correction of each tip, m in frame 0."""
+    """Return the state after this tick's cue, and the correcting motion of each tip, m, frame 0.
+    The first pull in pedal-down starts the delay of the reaction.
+    """
     pull_is_felt = reduce(or_, (force > params.felt_force for force in senses.force))
     correcting = (state.acted >= 0) & (params.action == CORRECT) & senses.pedal_down
 
-    def corrected(i: int, _: ArmName):
+    def correction(i: int, _: ArmName):
         # Returns the motion of one tip in this tick that reduces its distance, m.
+        # off_plan is taken off, because the nominal model also follows the hands' deviation
         error = senses.model_tip[i] - senses.off_plan[i] - senses.tip[i]
         distance = norm(error)
         speed = jnp.minimum(distance * params.correct_per_s, params.correct_speed)
-        share = jnp.where(correcting, speed * TICK_S / jnp.maximum(distance, TINY_M), 0.0)
+        share = jnp.where(correcting, speed * TICK_S / jnp.maximum(distance, MIN_DISTANCE_M), 0.0)
         return error * share
 
-    first = pull_is_felt & senses.pedal_down & (state.felt < 0)
-    state = replace(state, felt=jnp.where(first, senses.tick, state.felt))
-    return state, per_arm(setup, corrected)
+    is_first = pull_is_felt & senses.pedal_down & (state.felt < 0)
+    state = replace(state, felt=jnp.where(is_first, senses.tick, state.felt))
+    return state, per_arm(setup, correction)

@@ -1,7 +1,7 @@
-"""Converts a packet's fields into increments of the tips, or names the broken rule of the console's
-packet format (its *profile*).
+"""Converts a packet's fields into increments of the tips, or names the rule that the packet breaks.
 
-Positions of jaws, and orientations of hands, become differences between consecutive packets.
+The rules and units are those of the console's *profile*. If packets contain positions of the jaw or
+orientations of the hand, their differences between consecutive packets are the increments.
 Therefore the robot does not follow motion before the first packet or during lost packets.
 """
 
@@ -17,9 +17,11 @@ from ravenjax.robots.raven2.console.profile import ConsoleProfile
 from ravenjax.robots.raven2.geometry import mapping
 
 FIELDS = struct.Struct("<3I6i8d6i")
-"""Layout of U_STRUCT. Unpacking with `struct` is ten times as fast as with NumPy."""
-QUAT, BUTTONS, GRASP, MODE, CHECKSUM = 9, 17, 19, 21, 22
-"""Indices of Qx[0], buttonstate[0], grasp[0], surgeon_mode and checksum among the fields."""
+"""Layout of `packet.U_STRUCT`. Unpacking with `struct` is ten times as fast as with NumPy."""
+DELTA, QUAT, BUTTONS, GRASP, MODE, CHECKSUM = 3, 9, 17, 19, 21, 22
+"""Indices of delx[0], Qx[0], buttonstate[0], grasp[0], surgeon_mode and checksum in the fields.
+The fields of the two arms alternate.
+"""
 assert FIELDS.size == U_STRUCT.itemsize
 
 Quat = tuple[float, ...]
@@ -30,102 +32,106 @@ class PacketReading(NamedTuple):
     """The motion that a packet commands; one entry per arm."""
 
     delta_um: tuple[tuple[int, int, int], ...]
-    quat: tuple[Quat, ...]
-    grasp_mrad: tuple[int, ...]
+    quat: tuple[Quat, ...]  # rotation since the last packet
+    grasp_mrad: tuple[int, ...]  # increment, positive closes
 
 
 class Misfit(NamedTuple):
     """Why a packet is refused: the first rule that it breaks."""
 
-    cause: str  # mode, checksum, buttons, step, quaternion, turn or grasp
+    cause: str  # mode, checksum, buttons, step, quaternion, turn or grasp; `choice.UNDECIDED`
     arm: str  # "" if the rule concerns the whole packet
     got: object
     expected: str
 
     def __str__(self) -> str:
-        of = f" of {self.arm}" if self.arm else ""
-        return f"{self.cause}{of}: got {self.got}, expected {self.expected}"
+        arm = f" of {self.arm}" if self.arm else ""
+        return f"{self.cause}{arm}: got {self.got}, expected {self.expected}"
 
 
-class _Hand(NamedTuple):
-    """The state of an arm after the last packet of the stream."""
+class _HandState(NamedTuple):
+    """The state of the operator's hand for one arm after the last packet of the stream."""
 
-    jaw: int | None  # value of the jaw
-    quat: Quat | None  # orientation, a unit quaternion
-    left: tuple[float, ...]  # remainders of rounding to whole numbers: um (3), mrad
+    jaw: int | None  # field grasp; None before the first packet
+    quat: Quat | None  # orientation, a unit quaternion; None if packets contain none
+    remainders: tuple[float, ...]  # of rounding increments to whole numbers: um (3), mrad
 
 
-_FIRST = _Hand(None, None, (0.0, 0.0, 0.0, 0.0))
+_START = _HandState(None, None, (0.0, 0.0, 0.0, 0.0))
 
 
 class PacketReader:
     """Reads a stream of packets with the rules of one profile."""
 
     def __init__(self, profile: ConsoleProfile, arms: Sequence[ArmName]):
-        """Prepare to read the fields of these arms; other arms may have any values."""
+        """Prepare to read the fields of these arms; the fields of other arms are ignored."""
         self.profile = profile
         self._slots = tuple(ARMS.index(arm) for arm in arms)
-        # State of the arms, and their state after the packet that was read last
-        self._hands = self._next = (_FIRST,) * len(self._slots)
+        # State of each hand in the stream, and its state if the packet read last is accepted
+        self._hands = self._next_hands = (_START,) * len(self._slots)
         largest = profile.largest
-        self._step_square = largest.step_um**2
-        self._cos_square = math.cos(largest.turn_rad / 2) ** 2
+        self._max_step_square = largest.step_um**2
+        # A smaller cosine of half the angle is a larger rotation
+        self._min_cos_square = math.cos(largest.turn_rad / 2) ** 2
 
-    def begin(self) -> None:
+    def begin_stream(self) -> None:
         """Reset the state, because another stream begins."""
-        self._hands = (_FIRST,) * len(self._slots)
+        self._hands = (_START,) * len(self._slots)
 
-    def follow(self) -> None:
+    def accept_packet(self) -> None:
         """Accept the packet that was read last as part of the stream."""
-        self._hands = self._next
+        self._hands = self._next_hands
 
-    def read(self, fields: Sequence, joined: bool = True) -> PacketReading | Misfit:
-        """Return the increments that a packet's fields (of `FIELDS`) command, or a broken rule.
+    def read(self, fields: Sequence, is_next: bool = True) -> PacketReading | Misfit:
+        """Return the increments that a packet commands, or the first rule that it breaks.
 
-        The state of the stream changes only with `follow`. joined: the packet follows the last
-        packet of the stream; else only its content is checked.
+        fields: as unpacked by `FIELDS`. is_next: whether the packet follows the last packet of the
+        stream; otherwise only its content is checked. The state of the stream changes only with
+        `accept_packet`.
         """
-        self._next = self._hands
+        self._next_hands = self._hands
         profile = self.profile
         if fields[MODE] not in (0, 1):
             return Misfit("mode", "", fields[MODE], "surgeon_mode 0 or 1")
         if profile.stream.checksum:
             buttons = fields[BUTTONS] + fields[BUTTONS + 1]
-            total = fields[0] + sum(fields[3:9]) + buttons + fields[MODE]
+            total = fields[0] + sum(fields[DELTA:QUAT]) + buttons + fields[MODE]
+            # The checksum is the sum of these fields as int32, which wraps
             if (total - fields[CHECKSUM]) & 0xFFFFFFFF:
                 expected = str((total + 2**31) % 2**32 - 2**31)
                 return Misfit("checksum", "", fields[CHECKSUM], expected)
         arms = []
         for slot, hand in zip(self._slots, self._hands, strict=True):
-            hand_reading = self._hand(fields, slot, hand if joined else _FIRST)
+            hand_reading = self._read_hand(fields, slot, hand if is_next else _START)
             if isinstance(hand_reading, Misfit):
                 return hand_reading
             arms.append(hand_reading)
-        deltas, quats, grasps, self._next = zip(*arms, strict=True)
+        deltas, quats, grasps, self._next_hands = zip(*arms, strict=True)
         return PacketReading(deltas, quats, grasps)
 
-    def _hand(
-        self, fields: Sequence, slot: int, hand: _Hand
-    ) -> Misfit | tuple[tuple[int, int, int], Quat, int, _Hand]:
+    def _read_hand(
+        self, fields: Sequence, slot: int, hand: _HandState
+    ) -> Misfit | tuple[tuple[int, int, int], Quat, int, _HandState]:
         # Returns the increments of one hand and its new state, or the first rule that is broken.
         profile, arm, largest = self.profile, ARMS[slot], self.profile.largest
         jaw = fields[GRASP + slot]
         if profile.stream.buttonstate == "jaw" and fields[BUTTONS + slot] != jaw:
             return Misfit("buttons", arm, fields[BUTTONS + slot], f"the value of grasp, {jaw}")
-        um, (*left, left_jaw) = profile.position.um, hand.left
-        x, y, z = fields[3 + slot : 9 : 2]
+        um, (*remainders, jaw_remainder) = profile.position.um, hand.remainders
+        x, y, z = fields[DELTA + slot : QUAT : 2]
         if um != 1.0:
-            steps = (_whole(n * um + rest) for n, rest in zip((x, y, z), left, strict=True))
-            (x, y, z), left = zip(*steps, strict=True)
-        if x * x + y * y + z * z > self._step_square:
+            exact = (n * um + rest for n, rest in zip((x, y, z), remainders, strict=True))
+            (x, y, z), remainders = zip(*map(_round_with_remainder, exact), strict=True)
+        if x * x + y * y + z * z > self._max_step_square:
             expected = f"at most {largest.step_um:g} um"
             return Misfit("step", arm, f"{math.hypot(x, y, z):g} um", expected)
         sent = fields[QUAT + slot : QUAT + slot + 7 : 2]
-        turn, orientation = self._turn(sent, hand.quat)
+        turn, orientation = self._read_rotation(sent, hand.quat)
         if turn is None:
-            return Misfit("quaternion", arm, list(sent), self._form())
-        if not turn[3] * turn[3] >= self._cos_square * sum(c * c for c in turn):
-            expected = f"at most {largest.turn_rad:g} rad ({self._form()})"
+            return Misfit("quaternion", arm, list(sent), self._describe_form())
+        # `not >=` also refuses NaN
+        if not turn[3] * turn[3] >= self._min_cos_square * sum(c * c for c in turn):
+            expected = f"at most {largest.turn_rad:g} rad ({self._describe_form()})"
             return Misfit("turn", arm, list(sent), expected)
         mrad = profile.jaw.mrad
         step: float = jaw
@@ -137,25 +143,25 @@ class PacketReader:
             step = 0 if hand.jaw is None else jaw - hand.jaw
         grasp = int(step)
         if mrad != 1.0:
-            grasp, left_jaw = _whole(step * mrad + left_jaw)
+            grasp, jaw_remainder = _round_with_remainder(step * mrad + jaw_remainder)
         if abs(grasp) > largest.jaw_mrad:
             expected = f"an increment of at most {largest.jaw_mrad:g} mrad"
             return Misfit("grasp", arm, f"{grasp} mrad", expected)
-        return (x, y, z), turn, grasp, _Hand(jaw, orientation, (*left, left_jaw))
+        return (x, y, z), turn, grasp, _HandState(jaw, orientation, (*remainders, jaw_remainder))
 
-    def _turn(self, sent: Sequence[float], before: Quat | None) -> tuple[Quat | None, Quat | None]:
-        """Return the rotation that a packet commands, and the hand's orientation, as quaternions.
-
-        sent: Qx, Qy, Qz, Qw of the packet. before: orientation of the last packet. The rotation is
-        None if `sent` is no rotation. The orientation is None unless packets contain it.
-        """
+    def _read_rotation(
+        self, sent: Sequence[float], before: Quat | None
+    ) -> tuple[Quat | None, Quat | None]:
+        # Returns the rotation that a packet commands, and the hand's orientation, as quaternions.
+        # sent: Qx, Qy, Qz, Qw of the packet. before: orientation of the last packet. The rotation
+        # is None if `sent` is no rotation. The orientation is None unless packets contain it.
         x, y, z, w = sent
         square = x * x + y * y + z * z + w * w
         form = self.profile.orientation.form
         if form == "vector":
             if w != 1.0 or not square < math.inf:  # also refuses NaN
                 return None, None
-            if square == 1.0:
+            if square == 1.0:  # the vector is zero, because Qw is 1
                 return _NO_ROTATION, None
             angle = math.sqrt(x * x + y * y + z * z)
             half_angle = min(0.5 * angle * self.profile.orientation.rad, math.pi / 2)
@@ -171,17 +177,18 @@ class PacketReader:
             return _NO_ROTATION, orientation
         x, y, z, w = before
         turn = mapping.quat_mul(Vec(orientation), Vec((-x, -y, -z, w)))
+        # Of the two quaternions of a rotation, the one with a positive w has the smaller angle
         return (-turn if turn[3] < 0.0 else turn), orientation
 
-    def _form(self) -> str:
+    def _describe_form(self) -> str:
         # Describes the expected form of the orientation in words.
         form = self.profile.orientation.form
         if form == "vector":
             return f"a rotation vector in {self.profile.orientation.unit}, with Qw = 1"
-        of = ", the rotation since the last packet" if form == "increments" else ""
-        return f"a unit quaternion{of}"
+        meaning = ", the rotation since the last packet" if form == "increments" else ""
+        return f"a unit quaternion{meaning}"
 
 
-def _whole(value: float):
+def _round_with_remainder(value: float) -> tuple[int, float]:
     whole = round(value)
     return whole, value - whole

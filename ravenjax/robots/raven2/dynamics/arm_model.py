@@ -21,7 +21,7 @@ MODEL = "raven2/raven2.xml"
 
 @functools.cache
 def operating_scene() -> mujoco.MjModel:
-    """Return both arms and the operating scene, compiled. Do not write to the model."""
+    """Return the compiled model of both arms and the scene. Callers share it: do not change it."""
     # Imported late, because code from the cache needs no model.
     import mujoco
 
@@ -30,9 +30,8 @@ def operating_scene() -> mujoco.MjModel:
 
 @functools.cache
 def one_arm(arm: ArmName) -> mujoco.MjModel:
-    """Return one arm alone, without shapes and scene, compiled.
-
-    The seven degrees of freedom are in the order of `JOINTS`.
+    """Return the compiled model of one arm without shapes and scene. Its seven degrees of freedom
+    are in the order of `JOINTS`.
     """
     return one_arm_spec(arm).compile()
 
@@ -42,7 +41,7 @@ def one_arm_spec(arm: ArmName) -> mujoco.MjSpec:
     import mujoco
 
     spec = mujoco.MjSpec.from_file(str(resources.find_model(MODEL)))
-    for key in list(spec.keys):
+    for key in list(spec.keys):  # a stored pose has numbers for the joints of both arms
         spec.delete(key)
     for geom in list(spec.geoms):
         spec.delete(geom)

@@ -1,4 +1,4 @@
-"""Extracts bodies of the MuJoCo model for drawing: which move, their shapes, their appearance.
+"""Extracts from the MuJoCo model what is drawn: bodies that move or not, their shapes and colours.
 
 mjviser and trimesh are imported only when shapes are made, because the import takes a second.
 """
@@ -22,37 +22,39 @@ if TYPE_CHECKING:
 NO_COLOUR = 0.5
 """MuJoCo's value for each colour component of a geom without a colour."""
 CREASE = math.radians(35.0)
-"""Largest angle between faces that are drawn as one smooth surface, rad."""
+"""Largest angle between neighbouring faces that are drawn as one smooth surface, rad."""
 
 
 def fixed_bodies(model: mujoco.MjModel) -> dict[int, str]:
-    """Return the names of the bodies that have shapes and never move."""
-    return _with_shapes(model, np.flatnonzero(model.body_weldid == 0))
+    """Return number and name of each body that has a shape and never moves."""
+    # MuJoCo welds such bodies to body 0, the world
+    return _drawn_bodies(model, np.flatnonzero(model.body_weldid == 0))
 
 
 def moving_bodies(model: mujoco.MjModel, arm: ArmName) -> dict[int, str]:
-    """Return the names of an arm's moving links that have shapes."""
-    bodies = _with_shapes(model, np.flatnonzero(model.body_weldid != 0))
+    """Return number and name of each moving link of an arm that has a shape."""
+    bodies = _drawn_bodies(model, np.flatnonzero(model.body_weldid != 0))
     return {body: name for body, name in bodies.items() if name.startswith(f"{arm}_")}
 
 
-def _with_shapes(model: mujoco.MjModel, bodies: np.ndarray) -> dict[int, str]:
-    return {int(body): model.body(body).name for body in bodies if _geoms(model, body)}
+def _drawn_bodies(model: mujoco.MjModel, bodies: np.ndarray) -> dict[int, str]:
+    # Returns number and name of those `bodies` (numbers) that have a shape.
+    return {int(body): model.body(body).name for body in bodies if _drawn_geoms(model, body)}
 
 
-def _geoms(model: mujoco.MjModel, body: int) -> list[int]:
-    """Return the geoms of a body, without the unbounded floor."""
+def _drawn_geoms(model: mujoco.MjModel, body: int) -> list[int]:
+    """Return the numbers of a body's geoms (shapes), without the unbounded floor."""
     geoms = np.flatnonzero(model.geom_bodyid == body).tolist()
     return [geom for geom in geoms if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_PLANE]
 
 
-def geoms_by_look(model: mujoco.MjModel, body: int) -> list[list[int]]:
-    """Return the body's geoms, grouped by appearance."""
-    looks: dict[tuple[float, ...], list[int]] = {}
-    for geom in _geoms(model, body):
+def group_geoms(model: mujoco.MjModel, body: int) -> list[list[int]]:
+    """Return the numbers of a body's geoms, as one list for each material and colour."""
+    geoms_by_look: dict[tuple[float, ...], list[int]] = {}
+    for geom in _drawn_geoms(model, body):
         look = (float(model.geom_matid[geom]), *model.geom_rgba[geom].round(3).tolist())
-        looks.setdefault(look, []).append(geom)
-    return list(looks.values())
+        geoms_by_look.setdefault(look, []).append(geom)
+    return list(geoms_by_look.values())
 
 
 def merged_mesh(model: mujoco.MjModel, geoms: list[int]) -> trimesh.Trimesh:
@@ -66,7 +68,7 @@ def plain_mesh(model: mujoco.MjModel, body: int) -> trimesh.Trimesh:
     """Return the body's shapes as one mesh without colour, in its frame, m."""
     import trimesh
 
-    mesh = merged_mesh(model, _geoms(model, body))
+    mesh = merged_mesh(model, _drawn_geoms(model, body))
     return trimesh.Trimesh(mesh.vertices, mesh.faces, process=True)
 
 
@@ -77,11 +79,12 @@ def coloured_glb(model: mujoco.MjModel, body: int) -> bytes:
     from trimesh.visual.material import PBRMaterial
 
     scene = trimesh.Scene()
-    for geoms in geoms_by_look(model, body):
+    for geoms in group_geoms(model, body):
         mesh = trimesh.graph.smooth_shade(merged_mesh(model, geoms), angle=CREASE)
         material = model.mat(int(model.geom_matid[geoms[0]]))
         srgb = geom_colour(model, geoms[0])
-        # glTF has linear colours, and roughness instead of shininess.
+        # glTF has linear colours, and roughness instead of shininess. The numbers of the conversion
+        # of shininess are chosen by eye
         linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
         is_metal = material.name in ("steel", "silver", "extrusion")
         mesh.visual = TextureVisuals(
@@ -100,7 +103,7 @@ def coloured_glb(model: mujoco.MjModel, body: int) -> bytes:
 
 
 def geom_colour(model: mujoco.MjModel, geom: int) -> np.ndarray:
-    """Return the sRGB colour of a geom, 0 to 1; for a texture the colour of its first pixel."""
+    """Return the sRGB colour [3] of a geom, 0 to 1. A texture counts with its first pixel."""
     material = model.mat(int(model.geom_matid[geom]))
     textures = [int(texture) for texture in material.texid if texture >= 0]
     rgb = model.geom_rgba[geom][:3]

@@ -1,8 +1,8 @@
 """Rigid-body dynamics of one arm: M(q) qacc + bias(q, qvel) = joint torque.
 
-A straight-line program, derived from the compiled model, computes M and bias. With
-`setup.link_dynamics` "mjx" a step of MuJoCo MJX moves the links instead. Joint order and units:
-`raven2.arms.JOINTS`, rad and m.
+A program without loops and branches, which is derived from the compiled model, computes M and bias.
+With `setup.link_dynamics` "mjx", a step of MuJoCo MJX moves the links instead. Joint order and
+units: `raven2.arms.JOINTS`, rad and m.
 """
 
 # MuJoCo's compiled module carries no types.
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from ravenjax.mechanics.rigid_tree import Link
 
 LEVERS = (138.0, 123.0, 2400.0, 5.4, 9.0, 9.0, 9.0)
-"""Approximate motor angle per joint, rad/rad (insertion: rad/m). The joints are scaled by these
-factors, so that the damping of pairs is no small difference of large numbers.
+"""Approximate motor angle per joint position, rad/rad (insertion: rad/m). With joints in these
+units, the damping between two joints is no small difference of large numbers.
 """
 
 
@@ -40,8 +40,9 @@ def mass_matrix_and_bias(
 
     bias: Coriolis, centrifugal and gravity torques (Nm, insertion N), with the sign of MuJoCo's
     qfrc_bias. gravity: m/s^2 in frame 0 of the arm. mass_scale: factor of every link's mass and
-    inertia, but not of the armature (kg m^2) of the tool spindles. Entries of M that are constant
-    are Python numbers. Arguments that are Python numbers become constants of the program.
+    inertia, but not of the armature, which is the inertia of the tool spindles. Entries of M that
+    are constant are Python numbers. Arguments that are Python numbers become constants of the
+    program.
     """
     program = functools.partial(arm_program, arm)
     mass, bias = rigid_program.evaluate_program(program, (*qpos, *qvel, *gravity))
@@ -63,42 +64,41 @@ def solve_by_mjx(
     gravity: Vec,
     mass_scale: Scalar,
 ) -> Vec:
-    """Return the solution x (7 speed gains of joints) of system x = right, by one `mjx.step`.
+    """Return the solution x of `system` x = `right` by one `mjx.step`: changes of the joint speeds.
 
-    system: 7x7, lower triangle, M / timestep + D. right: N m, insertion N. MuJoCo computes M and
-    bias. The damping D is that of dampers on joints, and on a tendon for each pair of joints. The
-    implicit integrator evaluates dampers at the end of the step. `qfrc_applied` cancels the bias
-    and the damping at the start.
+    system: 7 x 7, lower triangle, M / timestep + D. right: N m, insertion N. MuJoCo computes M and
+    bias. Dampers on joints, and on a tendon for each pair of joints, give the damping D. The
+    implicit integrator evaluates dampers at the end of the step, so the applied torques cancel the
+    bias and the damping at the start of the step.
     """
-    # imports MuJoCo
-    from ravenjax.mechanics.mechanism import advance_by_mjx
+    from ravenjax.mechanics.mechanism import advance_by_mjx  # imports MuJoCo
 
     real = functools.partial(jnp.array, dtype=jnp.result_type(*right))
     model = _mjx_model(arm)
     mass, bias = mass_matrix_and_bias(arm, qpos, qvel, gravity, mass_scale)
-    joints, lever, speed = range(len(right)), real(LEVERS), real(qvel)
-    whole = real([[system[max(i, j)][min(i, j)] for j in joints] for i in joints])
-    damping = whole - real(mass) / timestep
-    pair_damping = damping / jnp.outer(lever, lever)
-    # By default, GPUs multiply matrices with 10 bits of mantissa.
+    joints, levers, speed = range(len(right)), real(LEVERS), real(qvel)
+    symmetric = real([[system[max(i, j)][min(i, j)] for j in joints] for i in joints])
+    damping = symmetric - real(mass) / timestep
+    pair_damping = damping / jnp.outer(levers, levers)
+    # By default, GPUs round the numbers of a matrix product to 10 bits of mantissa
     with jax.default_matmul_precision("highest"):
         gravity_in_world = real(arm_model.frame_rotation(arm)) @ real(gravity)
         applied = real(right + bias) + damping @ speed
-    _, after = advance_by_mjx(
-        *(model, qpos, qvel, applied),
-        {"timestep": timestep, "gravity": gravity_in_world},
-        body_mass=real(model.body_mass) * mass_scale,
-        body_inertia=real(model.body_inertia) * mass_scale,
-        tendon_damping=pair_damping[np.tril_indices(len(right), -1)],
-        dof_damping=2.0 * jnp.diagonal(damping) - lever * lever * pair_damping.sum(axis=1),
-    )
-    # MJX returns float64 if JAX's 64-bit numbers are enabled.
-    return Vec((after - speed).astype(speed.dtype))
+    options = {"timestep": timestep, "gravity": gravity_in_world}
+    changes = {
+        "body_mass": real(model.body_mass) * mass_scale,
+        "body_inertia": real(model.body_inertia) * mass_scale,
+        "tendon_damping": pair_damping[np.tril_indices(len(right), -1)],
+        "dof_damping": 2.0 * jnp.diagonal(damping) - levers * levers * pair_damping.sum(axis=1),
+    }
+    _, speed_after = advance_by_mjx(model, qpos, qvel, applied, options, **changes)
+    # MJX returns float64 if JAX's 64-bit numbers are enabled
+    return Vec((speed_after - speed).astype(speed.dtype))
 
 
 @functools.cache
 def _mjx_model(arm: ArmName) -> Any:
-    """Return the arm's model with a tendon for each pair of joints."""
+    """Return the arm's compiled model with a tendon for each pair of joints, for MJX."""
     import mujoco
 
     spec, names = arm_model.one_arm_spec(arm), arm_model.joint_names(arm)
@@ -115,7 +115,7 @@ def _mjx_model(arm: ArmName) -> Any:
 
 @functools.cache
 def arm_links(arm: ArmName) -> tuple[Link, ...]:
-    """Return the arm as a tree of links. Raises ValueError for a model with other joints."""
+    """Return the arm as a tree of links. Raises ValueError if the model has other joints."""
     from ravenjax.mechanics.rigid_tree import read_tree  # imports MuJoCo
 
     tree = read_tree(arm_model.one_arm(arm), arm_model.base_body(arm))
@@ -130,5 +130,7 @@ def arm_links(arm: ArmName) -> tuple[Link, ...]:
 
 @functools.lru_cache(maxsize=64)
 def arm_program(arm: ArmName, known: tuple[float | None, ...]) -> Program:
-    """Return the arm's straight-line program; see `mass_matrix_and_bias` for `known`."""
+    """Return the program that computes M and bias of an arm from qpos, qvel and gravity. known: for
+    each of these 17 numbers its value, if it is a constant of the program; None if it is an input.
+    """
     return rigid_program.mass_matrix_and_bias(arm_links(arm), known)

@@ -7,27 +7,25 @@ from ravenjax.robots.raven2.dynamics import arm_model
 
 _TABLES = resources.read_tables(__file__, "scene_views.toml")
 ENDOSCOPES = _TABLES["endoscopes"]
-"""Positions of the endoscopes from the middle of the field, m.
-
-The eyes of a stereo endoscope are 5 to 6 mm apart.
+"""Endoscope -> its position relative to `FIELD_CENTRE`, m, world frame. The eyes of a stereo
+endoscope are 5 to 6 mm apart.
 """
-FIELD = np.array([0.0, 0.0, 0.192])
-"""Middle of the field, a little above the tissue, m."""
+FIELD_CENTRE = np.array([0.0, 0.0, 0.192])
+"""Middle of the operating field, a little above the tissue, m, world frame."""
 # Vertical field of view. Rigid endoscopes see 60 to 75 degrees across their round picture.
 _ENDOSCOPE_FOV = np.radians(44.0)
 _CAMERAS = _TABLES["cameras"]
-"""Camera -> point about which it rotates, m, and factor of its distance in the model.
-
-The distance is larger than in the model, because a window is narrower than the model's picture.
+"""Camera -> point about which it rotates, m, and factor by which its distance from this point is
+larger than in the model. A window is narrower than the model's picture, so cameras are farther off.
 """
 VIEWS = (*ENDOSCOPES, *_CAMERAS)
 
 
 def view_pose(name: str) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return the position and the focus of a view, m, and its vertical field of view, rad."""
+    """Return position and focus of a view, m, world frame, and its vertical field of view, rad."""
     if name in ENDOSCOPES:
-        position, focus = FIELD + ENDOSCOPES[name], FIELD.copy()
-        # The axes of both eyes are parallel.
+        position, focus = FIELD_CENTRE + ENDOSCOPES[name], FIELD_CENTRE.copy()
+        # The two eyes look along parallel axes
         if name.endswith(("_left", "_right")):
             focus[0] = position[0]
         return position, focus, float(_ENDOSCOPE_FOV)

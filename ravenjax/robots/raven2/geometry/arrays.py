@@ -2,9 +2,9 @@
 
 Joints are on the last axis, in the order shoulder, elbow (rad), insertion (m), tool_roll, wrist,
 grasp1, grasp2 (rad). Any leading axes are allowed, and arguments broadcast against each other.
-Poses are those of the jaw axis in frame 0 of the arm. Results are NumPy arrays. Numbers must be
-finite and real (NaN may be returned, but is not accepted), and rotations orthonormal and
-right-handed. Any other number, a wrong shape or an unknown name raises UserError, a ValueError.
+Poses are those of the jaw axis in frame 0 of the arm. Results are NumPy arrays. Numbers in
+arguments must be finite and real, and rotations orthonormal and right-handed. Other numbers, a
+wrong shape or an unknown name raise UserError, a ValueError. Results may contain NaN.
 """
 
 # Callers may pass anything.
@@ -24,8 +24,8 @@ from ravenjax.robots.raven2.geometry.joints import Pose
 
 Array = np.ndarray
 
-ORTHONORMAL = 1e-3
-"""Largest difference of R^T R from 1 in a rotation. Single precision has far smaller errors."""
+MAX_ROTATION_ERROR = 1e-3
+"""Largest entry of R^T R - 1 for a rotation R. Rounding to single precision causes far less."""
 
 
 def forward_kinematics(jpos: ArrayLike, arm: str) -> tuple[Array, Array]:
@@ -34,15 +34,15 @@ def forward_kinematics(jpos: ArrayLike, arm: str) -> tuple[Array, Array]:
     The yaw of the jaws is (grasp2 - grasp1) / 2.
     """
     (joints,) = _check_arguments(arm, jpos=(jpos, (7,)))
-    with _whole_arrays():
+    with _array_arithmetic():
         pose = kinematics.forward_pose(arm, _to_vec(joints))
-    return _stacked(pose.position), _matrices(pose.rotation)
+    return _stack(pose.position), _stack_rows(pose.rotation)
 
 
 def jaw_rotation(arm: str, jpos: Array) -> Array:
     """Return the rotation [..., 3, 3] of the jaws at `jpos` [..., 7]; NaN if a joint is NaN."""
-    with _whole_arrays():
-        return _matrices(kinematics.forward_pose(arm, _to_vec(np.asarray(jpos, float))).rotation)
+    with _array_arithmetic():
+        return _stack_rows(kinematics.forward_pose(arm, _to_vec(np.asarray(jpos, float))).rotation)
 
 
 def inverse_kinematics(
@@ -51,10 +51,10 @@ def inverse_kinematics(
     """Return the joints jpos_d [..., 7] that reach the pose, and the status [...].
 
     position: [..., 3], m; rotation: [..., 3, 3], columns are the axes of the jaws' frame; grasp:
-    [...], rad, jaw opening; jpos_ref: [..., 7], measured joints. Returns the solution nearest to
-    `jpos_ref`, without joint limits.
+    [...], rad, jaw opening; jpos_ref: [..., 7], measured joints. Of all solutions, jpos_d is the
+    nearest to `jpos_ref`. Joint limits are ignored.
 
-    Status 0: valid. Status -1: rejected by the control software, which would keep its last jpos_d;
+    Status 0: valid. Status -1: the control software would reject the pose and keep its last jpos_d;
     the returned jpos_d is NaN. Status -2: the wrist is at the remote centre, a singularity; the
     angles are those that the control software would use.
     """
@@ -65,87 +65,94 @@ def inverse_kinematics(
         grasp=(grasp, ()),
         jpos_ref=(jpos_ref, (7,)),
     )
+    # Without the broadcast axes, an error names the index in the caller's array
     _require_rotations(_check_numbers("rotation", rotation, (3, 3)))
     pose = Pose(_to_vec(positions), Vec(_to_vec(rotations[..., k, :]) for k in range(3)))
-    with _whole_arrays():
+    with _array_arithmetic():
         solution = kinematics.inverse_joints(arm, pose, openings[()], _to_vec(reference))
-    jpos_d, status = _stacked(solution.jpos), np.asarray(solution.status)
+    jpos_d, status = _stack(solution.jpos), np.asarray(solution.status)
     jpos_d[status == kinematics.REJECTED] = np.nan
     return jpos_d, status
 
 
 def motor_from_joint(jpos: ArrayLike, arm: str, tool: str = "r_grasper") -> Array:
-    """Return motor angles [..., 7] (rad), with cable coupling, for `jpos` [..., 7] (rad, m)."""
+    """Return the motor angles [..., 7] (rad) at `jpos` [..., 7] (rad, m), with cable coupling."""
     (joints,) = _check_arguments(arm, jpos=(jpos, (7,)))
-    return _stacked(transmission.motor_from_joint(arm, tool, _to_vec(joints)))
+    return _stack(transmission.motor_from_joint(arm, tool, _to_vec(joints)))
 
 
 def joint_from_motor(mpos: ArrayLike, arm: str, tool: str = "r_grasper") -> Array:
-    """Return joints [..., 7] (rad, m), with cable coupling, for motors `mpos` [..., 7] (rad)."""
+    """Return the joints [..., 7] (rad, m) at motors `mpos` [..., 7] (rad), with cable coupling."""
     (motors,) = _check_arguments(arm, mpos=(mpos, (7,)))
-    return _stacked(transmission.joint_from_motor(arm, tool, _to_vec(motors)))
+    return _stack(transmission.joint_from_motor(arm, tool, _to_vec(motors)))
 
 
 def gravity_torque(jpos: ArrayLike, arm: str) -> Array:
     """Return the capstan torques [..., 3] (Nm) that compensate gravity at `jpos` [..., 7]."""
     (joints,) = _check_arguments(arm, jpos=(jpos, (7,)))
-    with _whole_arrays():
-        return _stacked(gravity.gravity_torque(arm, _to_vec(joints)))
+    with _array_arithmetic():
+        return _stack(gravity.gravity_torque(arm, _to_vec(joints)))
 
 
 @contextlib.contextmanager
-def _whole_arrays() -> Generator[None]:
-    """Let functions of single numbers compute with arrays in place of numbers."""
+def _array_arithmetic() -> Generator[None]:
+    """Let functions of single numbers compute with NumPy arrays, without warnings about NaN."""
     with run_eagerly(), np.errstate(all="ignore"):
         yield
 
 
 def _to_vec(rows: Array) -> Vec:
+    # Returns the entries of the last axis as a Vec of arrays.
     return Vec(rows[..., k] for k in range(rows.shape[-1]))
 
 
-def _stacked(numbers: Vec) -> Array:
+def _stack(numbers: Vec) -> Array:
+    # Returns the arrays of a Vec as one array, with the entries of the Vec on the last axis.
     return np.stack(np.broadcast_arrays(*numbers), axis=-1)
 
 
-def _matrices(rows: Vec) -> Array:
-    return np.stack([_stacked(row) for row in rows], axis=-2)
+def _stack_rows(rows: Vec) -> Array:
+    return np.stack([_stack(row) for row in rows], axis=-2)
 
 
 def _check_arguments(arm: str, **arguments: tuple[ArrayLike, tuple[int, ...]]) -> list[Array]:
-    """Return the arguments as arrays with broadcast leading axes. Raises UserError.
-
-    arguments: name -> (value, shape of the last axes).
-    """
+    # Returns the arguments as arrays with broadcast leading axes. Raises UserError. arguments: name
+    # -> (value, shape of the last axes).
     if arm not in ARMS:
         raise UserError(describe_unknown_name("arm", arm, ARMS))
-    checked = {name: _check_numbers(name, value, row) for name, (value, row) in arguments.items()}
-    leading = {name: a.shape[: a.ndim - len(arguments[name][1])] for name, a in checked.items()}
+    arrays, leading_shapes = dict[str, Array](), dict[str, tuple[int, ...]]()
+    for name, (value, last_shape) in arguments.items():
+        arrays[name] = array = _check_numbers(name, value, last_shape)
+        leading_shapes[name] = array.shape[: array.ndim - len(last_shape)]
     try:
-        shape = np.broadcast_shapes(*leading.values())
+        shape = np.broadcast_shapes(*leading_shapes.values())
     except ValueError:
-        shapes = ", ".join(f"{name} {shape}" for name, shape in leading.items())
+        shapes = ", ".join(f"{name} {shape}" for name, shape in leading_shapes.items())
         raise UserError(
             f"the leading axes of the arguments do not broadcast against each other: {shapes}"
         ) from None
-    return [np.broadcast_to(a, shape + arguments[name][1]) for name, a in checked.items()]
+    return [np.broadcast_to(a, shape + arguments[name][1]) for name, a in arrays.items()]
 
 
-def _check_numbers(name: str, value: ArrayLike, row: tuple[int, ...]) -> Array:
-    """Return an array of finite numbers [..., *row]."""
+def _check_numbers(name: str, value: ArrayLike, last_shape: tuple[int, ...]) -> Array:
+    # Returns the argument as a float64 array [..., *last_shape], or raises UserError. All numbers
+    # must be finite.
     try:
         array = np.asarray(value)
     except (TypeError, ValueError) as error:
         raise UserError(f"{name} is not an array of numbers: {error}") from None
+    # Integers, unsigned integers and floating-point numbers
     if array.dtype.kind not in "iuf" or np.ma.is_masked(value):
         kind = "masked numbers" if np.ma.is_masked(value) else str(array.dtype)
         raise UserError(f"{name} is not an array of numbers: got {kind}, expected real numbers")
-    if array.shape[max(array.ndim - len(row), 0) :] != row:
-        expected = ", ".join(("...", *map(str, row)))
-        order = f" in the order {', '.join(JOINTS)}" if row == (7,) else ""
+    if array.shape[max(array.ndim - len(last_shape), 0) :] != last_shape:
+        expected = ", ".join(("...", *map(str, last_shape)))
+        order = f" in the order {', '.join(JOINTS)}" if last_shape == (7,) else ""
         raise UserError(f"{name} has shape {array.shape}, expected [{expected}]{order}")
-    for index in np.argwhere(~np.isfinite(array))[:1].tolist():
-        joint = f" ({JOINTS[index[-1]]})" if row == (7,) else ""
+    wrong_indices = np.argwhere(~np.isfinite(array)).tolist()
+    if wrong_indices:
+        index = wrong_indices[0]
+        joint = f" ({JOINTS[index[-1]]})" if last_shape == (7,) else ""
         where = f"{name}{index or ''}{joint}"
         raise UserError(f"{where} is {array[tuple(index)]}, expected a finite number")
     return array.astype(np.float64)
@@ -154,9 +161,11 @@ def _check_numbers(name: str, value: ArrayLike, row: tuple[int, ...]) -> Array:
 def _require_rotations(matrices: Array) -> None:
     # Raises UserError for the first matrix that is no rotation.
     errors = np.abs(np.swapaxes(matrices, -1, -2) @ matrices - np.eye(3)).max(axis=(-1, -2))
-    for index in np.argwhere((errors > ORTHONORMAL) | (np.linalg.det(matrices) < 0))[:1].tolist():
+    is_wrong = (errors > MAX_ROTATION_ERROR) | (np.linalg.det(matrices) < 0)
+    if is_wrong.any():
+        index = np.argwhere(is_wrong)[0].tolist()
         error, problem = errors[tuple(index)], "is a reflection"
-        if error > ORTHONORMAL:
+        if error > MAX_ROTATION_ERROR:
             problem = f"has columns that are not orthonormal (off by {error:.2g})"
         raise UserError(
             f"rotation{index or ''} {problem}, expected a rotation matrix,"

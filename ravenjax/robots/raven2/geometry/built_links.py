@@ -1,7 +1,8 @@
-"""Tip of an arm whose links differ from the drawings: its Denavit-Hartenberg table with errors.
+"""Tip of an arm whose links differ from the drawings: a Denavit-Hartenberg table with errors.
 
-`kinematics.forward_pose` uses the software's table, in which shoulder, elbow and insertion axes
-meet in one point. Here every link may have its own twist and length (convention: `joints`).
+`kinematics.forward_pose` uses the table of the control software, in which shoulder, elbow and
+insertion axes meet in one point. In this module, every link may have its own twist and length
+(convention: `joints`).
 """
 
 from ravenjax.numbers import Scalar, Vec, describe_fields, jnp, record, trigonometry
@@ -12,7 +13,7 @@ from ravenjax.robots.raven2.geometry.joints import D4, GEOMETRY, LINK12, LINK23,
 @describe_fields
 @record
 class LinkErrors:
-    """Differences of the true links from the software's table; 0: as drawn."""
+    """True twists and lengths of the links minus those of the software's table; 0: as drawn."""
 
     twist12: Scalar  # rad
     twist23: Scalar  # rad
@@ -24,14 +25,13 @@ class LinkErrors:
 
 
 def tip_position(arm: str, jpos: Vec, errors: LinkErrors) -> Vec:
-    """Return the position (3, m, frame 0) of the jaw axis of an arm with link errors.
-
-    jpos: joints, rad and m.
+    """Return the position (3, m, frame 0) of the jaw axis of an arm with link errors. The jaw axis
+    is known in frame 4 and converted from frame to frame. jpos: joints, rad and m.
     """
     geometry = GEOMETRY[arm]
     gold = geometry.flip > 0
     twist2 = sub(PI - LINK23, errors.twist23) if gold else add(LINK23, errors.twist23)
-    zero2 = -1.0 if geometry.zero2 else 1.0  # half a turn
+    sign2 = -1.0 if geometry.zero2 else 1.0  # theta2 differs from the elbow by half a turn or 0
     angle1, angle4 = jpos[0] + geometry.zero1, jpos[3]
     s5, c5 = jnp.sin(jpos[4]), jnp.cos(jpos[4])  # theta5 = wrist - 90 deg
     reach = add(LW, errors.wrist_length)
@@ -41,20 +41,22 @@ def tip_position(arm: str, jpos: Vec, errors: LinkErrors) -> Vec:
     point = Vec((add(point[0], errors.length34), point[1], point[2] + depth))  # frame 3
     # theta3 = +-90 deg
     point = Vec((mul(-geometry.side, point[1]), mul(geometry.side, point[0]), point[2]))
-    point = _link(point, errors.length23, twist2)
-    point = _rotate_z(point, zero2 * jnp.cos(jpos[1]), zero2 * jnp.sin(jpos[1]))
-    point = _link(point, errors.length12, add(LINK12, errors.twist12))
+    point = _to_previous_frame(point, errors.length23, twist2)
+    point = _rotate_z(point, sign2 * jnp.cos(jpos[1]), sign2 * jnp.sin(jpos[1]))
+    point = _to_previous_frame(point, errors.length12, add(LINK12, errors.twist12))
     x, y, z = _rotate_z(point, jnp.cos(angle1), jnp.sin(angle1))
     return Vec((x, y, z)) if gold else Vec((x, -y, -z))
 
 
 def _rotate_z(point: Vec, cosine: Scalar, sine: Scalar) -> Vec:
+    # Returns the point after a rotation about z, by an angle with this cosine and sine.
     x, y, z = point
     return Vec((sub(mul(cosine, x), mul(sine, y)), add(mul(sine, x), mul(cosine, y)), z))
 
 
-def _link(point: Vec, length: Scalar, twist: Scalar) -> Vec:
-    """Return a point in the frame of the link before: translated along x, rotated about x."""
+def _to_previous_frame(point: Vec, length: Scalar, twist: Scalar) -> Vec:
+    """Return a point in the previous frame: shifted along x, then rotated about x by `twist`."""
+    # A twist without an error is a Python number
     functions = trigonometry if isinstance(twist, float) else jnp
     cosine, sine = functions.cos(twist), functions.sin(twist)
     x, y, z = point

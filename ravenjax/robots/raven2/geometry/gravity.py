@@ -1,8 +1,8 @@
 """The control software's gravity compensation: torques that hold shoulder, elbow and insertion.
 
-Source: raven2 `src/raven/grav_comp.cpp`, `include/raven/grav_comp.h`. Masses and centres are the
-control software's own and differ from those of the virtual robot. The centre of link 3 is the
-origin of its frame, which depends on d3.
+Source: raven2 `src/raven/grav_comp.cpp`, `include/raven/grav_comp.h`. Masses and centres of mass
+are those that the control software assumes. They differ from those of the virtual robot. The
+centre of mass of link 3 is the origin of its frame, which depends on d3.
 """
 
 from ravenjax.bundled import resources
@@ -13,28 +13,26 @@ from ravenjax.robots.raven2.geometry.transmission import JOINT_PER_CAPSTAN_TORQU
 GRAVITY = 9.8  # m/s^2 along -x of frame 0, both arms
 # m/s^2, the float32 that the original stores
 GRAVITY_AS_STORED = 9.800000190734863
-
 MASSES = (0.494, 0.750, 0.231)  # kg, links 1 to 3
-
 
 CENTRES = {
     arm: tuple(map(Vec, links))
     for arm, links in resources.read_tables(__file__, "gravity.toml").items()
 }
-"""Centres of mass in the control software, m: of link 1 in frame 1, of link 2 in frame 2."""
+"""Centres of mass of link 1 in frame 1 and of link 2 in frame 2, in the control software, m."""
 
 
 def joint_gravity_torque(arm: str, jpos: Vec, gravity: Scalar = GRAVITY) -> Vec:
-    """Return torques (Nm, Nm, N) that balance gravity at joints 1-3. gravity: m/s^2 along -x."""
+    """Return the torques (Nm, Nm, N) of joints 1-3 that balance gravity (m/s^2 along -x)."""
     geometry, (link1, link2) = GEOMETRY[arm], CENTRES[arm]
     theta1 = jpos[0] + geometry.zero1
     c1, s1 = jnp.cos(theta1), jnp.sin(theta1)
     c2, s2 = jnp.cos(jpos[1]), jnp.sin(jpos[1])
-    if geometry.zero2:  # half a turn
+    if geometry.zero2:  # theta2 differs from the elbow by half a turn
         c2, s2 = -c2, -s2
     gx, gy = -gravity * c1, gravity * s1  # gravity in frame 1; its z component is zero
-    moment_arm = GM2 * gy
-    hx, hy, hz = c2 * gx + s2 * moment_arm, c2 * moment_arm - s2 * gx, -GM1 * gy  # in frame 2
+    tilted_gy = GM2 * gy  # after the rotation about x by the twist of link 1
+    hx, hy, hz = c2 * gx + s2 * tilted_gy, c2 * tilted_gy - s2 * gx, -GM1 * gy  # gravity, frame 2
     m1, m2, m3 = MASSES
     # First moments (kg m): of links 2 and 3 in frame 2, then of all links in frame 1.
     x2 = m2 * link2[0]

@@ -1,7 +1,8 @@
 """Parts of an instrument that can touch something: two jaw tips, shaft, wrist and jaws.
 
-Frame 0 of the arm, m and rad. The axes are those of `kinematics`, so no link has a kinematic error.
-Columns of a Jacobian are the seven joints of `arms.JOINTS`; structural zeros are Python numbers.
+All vectors are in frame 0 of the arm, m and rad. The axes are those of `kinematics`, without
+kinematic errors. The columns of a Jacobian belong to the joints of `arms.JOINTS`. Entries that are
+zero at every pose are Python numbers, so they cost no operation.
 """
 
 from typing import NamedTuple
@@ -17,28 +18,27 @@ SHAFT_RADIUS = 0.00425  # m; PROVENANCE.md: 8.5 mm thick
 # m, radius of wrist and jaws: about half the width of the drawn ones
 JAW_RADIUS = 0.003
 
-_STILL = Vec.full(3, 0.0)
+_NO_MOTION = Vec.full(3, 0.0)
 
 
 class InstrumentPoint(NamedTuple):
     """A point of an instrument, and its Jacobian."""
 
-    at: Vec  # 3, m
+    position: Vec  # 3, m
     columns: tuple[Vec, ...]  # 7 of 3: velocity of the point (m/s) per unit speed of each joint
 
     def velocity(self, jvel: Vec) -> Vec:
         """Return the velocity in m/s at joint velocities (7, rad/s and m/s)."""
-        total = _STILL
+        velocity = _NO_MOTION
         for column, speed in zip(self.columns, jvel, strict=True):
-            total = total.map(lambda so_far, x, v=speed: add(so_far, mul(x, v)), column)
-        return total
+            velocity = velocity.map(lambda total, x, v=speed: add(total, mul(x, v)), column)
+        return velocity
 
-    def along(self, way: Vec) -> Vec:
-        """Return J^T way (7): the joint torques (N m, N) that balance a force `way` (N).
-
-        If `way` is a direction, these are the speeds of the point along it per unit joint speed.
+    def project_on_joints(self, vector: Vec) -> Vec:
+        """Return J^T `vector` (7): for a force on the point (N), its torques at the joints (Nm, N);
+        for a direction, the speed of the point along it per unit speed of each joint.
         """
-        return Vec(dot(column, way) for column in self.columns)
+        return Vec(dot(column, vector) for column in self.columns)
 
 
 class InstrumentLine(NamedTuple):
@@ -46,59 +46,64 @@ class InstrumentLine(NamedTuple):
 
     chain: kinematics.ChainAxes
     wrist: Vec  # m
-    end: Vec  # m, point where the jaws close
-    turn: Vec  # m/rad, motion of the end per yaw of the jaws
+    end: Vec  # m, tip of the closed jaws
+    end_per_yaw: Vec  # m/rad, motion of the end per yaw of the jaws
 
 
 def jaw_tips(arm: str, jpos: Vec) -> tuple[InstrumentPoint, InstrumentPoint]:
-    """Return the tips of both jaws at `jpos` (7), which rotate about axis 6 by -grasp1, grasp2."""
-    chain = kinematics.chain_of(arm, jpos)
-    return _jaw_tip(arm, chain, jpos[5], -1.0, 5), _jaw_tip(arm, chain, jpos[6], 1.0, 6)
+    """Return the tips of jaw 1 and jaw 2 at `jpos` (7, rad and m)."""
+    chain = kinematics.chain_axes(arm, jpos)
+    # The jaws rotate about axis 6 by -grasp1 and by grasp2
+    first = _jaw_tip(arm, chain, jpos[5], sign=-1.0, joint=5)
+    return first, _jaw_tip(arm, chain, jpos[6], sign=1.0, joint=6)
 
 
 def instrument_line(arm: str, jpos: Vec) -> InstrumentLine:
-    """Return the instrument's line at `jpos` (7, rad and m)."""
-    chain = kinematics.chain_of(arm, jpos)
-    to_end, turn = _jaw(chain, jaw_yaw(jpos))
-    return InstrumentLine(chain, chain.z3 * (jpos[2] + D4), chain.tip + to_end, turn)
+    """Return the instrument at `jpos` (7, rad and m) as a line of two straight pieces."""
+    chain = kinematics.chain_axes(arm, jpos)
+    to_end, end_per_yaw = _jaw_vector(chain, jaw_yaw(jpos))
+    wrist = chain.z3 * (jpos[2] + D4)
+    return InstrumentLine(chain, wrist, chain.tip + to_end, end_per_yaw)
 
 
-def point_on(arm: str, line: InstrumentLine, at: Vec, share: Scalar) -> InstrumentPoint:
-    """Return the point at `at` (m) of an instrument, with its Jacobian.
-
-    share: position of the point between wrist and end, 0 to 1; 0 on the shaft.
+def line_point(arm: str, line: InstrumentLine, position: Vec, share: Scalar) -> InstrumentPoint:
+    """Return the point of an instrument at `position` (m), with its Jacobian. share: distance of
+    the point from the wrist, as a share of the piece from wrist to end; 0 for a point on the shaft.
     """
-    chain = line.chain
     from_wrist = (line.end - line.wrist) * share
-    jaw_motion = line.turn * (share * 0.5)
-    columns = _positioning_columns(arm, chain, at, from_wrist)
-    return InstrumentPoint(at, (*columns, -jaw_motion, jaw_motion))
+    # The yaw is (grasp2 - grasp1) / 2
+    jaw_motion = line.end_per_yaw * (share * 0.5)
+    columns = _positioning_columns(arm, line.chain, position, from_wrist)
+    return InstrumentPoint(position, (*columns, -jaw_motion, jaw_motion))
 
 
 def _jaw_tip(
     arm: str, chain: kinematics.ChainAxes, angle: Scalar, sign: float, joint: int
 ) -> InstrumentPoint:
-    # Returns the tip of one jaw. sign: direction in which its joint rotates it about axis 6.
-    to_tip, turn = _jaw(chain, mul(sign, angle))
-    at = chain.tip + to_tip
-    jaw_motion = scale(sign, turn)
-    jaws = (jaw_motion, _STILL) if joint == 5 else (_STILL, jaw_motion)
-    columns = _positioning_columns(arm, chain, at, chain.x5 * LW + to_tip)
-    return InstrumentPoint(at, (*columns, *jaws))
+    # Returns the tip of a jaw. angle, joint: position and index (5 or 6) of the jaw's joint. sign:
+    # direction in which this joint rotates the jaw about axis 6.
+    to_tip, tip_per_angle = _jaw_vector(chain, mul(sign, angle))
+    position = chain.tip + to_tip
+    jaw_motion = scale(sign, tip_per_angle)
+    jaws = (jaw_motion, _NO_MOTION) if joint == 5 else (_NO_MOTION, jaw_motion)
+    columns = _positioning_columns(arm, chain, position, chain.x5 * LW + to_tip)
+    return InstrumentPoint(position, (*columns, *jaws))
 
 
-def _jaw(chain: kinematics.ChainAxes, angle: Scalar):
-    """Return the vector from jaw axis to jaw tip (m) at `angle` (rad), and its rate (m/rad)."""
+def _jaw_vector(chain: kinematics.ChainAxes, angle: Scalar) -> tuple[Vec, Vec]:
+    """Return the vector from jaw axis to jaw tip at `angle` (rad), m, and its derivative, m/rad."""
     c, s = jnp.cos(angle) * JAW_LENGTH, jnp.sin(angle) * JAW_LENGTH
     return chain.x5 * c - chain.y4 * s, -(chain.x5 * s + chain.y4 * c)
 
 
-def _positioning_columns(arm: str, chain: kinematics.ChainAxes, at: Vec, from_wrist: Vec):
+def _positioning_columns(
+    arm: str, chain: kinematics.ChainAxes, position: Vec, from_wrist: Vec
+) -> tuple[Vec, ...]:
     """Return the Jacobian's columns of joints 1-5. from_wrist: vector from wrist to point, m."""
-    flip = GEOMETRY[arm].flip
+    flip = GEOMETRY[arm].flip  # axis 1 is (0, 0, flip)
     return (
-        Vec((mul(-flip, at[1]), mul(flip, at[0]), 0.0)),
-        cross(chain.z2, at),
+        Vec((mul(-flip, position[1]), mul(flip, position[0]), 0.0)),
+        cross(chain.z2, position),
         chain.z3,
         cross(chain.z3, from_wrist),
         cross(from_wrist, chain.y4),

@@ -14,7 +14,7 @@ from ravenjax.numbers.trigonometry import cos, sin
 PI = math.pi
 LINK12 = math.radians(75.0)  # rad, La12: shoulder axis to elbow axis
 LINK23 = math.radians(52.0)  # rad, La23: elbow axis to insertion axis
-GM1, GM2 = sin(LINK12), cos(LINK12)
+GM1, GM2 = sin(LINK12), cos(LINK12)  # names of the source
 GM3, GM4 = sin(LINK23), cos(LINK23)
 D4 = -0.47  # m, remote centre to wrist axis at insertion 0
 LW = 0.013  # m, Lw: wrist axis to jaw axis, Raven tool; the original uses it for every tool
@@ -58,15 +58,14 @@ class Theta:
 
 
 def jaw_yaw(jpos: Vec) -> Scalar:
-    """Return the jaw yaw, rad, positive toward jaw 2.
-
-    The original rounds the difference of the jaws to float32 before halving it.
+    """Return the jaw yaw, rad, positive toward jaw 2. The original rounds the difference of grasp2
+    and grasp1 to float32 before it halves it.
     """
     return (jpos[6] - jpos[5]) * 0.5
 
 
 def jaw_angles(yaw_rad: Scalar, grasp_rad: Scalar) -> tuple[Scalar, Scalar]:
-    """Return grasp1 and grasp2, rad, from yaw and opening."""
+    """Return grasp1 and grasp2, rad, of jaws with this yaw and this opening."""
     half = grasp_rad * 0.5
     return half - yaw_rad, half + yaw_rad
 
@@ -77,7 +76,7 @@ def wrap_angle(angle: Scalar) -> Scalar:
 
 
 def theta_from_joint(arm: str, jpos: Vec) -> Theta:
-    """Return the DH variables of the joints; every angle in [-pi, pi], roll included."""
+    """Return the Denavit-Hartenberg variables of the joints `jpos` (7), angles in [-pi, pi]."""
     geometry = GEOMETRY[arm]
     return Theta(
         theta1=wrap_angle(jpos[0] + geometry.zero1),
@@ -90,25 +89,28 @@ def theta_from_joint(arm: str, jpos: Vec) -> Theta:
 
 
 def joint_from_theta(arm: str, theta: Theta, grasp_rad: Scalar) -> Vec:
-    """Return the joints (7) of DH variables in [-pi, pi]. Angles but the roll are in [-pi, pi]."""
+    """Return the joints (7) of Denavit-Hartenberg variables, whose angles are in [-pi, pi]. The
+    resulting angles are also in [-pi, pi], except that the roll is theta4 itself.
+    """
     geometry = GEOMETRY[arm]
     grasp1, grasp2 = jaw_angles(theta.theta6, grasp_rad)
     return Vec(
         (
-            _one_turn(theta.theta1, -geometry.zero1),
-            _one_turn(theta.theta2, -geometry.zero2),
+            _add_offset(theta.theta1, -geometry.zero1),
+            _add_offset(theta.theta2, -geometry.zero2),
             theta.d3,
             theta.theta4,
-            _one_turn(theta.theta5, PI / 2),
+            _add_offset(theta.theta5, PI / 2),
             grasp1,
             grasp2,
         )
     )
 
 
-def _one_turn(angle: Scalar, zero: float) -> Scalar:
-    """Return angle + zero, shifted by at most one turn into [-pi, pi]."""
-    if zero == 0.0:
+def _add_offset(angle: Scalar, offset: float) -> Scalar:
+    """Return angle + offset, shifted by at most one turn into [-pi, pi]."""
+    if offset == 0.0:
         return angle
-    joint, turn = angle + zero, math.copysign(2 * PI, zero)
-    return jnp.where(joint > PI if zero > 0 else joint < -PI, angle + (zero - turn), joint)
+    joint, turn = angle + offset, math.copysign(2 * PI, offset)
+    is_outside = joint > PI if offset > 0 else joint < -PI
+    return jnp.where(is_outside, angle + (offset - turn), joint)

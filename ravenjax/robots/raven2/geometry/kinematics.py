@@ -4,18 +4,18 @@ All results are in frame 0 of the arm, m and rad, in the floating-point type of 
 raven2 `src/raven/r2_kinematics.cpp`. The Jacobian is the geometric one of the same chain, because
 the original's own (`r2_jacobian.cpp`) has placeholder lengths.
 
-The inverse takes the nearest of eight solutions to the measured joints, or none. The choice follows
-inv_kin and check_solutions of the original. The angles come from the same equations with the work
-shared. The wrist can be on either side of the jaw axis (side 0, 1). The insertion axis can point to
-or from it (depth 0, 1). The elbow can bend either way (bend 0, 1). Solution i = 4 side + 2 depth +
-bend.
+Of the eight solutions of the inverse, the one nearest to the measured joints is chosen, or none.
+The choice follows inv_kin and check_solutions of the original. The equations are the same, but
+solutions share intermediate results. The wrist can be on either side of the jaw axis (side 0, 1).
+The insertion axis can point from the wrist or toward it (depth 0, 1). The elbow can bend either way
+(bend 0, 1). The index of a solution is 4 side + 2 depth + bend.
 
-- Wrist and yaw depend on side and depth alone, because the insertion axis z3 is the direction to
-  the wrist.
-- The two bends mirror each other in the plane of shoulder axis z1 and z3. Let m = z1 x z3 and e = m
-  x z3, which span what is perpendicular to z3. The axis y3 has parts (alpha, beta) along e and m in
-  one bend, and (-alpha, beta) in the other. A direction with parts (E, F) is seen at theta4 =
-  atan2(F beta +- E alpha, E beta -+ F alpha); common factors cancel.
+- Wrist angle and yaw depend on side and depth alone, because the insertion axis z3 is the direction
+  to the wrist.
+- The two bends mirror each other in the plane of the shoulder axis z1 and z3. Let m = z1 x z3 and
+  e = m x z3, which are perpendicular to z3 and to each other. The axis y3 has the components
+  (alpha, beta) along e and m in one bend, and (-alpha, beta) in the other. A direction with
+  components (E, F) has theta4 = atan2(F beta +- E alpha, E beta -+ F alpha); common factors cancel.
 """
 
 from functools import partial
@@ -29,19 +29,19 @@ from ravenjax.robots.raven2.geometry.joints import D4, GEOMETRY, GM1, GM2, GM3, 
 # rad^2 (insertion counted 100 rad/m): a nearest solution that is farther away is rejected
 COST_LIMIT = PI
 NO_SOLUTION_COST = 32765.0  # rad^2, where the search for the least cost starts
-# largest distance of the cosine of theta2 from [-1, 1] for which the cosine is clamped
-CLAMP = 1e-5
+# largest amount by which a cosine of theta2 beyond 1 or -1 is clamped; beyond it, no solution
+MAX_COSINE_EXCESS = 1e-5
 # cosine (or sine) of theta5 below which the equations with the sine (or cosine) are used
-SINGULAR = 1e-5
-# rad, distance of theta4 from its measured value above which it is shifted by a turn
+SINGULAR_BOUND = 1e-5
+# rad, difference of theta4 from its measured value above which theta4 is shifted by a turn
 ROLLOVER = 300.0 * PI / 180.0
-INSERTION_WEIGHT = 100.0  # rad/m, weight of d3 in the cost
+INSERTION_WEIGHT = 100.0  # rad/m, factor of d3 in the cost
 
 OK, REJECTED, AT_REMOTE_CENTRE = 0, -1, -2
 
 
 class ChainAxes(NamedTuple):
-    """Axes of the DH frames in frame 0; z1 is (0, 0, flip), z4 is z3."""
+    """Axes of the Denavit-Hartenberg frames, in frame 0; z1 is (0, 0, flip), z4 is z3."""
 
     z2: Vec
     z3: Vec
@@ -53,8 +53,8 @@ class ChainAxes(NamedTuple):
     tip: Vec  # m, origin of frame 6
 
 
-def chain_of(arm: str, jpos: Vec) -> ChainAxes:
-    """Return the axes of the chain at `jpos` (7, rad and m)."""
+def chain_axes(arm: str, jpos: Vec) -> ChainAxes:
+    """Return the axes of the frames and the tip at `jpos` (7, rad and m)."""
     geometry = GEOMETRY[arm]
     cos23, side, flip = geometry.cos23, geometry.side, geometry.flip
     theta1 = jpos[0] + geometry.zero1
@@ -66,29 +66,29 @@ def chain_of(arm: str, jpos: Vec) -> ChainAxes:
     c5, s5 = jnp.sin(jpos[4]), -jnp.cos(jpos[4])  # theta5 = wrist - 90 deg
 
     def from_frame1(x: Scalar, y: Scalar, z: Scalar):
+        # Returns a vector of frame 1 in frame 0.
         x0, y0 = c1 * x - s1 * y, s1 * x + c1 * y
         return Vec((x0, y0, z)) if flip > 0 else Vec((x0, -y0, -z))
 
-    def signed(x: Scalar):
+    def times_side(x: Scalar):
         return x if side > 0 else -x
 
     z2 = Vec((GM1 * s1, -GM1 * c1, GM2)) if flip > 0 else Vec((GM1 * s1, GM1 * c1, -GM2))
     z3 = from_frame1(GM3 * s2, -GM2 * GM3 * c2 - GM1 * cos23, -GM1 * GM3 * c2 + GM2 * cos23)
     x3_in_1 = (-cos23 * s2, GM2 * cos23 * c2 - GM1 * GM3, GM1 * cos23 * c2 + GM2 * GM3)
-    x3 = from_frame1(*map(signed, x3_in_1))
-    y3 = from_frame1(*map(signed, (-c2, -GM2 * s2, -GM1 * s2)))
+    x3 = from_frame1(*map(times_side, x3_in_1))
+    y3 = from_frame1(*map(times_side, (-c2, -GM2 * s2, -GM1 * s2)))
     x4, y4 = x3 * c4 + y3 * s4, y3 * c4 - x3 * s4
     x5, y5 = x4 * c5 + z3 * s5, z3 * c5 - x4 * s5
     return ChainAxes(z2, z3, x4, y4, x5, y5, c5, z3 * (jpos[2] + D4) + x5 * LW)
 
 
 def forward_pose(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
-    """Return the pose of the jaw axis at `jpos` (7, rad and m).
-
-    The pose depends on the jaws only through their yaw, (grasp2 - grasp1) / 2. yaw_rad: yaw in rad
-    if it is rounded, as in the original.
+    """Return the pose of the jaw axis at `jpos` (7, rad and m). The pose depends on the jaws only
+    through their yaw, (grasp2 - grasp1) / 2.
+    yaw_rad: the yaw, if it is not to be computed from `jpos`; the original rounds it.
     """
-    chain = chain_of(arm, jpos)
+    chain = chain_axes(arm, jpos)
     theta6 = joints.jaw_yaw(jpos) if yaw_rad is None else yaw_rad
     c6, s6 = jnp.cos(theta6), jnp.sin(theta6)
     x6 = chain.x5 * c6 - chain.y4 * s6
@@ -97,12 +97,12 @@ def forward_pose(arm: str, jpos: Vec, yaw_rad: Scalar = None) -> Pose:
 
 
 def tip_jacobian(arm: str, jpos: Vec) -> Vec:
-    """Return the geometric Jacobian of frame 6.
-
-    Rows: vx, vy, vz (m/s), wx, wy, wz (rad/s). Columns: theta1, theta2, d3, theta4, theta5, theta6.
+    """Return the geometric Jacobian of frame 6. Rows: vx, vy, vz (m/s), wx, wy, wz (rad/s).
+    Columns: theta1, theta2, d3, theta4, theta5, theta6.
     """
-    chain = chain_of(arm, jpos)
+    chain = chain_axes(arm, jpos)
     z1, z5, still = Vec((0.0, 0.0, GEOMETRY[arm].flip)), -chain.y4, Vec.full(3, 0.0)
+    # Linear and angular velocity of the tip per unit speed of each joint
     columns = (
         (*cross(z1, chain.tip), *z1),
         (*cross(chain.z2, chain.tip), *chain.z2),
@@ -115,19 +115,15 @@ def tip_jacobian(arm: str, jpos: Vec) -> Vec:
 
 
 def tip_velocity(arm: str, jpos: Vec, jvel: Vec) -> Vec:
-    """Return the velocity of the jaw axis, m/s, at joint velocities `jvel` (7, rad/s and m/s).
-
-    The result does not depend on the jaws, which rotate about this axis.
+    """Return the velocity of the jaw axis, m/s, at joint velocities `jvel` (7, rad/s and m/s). The
+    result does not depend on the jaws, which rotate about the jaw axis.
     """
-    chain = chain_of(arm, jpos)
+    chain = chain_axes(arm, jpos)
     shoulder = jvel[0] if GEOMETRY[arm].flip > 0 else -jvel[0]
     angular = chain.z2 * jvel[1]
     angular = angular.replace(2, angular[2] + shoulder)
     wrist_part = chain.y4 * (chain.c5 * jvel[3]) + chain.y5 * jvel[4]
     return cross(angular, chain.tip) + chain.z3 * jvel[2] + wrist_part * LW
-
-
-# --- inverse ---
 
 
 @record
@@ -144,122 +140,128 @@ class IK:
 class _Wrist:
     """Quantities that all solutions of one side of the wrist have in common."""
 
-    insertion: Scalar  # m, from the remote centre to the wrist
+    insertion: Scalar  # m, distance from the remote centre to the wrist
     direction: Vec  # 3, unit vector from the remote centre to the wrist
     to_jaw: Vec  # 3, vector from the wrist to the jaw axis, in units of Lw
-    ends: Vec  # 2, cos and sin of theta6, up to rounding
+    yaw: Vec  # 2, cos and sin of theta6 if the insertion axis is the direction to the wrist
 
 
 @record
-class _Reach:
-    """Both solutions of one side and depth, which differ in theta1, theta4 and sign of theta2."""
+class _BendPair:
+    """The two solutions of a side and a depth: they differ in theta1, theta4 and sign of theta2."""
 
-    axis: Vec  # 2, x and y of the insertion axis, toward the wrist
-    bend: Vec  # 2, cos and sin of theta2 of bend 0; theta2 is negated for bend 1
-    roll: Vec  # 2, components along e and m (see the module) of the direction that gives theta4
+    axis: Vec  # 2, x and y of the insertion axis
+    theta2: Vec  # 2, cos and sin of theta2 in bend 0; theta2 is negated in bend 1
+    roll: Vec  # 2, components (E, F) along e and m of the direction that gives theta4
     d3: Scalar  # m
     theta5: Scalar  # rad
     theta6: Scalar  # rad
-    valid: Scalar  # truth value
+    valid: Scalar  # bool, theta2 exists
 
 
 _Wrists = tuple[_Wrist, _Wrist]
 _Axes = tuple[Vec, Vec, Vec]
 
 
-def _wrists(arm: str, pose: Pose):
+def _find_wrists(arm: str, pose: Pose) -> tuple[_Wrists, _Axes]:
     # Returns both wrist positions from which the instrument reaches the pose, and the pose's axes.
     columns = pose.position, *zip(*pose.rotation, strict=True)
     if GEOMETRY[arm].flip > 0:
         position, x6, y6, z6 = map(Vec, columns)
-    else:  # without the turn alpha0 of frame 0
+    else:  # without the rotation alpha0 of frame 0
         position, x6, y6, z6 = (Vec((a, -b, -c)) for a, b, c in columns)
     along_x, along_y = -dot(x6, position), -dot(y6, position)
     norm = jnp.sqrt(along_x * along_x + along_y * along_y)
-    # from the jaw axis toward the remote centre, in frame 6
+    # Unit vector from the jaw axis toward the remote centre, in frame 6 and in frame 0
     u = Vec((along_x / norm, along_y / norm))
     w = x6 * u[0] + y6 * u[1]
     offset = w * LW
 
     def wrist(side: int):
-        place = position + offset if side else position - offset
-        insertion = jnp.sqrt(dot(place, place))
-        ends = Vec((-u[0], u[1])) if side else Vec((u[0], -u[1]))
-        return _Wrist(insertion, place * (1.0 / insertion), -w if side else w, ends)
+        wrist_position = position + offset if side else position - offset
+        insertion = jnp.sqrt(dot(wrist_position, wrist_position))
+        yaw = Vec((-u[0], u[1])) if side else Vec((u[0], -u[1]))
+        direction = wrist_position * (1.0 / insertion)
+        return _Wrist(insertion, direction, -w if side else w, yaw)
 
     return (wrist(0), wrist(1)), (x6, y6, z6)
 
 
-def _reach(arm: str, wrist: _Wrist, axes: _Axes, depth: Scalar) -> _Reach:
-    """Return both solutions of a side and a depth.
-
-    axes: x, y and z axis of the pose. depth: False if the insertion axis points from the wrist.
-    """
+def _solve_depth(arm: str, wrist: _Wrist, axes: _Axes, depth: Scalar) -> _BendPair:
+    # Returns both solutions of a side and a depth. axes: x, y and z axis of the pose. depth: False
+    # if the insertion axis points from the wrist to the remote centre.
     (x6, y6, z6), cos23 = axes, GEOMETRY[arm].cos23
     ahead, behind = (wrist.direction, wrist.insertion), (-wrist.direction, -wrist.insertion)
-    toward, distance = where(depth, ahead, behind)
-    cosine = toward[2] * (-1.0 / (GM1 * GM3)) + GM2 * cos23 / (GM1 * GM3)
+    insertion_axis, distance = where(depth, ahead, behind)
+    cosine = insertion_axis[2] * (-1.0 / (GM1 * GM3)) + GM2 * cos23 / (GM1 * GM3)
     c2 = jnp.minimum(jnp.maximum(cosine, -1.0), 1.0)
     s2 = jnp.sqrt((1.0 - c2) * (1.0 + c2))
 
-    # With a clamped cosine, the insertion axis of theta1 and theta2 misses the wrist by some um.
+    # With a clamped cosine, the insertion axis of theta1 and theta2 misses the wrist by some um
     clamped = c2 != cosine
-    x, y, _ = toward
+    x, y, _ = insertion_axis
     height = GM2 * cos23 - c2 * (GM1 * GM3)
     shrink = jnp.sqrt((1.0 - height * height) / (x * x + y * y))
-    z3 = where(clamped, Vec((x * shrink, y * shrink, height)), toward)
-    # from the origin of frame 4, in units of Lw
-    to_jaw = wrist.to_jaw + (toward - z3) * (distance * (1.0 / LW))
+    z3 = where(clamped, Vec((x * shrink, y * shrink, height)), insertion_axis)
+    # From the origin of frame 4 to the jaw axis, in units of Lw
+    to_jaw = wrist.to_jaw + (insertion_axis - z3) * (distance * (1.0 / LW))
 
+    # theta4 follows from a direction v: to_jaw, or z6 if to_jaw is almost parallel to z3
     c5, s5 = -dot(z3, z6), dot(z3, to_jaw)
-    by_jaw = jnp.abs(c5) > SINGULAR
-    vx, vy, vz = where(by_jaw, to_jaw, z6)
-    along_z3, factor = jnp.where(by_jaw, s5, -c5), jnp.where(by_jaw, c5, s5)
+    uses_jaw = jnp.abs(c5) > SINGULAR_BOUND
+    vx, vy, vz = where(uses_jaw, to_jaw, z6)
+    along_z3, factor = jnp.where(uses_jaw, s5, -c5), jnp.where(uses_jaw, c5, s5)
 
-    by_axis = jnp.abs(s5) > SINGULAR
-    c6 = jnp.where(by_axis, dot(z3, x6) * s5, wrist.ends[0])
-    s6 = jnp.where(by_axis, -dot(z3, y6) * s5, wrist.ends[1])
-    return _Reach(
+    # If z3 is almost parallel to z6, the pose's axes do not determine theta6
+    uses_axes = jnp.abs(s5) > SINGULAR_BOUND
+    c6 = jnp.where(uses_axes, dot(z3, x6) * s5, wrist.yaw[0])
+    s6 = jnp.where(uses_axes, -dot(z3, y6) * s5, wrist.yaw[1])
+    return _BendPair(
         axis=Vec((x, y)),
-        bend=Vec((c2, s2)),
+        theta2=Vec((c2, s2)),
         roll=Vec(((z3[2] * along_z3 - vz) * factor, (z3[0] * vy - z3[1] * vx) * factor)),
         d3=distance - D4,
         theta5=jnp.atan2(s5, c5),
         theta6=jnp.atan2(s6, c6),
-        valid=jnp.abs(cosine) < 1.0 + CLAMP,
+        valid=jnp.abs(cosine) < 1.0 + MAX_COSINE_EXCESS,
     )
 
 
-def _both_bends(arm: str, reach: _Reach):
-    """Return the DH variables of both bends of the elbow."""
+def _split_bends(arm: str, pair: _BendPair) -> tuple[Theta, Theta]:
+    """Return the Denavit-Hartenberg variables of both bends; see the module for the symbols."""
     side, cos23 = GEOMETRY[arm].side, GEOMETRY[arm].cos23
-    (x, y), (c2, s2), (part_e, part_m) = reach.axis, reach.bend, reach.roll
+    (x, y), (c2, s2), (e, f) = pair.axis, pair.theta2, pair.roll
+    # In frame 1, x and y of the insertion axis are b1 and -b2
     b1, b2 = s2 * GM3, c2 * (GM2 * GM3) + GM1 * cos23
     alpha, beta = s2 * (side * GM1), c2 * (-side * GM1 * cos23) - side * GM2 * GM3
-    fa, ea, fb, eb = part_m * alpha, part_e * alpha, part_m * beta, part_e * beta
+    fa, ea, fb, eb = f * alpha, e * alpha, f * beta, e * beta
     theta2 = jnp.atan2(s2, c2)
     bends = (
         (jnp.atan2(b2 * x + b1 * y, b1 * x - b2 * y), theta2, jnp.atan2(fb + ea, eb - fa)),
         (jnp.atan2(b2 * x - b1 * y, -(b1 * x + b2 * y)), -theta2, jnp.atan2(fb - ea, eb + fa)),
     )
     first, second = (
-        Theta(theta1, theta2, reach.d3, theta4, reach.theta5, reach.theta6)
+        Theta(theta1, theta2, pair.d3, theta4, pair.theta5, pair.theta6)
         for theta1, theta2, theta4 in bends
     )
     return first, second
 
 
 def inverse_candidates(arm: str, pose: Pose) -> tuple[tuple[Theta, Scalar], ...]:
-    """Return the eight solutions, and whether each is valid if no wrist is at the remote centre."""
-    wrists, axes = _wrists(arm, pose)
-    reaches = (_reach(arm, wrist, axes, depth) for wrist in wrists for depth in (False, True))
-    return tuple((theta, reach.valid) for reach in reaches for theta in _both_bends(arm, reach))
+    """Return the eight solutions, each with whether it is valid, in the order of the module. The
+    validity is wrong if a wrist is at the remote centre.
+    """
+    wrists, axes = _find_wrists(arm, pose)
+    pairs = [_solve_depth(arm, wrist, axes, depth) for wrist in wrists for depth in (False, True)]
+    return tuple((theta, pair.valid) for pair in pairs for theta in _split_bends(arm, pair))
 
 
 @record
 class _Choice:
+    """A solution that may be the nearest to the measured joints."""
+
     theta: Theta
-    cost: Scalar  # rad^2
+    cost: Scalar  # rad^2, squared distance from the measured joints
 
 
 def _square(x: Scalar) -> Scalar:
@@ -270,22 +272,23 @@ def _depth_cost(measured: Theta, d3: Scalar) -> Scalar:
     return _square((measured.d3 - d3) * INSERTION_WEIGHT)
 
 
-def _common_cost(measured: Theta, reach: _Reach) -> Scalar:
+def _common_cost(measured: Theta, pair: _BendPair) -> Scalar:
     # Returns the part of the cost that both bends have in common.
     return (
-        _depth_cost(measured, reach.d3)
-        + _square(measured.theta5 - reach.theta5)
-        + _square(measured.theta6 - reach.theta6)
+        _depth_cost(measured, pair.d3)
+        + _square(measured.theta5 - pair.theta5)
+        + _square(measured.theta6 - pair.theta6)
     )
 
 
-def _nearer_bend(arm: str, measured: Theta, reach: _Reach) -> _Choice:
+def _nearer_bend(arm: str, measured: Theta, pair: _BendPair) -> _Choice:
     # Returns the bend of the elbow that is nearer to the measured joints.
-    def nearest_turn(theta4: Scalar):
+    def shift_roll(theta4: Scalar):
+        # Returns theta4, shifted by a turn if that brings it near its measured value.
         gap = measured.theta4 - theta4
-        return jnp.where(
-            gap > ROLLOVER, theta4 + 2 * PI, jnp.where(gap < -ROLLOVER, theta4 - 2 * PI, theta4)
-        )
+        is_above, shifted_up = gap > ROLLOVER, theta4 + 2 * PI
+        shifted_down = jnp.where(gap < -ROLLOVER, theta4 - 2 * PI, theta4)
+        return jnp.where(is_above, shifted_up, shifted_down)
 
     def bend_cost(theta: Theta):
         # Returns the part of the cost that differs between the bends.
@@ -295,61 +298,60 @@ def _nearer_bend(arm: str, measured: Theta, reach: _Reach) -> _Choice:
             + _square(measured.theta4 - theta.theta4)
         )
 
-    both = _both_bends(arm, reach)
-    bends = tuple(replace(theta, theta4=nearest_turn(theta.theta4)) for theta in both)
-    first, second = map(bend_cost, bends)
-    theta = where(second < first, bends[1], bends[0])
-    cost = jnp.minimum(first, second) + _common_cost(measured, reach)
-    is_solution = reach.valid & (cost < NO_SOLUTION_COST)  # never true of NaN
+    both = _split_bends(arm, pair)
+    bends = tuple(replace(theta, theta4=shift_roll(theta.theta4)) for theta in both)
+    cost0, cost1 = map(bend_cost, bends)
+    theta = where(cost1 < cost0, bends[1], bends[0])
+    cost = jnp.minimum(cost0, cost1) + _common_cost(measured, pair)
+    is_solution = pair.valid & (cost < NO_SOLUTION_COST)  # false if the cost is NaN
     return _Choice(theta, jnp.where(is_solution, cost, NO_SOLUTION_COST))
 
 
-def _nearest(first: _Choice, second: _Choice) -> _Choice:
+def _nearer(first: _Choice, second: _Choice) -> _Choice:
     return where(second.cost < first.cost, second, first)
 
 
 def _nearest_of_all(arm: str, measured: Theta, wrists: _Wrists, axes: _Axes) -> _Choice:
     # Returns the nearest of all eight solutions.
-    def of_side(wrist: _Wrist):
-        reaches = (_reach(arm, wrist, axes, depth) for depth in (False, True))
-        return _nearest(*(_nearer_bend(arm, measured, reach) for reach in reaches))
+    def nearest_of_side(wrist: _Wrist):
+        pairs = (_solve_depth(arm, wrist, axes, depth) for depth in (False, True))
+        return _nearer(*(_nearer_bend(arm, measured, pair) for pair in pairs))
 
-    return _nearest(*map(of_side, wrists))
+    return _nearer(*map(nearest_of_side, wrists))
 
 
-def _likely_choice(arm: str, measured: Theta, wrists: _Wrists, axes: _Axes):
-    """Return the solution that is probably nearest, and a lower bound of the cost of all others.
-
-    Of each side, take the depth nearer to the measured d3, and then the side with nearer angles.
-    The bound may be NaN.
-    """
-
+def _likely_choice(
+    arm: str, measured: Theta, wrists: _Wrists, axes: _Axes
+) -> tuple[_Choice, Scalar]:
+    # Returns the solution that is probably nearest, and a lower bound of the cost of all others. It
+    # takes the nearer depth of each side, and then the side with the smaller cost that both bends
+    # have in common. The bound may be NaN.
     def nearer_depth(wrist: _Wrist):
         shallow, deep = (
             _depth_cost(measured, distance - D4) for distance in (-wrist.insertion, wrist.insertion)
         )
-        return _reach(arm, wrist, axes, deep < shallow), jnp.maximum(shallow, deep)
+        pair = _solve_depth(arm, wrist, axes, deep < shallow)
+        return pair, jnp.maximum(shallow, deep)
 
-    reaches, farther = zip(*map(nearer_depth, wrists), strict=True)
+    pairs, other_depth_costs = zip(*map(nearer_depth, wrists), strict=True)
     cost0, cost1 = (
-        jnp.where(reach.valid, _common_cost(measured, reach), NO_SOLUTION_COST) for reach in reaches
+        jnp.where(pair.valid, _common_cost(measured, pair), NO_SOLUTION_COST) for pair in pairs
     )
-    other = jnp.maximum(cost0, cost1)
-    likely = _nearer_bend(arm, measured, where(cost1 < cost0, reaches[1], reaches[0]))
-    return likely, jnp.minimum(other, jnp.minimum(*farther))
+    other_side_cost = jnp.maximum(cost0, cost1)
+    likely = _nearer_bend(arm, measured, where(cost1 < cost0, pairs[1], pairs[0]))
+    return likely, jnp.minimum(other_side_cost, jnp.minimum(*other_depth_costs))
 
 
 def _centre_choice(measured: Theta, insertion: Scalar) -> _Choice:
-    """Return the solution that the original selects if a wrist is within Lw of the remote centre.
-
-    The original then stops before it computes angles, so all angles are zero, but counts the other
-    side as valid. Before that it computes d3 of side 0, unless side 0 is too near. Otherwise d3 is
-    also zero. insertion: distance of the wrist of side 0 from the remote centre, m.
-    """
+    # Returns the solution that the original selects if a wrist is within Lw of the remote centre.
+    # The original then stops before it computes angles, so all angles are zero, but counts the
+    # other side as valid. Before it stops, it computes d3 of side 0, unless side 0 is too near; d3
+    # is then also zero. insertion: m, distance of the wrist of side 0 from the remote centre.
     shallow, deep = -D4 - insertion, -D4 + insertion
     nearer = jnp.where(jnp.abs(measured.d3 - deep) < jnp.abs(measured.d3 - shallow), deep, shallow)
     d3 = jnp.where(insertion <= LW, 0.0, nearer)
     angles = (measured.theta1, measured.theta2, measured.theta4, measured.theta5, measured.theta6)
+    # `sum` starts with the first square in place of 0, which would be another operation
     cost = sum((_square(angle) for angle in angles[1:]), _square(angles[0]))
     zero = jnp.zeros_like(d3)
     theta = Theta(zero, zero, d3, zero, zero, zero)
@@ -358,17 +360,17 @@ def _centre_choice(measured: Theta, insertion: Scalar) -> _Choice:
 
 def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK:
     """Return the joints that reach `pose`, nearest to the measured joints `jpos_ref` (7).
-
     grasp_rad: opening of the jaws, rad. As in the original, a roll is shifted by a turn only if it
     differs by more than 300 deg from the measured roll. A pose with NaN is rejected (`IK.status`).
     """
     measured = joints.theta_from_joint(arm, jpos_ref)
-    wrists, axes = _wrists(arm, pose)
+    wrists, axes = _find_wrists(arm, pose)
 
-    # All solutions are computed only if the likely one costs more than the others may, rarely.
+    # Another solution can only be nearer than the likely one if the bound is below its cost, which
+    # is rare. `not <` is also true of NaN
     likely, bound = _likely_choice(arm, measured, wrists, axes)
-    all_eight = partial(_nearest_of_all, arm, measured, wrists, axes)
-    nearest = if_rarely(~(likely.cost < bound), all_eight, likely)
+    compute_all = partial(_nearest_of_all, arm, measured, wrists, axes)
+    nearest = if_rarely(~(likely.cost < bound), compute_all, likely)
     singular = (wrists[0].insertion <= LW) | (wrists[1].insertion <= LW)
     choice = where(singular, _centre_choice(measured, wrists[0].insertion), nearest)
     reachable = choice.cost <= COST_LIMIT

@@ -1,7 +1,7 @@
 """Home pose, soft joint limits and hard stops of the control software, as Python numbers.
 
 Source: raven2 `include/raven/defines.h`, `tools.cpp`, `init.cpp`; the 2015 fork where stated. The
-original stores every joint limit as float32: round the limits if that matters.
+original stores joint limits as float32. Callers that need its bits must round the limits.
 """
 
 import math
@@ -19,9 +19,8 @@ FORK_ROLL_LIMIT = 150 * _DEG
 
 
 class SoftLimits(NamedTuple):
-    """Limits to which joint targets are clamped: `lower` and `upper`; None for no limit.
-
-    Order: shoulder, elbow (rad), insertion (m), tool_roll, wrist, jaw yaw (rad). Jaws have none.
+    """Limits to which joint targets are clamped: `lower` and `upper`; None for no limit. Order:
+    shoulder, elbow (rad), insertion (m), tool_roll, wrist, jaw yaw (rad). Jaws have none.
     """
 
     lower: tuple[float, float, float, float, float, float | None]
@@ -33,14 +32,13 @@ POSITIONING_UPPER = (90 * _DEG, 135 * _DEG, 0.56)  # rad, rad, m
 
 
 def soft_limits(tool: str, software: str = "raven2") -> SoftLimits:
-    """Return the limits with `tool`. The original applies the gold arm's limits to both arms.
-
+    """Return the limits for `tool`. The original applies the limits of the gold arm to both arms.
     The jaw yaw has only a lower limit, from the range of grasp1. The 2015 fork has no limit of the
     yaw, and the same limit of the roll for every tool.
     """
-    instrument = find_tool(tool)
-    fork = software == "fork2015"
-    roll = FORK_ROLL_LIMIT if fork else instrument.limit_deg[0] * _DEG
-    wrist = instrument.limit_deg[1] * _DEG
-    lower = (*POSITIONING_LOWER, -roll, -wrist, None if fork else -instrument.limit_deg[2] * _DEG)
+    is_fork = software == "fork2015"
+    roll, wrist, grasp1, _ = (limit * _DEG for limit in find_tool(tool).limit_deg)
+    if is_fork:
+        roll = FORK_ROLL_LIMIT
+    lower = (*POSITIONING_LOWER, -roll, -wrist, None if is_fork else -grasp1)
     return SoftLimits(lower, (*POSITIONING_UPPER, roll, wrist, None))

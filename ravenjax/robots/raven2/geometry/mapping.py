@@ -1,7 +1,7 @@
-"""Maps the console's increments to frame 0 of an arm: axes, quaternions, accumulation.
+"""Converts motions between the axes of the console's packets and frame 0 of an arm; quaternions.
 
 Quaternions are (x, y, z, w). Sources: raven2 `src/raven/mapping.cpp` (axes; the variant
-ORIENTATION_V is not built) and `local_io.cpp` (accumulation), with the conversions of ROS tf.
+ORIENTATION_V is not compiled) and `local_io.cpp` (quaternions), with the conversions of ROS tf.
 """
 
 from ravenjax.bundled import resources
@@ -14,7 +14,7 @@ ITP_AXES = {arm: matrix(*rows) for arm, rows in _AXES.items()}
 
 
 def position_from_itp(arm: str, position: Vec) -> Vec:
-    """Return a displacement (3) of an ITP packet in frame 0, in the same unit and type."""
+    """Return a displacement (3, any unit) along the axes of an ITP packet in frame 0."""
     return matvec(ITP_AXES[arm], position)
 
 
@@ -24,22 +24,21 @@ def position_to_itp(arm: str, position: Vec) -> Vec:
 
 
 def rotation_from_itp(arm: str, rotation: Vec) -> Vec:
-    """Return a rotation (3 rows) of an ITP packet in the axes of frame 0."""
+    """Return a rotation matrix (3 rows) of an ITP packet in frame 0."""
     axes = ITP_AXES[arm]
     return matmul(matmul(axes, rotation), transpose(axes))
 
 
 def quat_from_itp(arm: str, quat: Vec) -> Vec:
-    """Return the increment quaternion of an ITP packet in frame 0, normalised; NaN if it is zero.
-
-    The original computes it from matrices. Its quaternion may have the opposite sign.
+    """Return the quaternion of an ITP packet in frame 0, normalised; NaN if its length is zero. The
+    original computes it from matrices, and its quaternion may have the opposite sign.
     """
     inverse_norm = 1.0 / norm(quat)
     return Vec((*matvec(ITP_AXES[arm], Vec(quat[:3])), quat[3])) * inverse_norm
 
 
 def quat_mul(a: Vec, b: Vec) -> Vec:
-    """Return a b: the rotation b followed by a."""
+    """Return the quaternion product a b: rotation b followed by rotation a."""
     ax, ay, az, aw = a
     bx, by, bz, bw = b
     return Vec(
@@ -68,24 +67,25 @@ def matrix_from_quat(quat: Vec) -> Vec:
 
 
 def quat_from_matrix(rotation: Vec) -> Vec:
-    """Return the unit quaternion of a rotation matrix.
-
-    It is computed from the trace or, if trace <= 0, from the greatest diagonal element.
+    """Return the unit quaternion of a rotation matrix (3 rows). It is computed from the trace if
+    the trace is positive, otherwise from the largest diagonal element.
     """
     (m00, m01, m02), (m10, m11, m12), (m20, m21, m22) = rotation
     trace = m00 + m11 + m22
     dx, dy, dz = m21 - m12, m02 - m20, m10 - m01
     sxy, sxz, syz = m01 + m10, m02 + m20, m12 + m21
-    # by_x is the quaternion times 4 x, by_y times 4 y, and so on.
-    by_x = 1.0 + m00 - m11 - m22, sxy, sxz, dx
-    by_y = sxy, 1.0 + m11 - m00 - m22, syz, dy
-    by_z = sxz, syz, 1.0 + m22 - m00 - m11, dz
-    by_w = dx, dy, dz, 1.0 + trace
-    not_x, above_y, above_x = m00 < m11, m11 < m22, m00 < m22
+    # times_x is the quaternion times 4 x, times_y the quaternion times 4 y, and so on
+    times_x = 1.0 + m00 - m11 - m22, sxy, sxz, dx
+    times_y = sxy, 1.0 + m11 - m00 - m22, syz, dy
+    times_z = sxz, syz, 1.0 + m22 - m00 - m11, dz
+    times_w = dx, dy, dz, 1.0 + trace
+    y_exceeds_x, z_exceeds_y, z_exceeds_x = m00 < m11, m11 < m22, m00 < m22
 
     def choose(w: Scalar, x: Scalar, y: Scalar, z: Scalar):
-        use_z = jnp.where(not_x, above_y, above_x)
-        return jnp.where(trace > 0.0, w, jnp.where(use_z, z, jnp.where(not_x, y, x)))
+        # Returns the argument of the component (w, x, y or z) by which it is safe to divide.
+        use_z = jnp.where(y_exceeds_x, z_exceeds_y, z_exceeds_x)
+        return jnp.where(trace > 0.0, w, jnp.where(use_z, z, jnp.where(y_exceeds_x, y, x)))
 
-    factor = 0.5 / jnp.sqrt(choose(by_w[3], by_x[0], by_y[1], by_z[2]))
-    return Vec(choose(*items) for items in zip(by_w, by_x, by_y, by_z, strict=True)) * factor
+    factor = 0.5 / jnp.sqrt(choose(times_w[3], times_x[0], times_y[1], times_z[2]))
+    multiples = zip(times_w, times_x, times_y, times_z, strict=True)
+    return Vec(choose(*entries) for entries in multiples) * factor

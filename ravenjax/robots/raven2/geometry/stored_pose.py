@@ -1,6 +1,7 @@
 """A pose as the control software stores it: whole micrometres, float32, whole milliradians.
 
-raven2 `include/DS0.h`: struct position has three int; orientation, a float R[3][3] and int grasp.
+raven2 `include/DS0.h`: struct position has three int; struct orientation has float R[3][3] and int
+grasp.
 """
 
 from ravenjax.numbers import Scalar, Vec, narrow_numbers, record, to_int32, widen_numbers
@@ -20,12 +21,12 @@ class StoredPose:
 
 
 def store_pose(setup: RavenSetup, pose: Pose, grasp_mrad: Scalar) -> StoredPose:
-    """Return a pose (m) truncated toward zero to whole micrometres, with its rotation rounded."""
+    """Return a pose (m) as it is stored: position truncated toward zero, rotation rounded."""
     position = Vec(to_int32(p * UM_PER_M) for p in pose.position)
     return StoredPose(position, narrow_numbers(setup, pose.rotation), grasp_mrad)
 
 
 def load_pose(setup: RavenSetup, stored: StoredPose) -> Pose:
-    """Return the pose in metres, in the wide type in which kinematics is evaluated."""
+    """Return a stored pose in metres, in the wide type in which kinematics is evaluated."""
     position = widen_numbers(setup, stored.position_um) / UM_PER_M
     return Pose(position, widen_numbers(setup, stored.rotation))

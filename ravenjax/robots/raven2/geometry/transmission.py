@@ -1,13 +1,16 @@
 """Transmission between motors and joints: ratios, coupling, signs, and torque of a DAC count.
 
-Figures are Python numbers. The original holds C01, C02, C12, TR and the wrist coupling as float32
-and GB_RATIO as double: round them if that matters. The functions compute in the type of their input
-and follow no particular rounding order. Sources: raven2 `include/raven/defines.h` (geometry),
-`fwd_cable_coupling.cpp`, `inv_cable_coupling.cpp`, `motor.h`, `init.cpp`, `state_estimate.cpp`. The
-2015 fork is built without OPPOSE_GRIP: its first jaw has the signs of the second.
+Constants are Python numbers. The original has C01, C02, C12, TR and the wrist coupling as float32
+and GB_RATIO as double. Callers that need its bits must round them; `original` does so. The
+functions compute in the type of their input, in another order than the original. Sources: raven2
+`include/raven/defines.h` (geometry), `fwd_cable_coupling.cpp`, `inv_cable_coupling.cpp`, `motor.h`,
+`init.cpp`, `state_estimate.cpp`. The 2015 fork is built without OPPOSE_GRIP: its first jaw has the
+signs of the second.
 """
 
 import math
+
+import numpy as np
 
 from ravenjax.numbers import Scalar, Vec
 from ravenjax.numbers.algebra import add, mul, sub
@@ -37,7 +40,7 @@ TR = Vec(
     )
 )
 GEARBOX = Vec((GP42, GP42, GP42, GP32, GP32, GP32, GP32))  # motor turns per capstan turn
-# insertion motor rad per rad that it turns each tool motor
+# rad of the insertion motor per rad by which it turns each tool motor
 GB_RATIO = GP42 / GP32 * (_CAPSTAN32 / _CAPSTAN42)
 
 C01 = 0.14545  # rad/rad, coupling of the shoulder into the elbow
@@ -46,7 +49,6 @@ C12 = 0.008077387  # m/rad, coupling of the elbow into the insertion
 
 JOINT_PER_CAPSTAN_TORQUE = TR / GEARBOX
 """Nm (insertion: N) at the joint per Nm at the capstan, without coupling."""
-
 ENCODER_COUNTS = 4000  # counts per motor turn
 ENCODER_RAD = 2 * math.pi / ENCODER_COUNTS  # rad of motor angle per count
 TORQUE_PER_AMP = Vec((0.0603,) * 3 + (0.0538,) * 4)  # Nm/A at the motor shaft: RE40, RE30
@@ -55,42 +57,42 @@ COUNTS_PER_AMP = Vec((2730.0,) * 3 + (5461.0,) * 4)
 COUNTS_PER_NM = COUNTS_PER_AMP / (TORQUE_PER_AMP * GEARBOX)
 """DAC counts per Nm at the capstan (after the gearbox), unsigned."""
 TORQUE_PER_COUNT = TORQUE_PER_AMP * GEARBOX / COUNTS_PER_AMP
-"""Nm at the capstan per DAC count, unsigned, as the control software has it."""
+"""Nm at the capstan per DAC count, unsigned, as the control software assumes."""
 CABLE_PER_MOTOR = (_CAPSTAN42 / GP42,) * 3 + (_CAPSTAN32 / GP32,) * 4
 """m of cable per rad of each motor."""
 
 
 def coupling_signs(arm: str, tool: str, software: str = "raven2") -> Vec:
-    """Return the signs (1 or -1) with which the insertion motor turns the four tool motors.
-
-    The order is tool_roll, wrist, grasp1, grasp2.
+    """Return the signs (1 or -1) with which the insertion motor turns the four tool motors. The
+    order is tool_roll, wrist, grasp1, grasp2.
     """
     style = find_tool(tool).style
-    gold = 1.0 if style == "raven" else -1.0
-    return _tool_signs(gold if style == "square_raven" or arm == "gold" else -gold, software)
+    sign = 1.0 if style == "raven" else -1.0
+    # Only a square_raven adapter has the same signs on both arms
+    if arm == "green" and style != "square_raven":
+        sign = -sign
+    return _tool_signs(sign, software)
 
 
 def _tool_signs(sign: float, software: str) -> Vec:
-    """Return the signs of the tool motors. In raven2, the jaws' signs differ (OPPOSE_GRIP)."""
+    """Return the signs (4) of the tool motors. In raven2, the jaws' signs differ (OPPOSE_GRIP)."""
     return Vec((sign, sign, sign if software == "fork2015" else -sign, sign))
 
 
 def tau_signs(arm: str, tool: str, software: str = "raven2", square: float = 1.0) -> Vec:
     """Return the signs (7) of DAC counts that turn motors forward: the original's tau_per_amp.
-
     square: with a square_raven adapter, sign of the tool motors relative to the other motors.
     """
     positioning = -1.0 if arm == "gold" else 1.0
     tool_sign = {"raven": -1.0, "dv": 1.0, "square_raven": square * positioning}
     signs = _tool_signs(tool_sign[find_tool(tool).style], software)
-    return Vec((*(positioning,) * 3, *signs))
+    return Vec((positioning, positioning, positioning, *signs))
 
 
 def encoder_signs(arm: str, tool: str, software: str = "raven2") -> Vec:
-    """Return the signs (7) of the forward motor angle relative to enc_val.
-
-    enc_val is as unpacked from USB, where it is already negated. In the original, the signs depend
-    on the adapter for which it is compiled; in this function, on the adapter of the tool.
+    """Return the signs (7) by which encoder counts are multiplied to get forward motor angles.
+    Counts are as unpacked from USB, where they are already negated. In the original, the signs
+    depend on the adapter for which it is compiled; in this function, on the adapter of the tool.
     """
     return tau_signs(arm, tool, software, square=-1.0)
 
@@ -98,20 +100,18 @@ def encoder_signs(arm: str, tool: str, software: str = "raven2") -> Vec:
 def motor_from_joint(
     arm: str, tool: str, jpos: Vec, mpos_insertion: Scalar = None, software: str = "raven2"
 ) -> Vec:
-    """Return the motor angles (7, rad) of the joints `jpos` (7, rad and m).
-
-    Tool motors depend on the insertion motor. mpos_insertion: its angle, rad. The control software
-    passes the measured angle; the default is the angle of `jpos`.
+    """Return the motor angles (7, rad) at the joints `jpos` (7, rad and m). The angles of the tool
+    motors depend on the angle of the insertion motor. mpos_insertion: this angle, rad; default: the
+    angle that follows from `jpos`. The control software passes the measured angle.
     """
     shoulder, elbow, insertion, roll, wrist, grasp1, grasp2 = jpos
-    kappa = find_tool(tool).wrist_coupling
     mpos = (
         TR[0] * shoulder,
         TR[1] * (elbow + C01 * shoulder),
         TR[2] * (insertion + C02 * shoulder + C12 * elbow),
     )
     insertion_part = (mpos[2] if mpos_insertion is None else mpos_insertion) * (1.0 / GB_RATIO)
-    wrist_part = mul(kappa, wrist)
+    wrist_part = mul(find_tool(tool).wrist_coupling, wrist)
     tool_joints = (roll, wrist, add(grasp1, wrist_part), sub(grasp2, wrist_part))
     signs = coupling_signs(arm, tool, software)
     tools = Vec(TR[3:]).map(lambda tr, q, s: tr * q + mul(s, insertion_part), tool_joints, signs)
@@ -134,10 +134,9 @@ def joint_from_motor(arm: str, tool: str, mpos: Vec, software: str = "raven2") -
 
 
 def motor_matrix(arm: str, tool: str, software: str = "raven2") -> tuple[tuple[float, ...], ...]:
-    """Return the 7 x 7 matrix of `motor_from_joint`: rows motors, columns joints.
-
-    The insertion motor is at the angle of the joints.
+    """Return the 7 x 7 matrix of `motor_from_joint` without `mpos_insertion`. Rows belong to
+    motors, columns to joints.
     """
-    units = (Vec(float(i == j) for i in range(7)) for j in range(7))
-    columns = [motor_from_joint(arm, tool, unit, software=software) for unit in units]
+    unit_vectors = [Vec(row) for row in np.eye(7).tolist()]
+    columns = [motor_from_joint(arm, tool, unit, software=software) for unit in unit_vectors]
     return tuple(zip(*columns, strict=True))

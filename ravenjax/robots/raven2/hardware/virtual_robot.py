@@ -1,13 +1,14 @@
-"""The virtual robot driven alone: DAC commands and output pins in, encoders and PLC pins out.
+"""The virtual robot alone: DAC commands and output pins in, encoders and the pins of the PLC out.
 
     robot = VirtualRobot()
     reading = robot.step(dac, output_pins)
     reading.encoders, reading.pins, reading.signals.tip
 
 It is the part of the tick after the USB boards (PLC, brakes, motors, cables, links, encoders),
-without faults. Every operation is one IEEE operation in float32, and functions are the C library's
-(`engines.cpu.transition`). C code generated from it has the same bits on any CPU. Engines of
-campaigns fuse multiply-adds, so their last digits differ.
+without faults. Every operation is one IEEE operation in float32, and functions such as the sine
+come from the C library (`engines.cpu.transition`). The generated C library therefore gives the same
+bits on any CPU. Engines of campaigns fuse multiplications and additions, so their last digits
+differ.
 """
 
 import dataclasses
@@ -74,15 +75,18 @@ class RobotSignals:
 
 
 def params(setup: RavenSetup, parameter_set: str = parameter_sets.DEFAULT) -> RobotParams:
-    """Return the default values as plain numbers. parameter_set: one of `parameter_sets.Name`."""
-    names = for_each_arm(setup, parameter_set)
-    return RobotParams(plc.PlcParams(), map_arms(setup, plant.params, names))
+    """Return the default parameters, as plain numbers. parameter_set: a `parameter_sets.Name`."""
+    set_names = for_each_arm(setup, parameter_set)
+    return RobotParams(plc.PlcParams(), map_arms(setup, plant.params, set_names))
 
 
 def begin_robot(
     setup: RavenSetup, params: RobotParams, start: PerArm[Vec], level: Scalar
 ) -> tuple[RobotState, RobotSignals]:
-    """Return a robot at rest with joints `start` (rad, m) and the PLC in run level `level`."""
+    """Return state and signals of a robot at rest with joints `start` (rad, m).
+
+    level: run level of the PLC, int32.
+    """
     arms = map_arms(setup, plant.init, params.arms, start)
     state = RobotState(plc.init(setup, level), arms)
     responses = map_arms(setup, plant.observe_robot, params.arms, arms)
@@ -94,14 +98,15 @@ def begin_robot(
 def step(
     setup: RavenSetup, params: RobotParams, state: RobotState, inputs: RobotInputs
 ) -> tuple[RobotState, RobotSignals]:
-    """Compute one millisecond of PLC and mechanics."""
+    """Return state and signals of the robot after one millisecond of PLC and mechanics."""
     estop, start = inputs.estop_button != 0, inputs.start_button != 0
     plc_inputs = plc.PlcSignal((inputs.output_pins,), estop, start)
-    controller, relays = plc.step(setup, params.plc, state.plc, plc_inputs)
+    plc_state, relays = plc.step(setup, params.plc, state.plc, plc_inputs)
     plant_inputs = tuple(plant.PlantSignal(counts, relays.brakes) for counts in inputs.dac)
     stepped = plant.step_all(setup, params.arms, state.arms, plant_inputs)
-    after = RobotState(controller, tuple(new for new, _ in stepped))
-    return after, _signals(setup, params, after, relays, tuple(out for _, out in stepped))
+    arm_states, arm_outputs = zip(*stepped, strict=True)
+    state = RobotState(plc_state, arm_states)
+    return state, _signals(setup, params, state, relays, arm_outputs)
 
 
 def _signals(
@@ -109,45 +114,46 @@ def _signals(
     params: RobotParams,
     state: RobotState,
     relays: plc.PlcOutput,
-    arms: PerArm[plant.PlantOutput],
+    outputs: PerArm[plant.PlantOutput],
 ) -> RobotSignals:
-    # Returns the outputs of the robot in its present state.
+    # Returns the signals of a robot in this state, from the outputs of its PLC and arms.
     return RobotSignals(
-        encoders=tuple(out.enc_val for out in arms),
+        encoders=tuple(output.enc_val for output in outputs),
         pins=plc.input_pins(state.plc.runlevel),
         runlevel=relays.runlevel,
         brakes=relays.brakes,
-        **control.columns_of(arms, "mpos", "mvel", "jpos", "jvel"),
-        tip=plant.true_tips(setup, params.arms, state.arms, arms),
+        **control.columns_of(outputs, "mpos", "mvel", "jpos", "jvel"),
+        tip=plant.true_tips(setup, params.arms, state.arms, outputs),
     )
 
 
 @functools.lru_cache(maxsize=8)
 def robot_code(setup: RavenSetup) -> TransitionCode:
-    """Return the programs of a setup. Transition "robot" computes one millisecond."""
-    fixed, zero = plain_numbers(params(setup)), np.int32(0)
-    still = RobotInputs(for_each_arm(setup, Vec.full(7, zero)), zero, zero, zero)
+    """Return the code of a robot with this setup. Its transition "robot" is `step`."""
+    # Any values of the records tell the types of their numbers
+    parameters, zero = plain_numbers(params(setup)), np.int32(0)
+    inputs = RobotInputs(for_each_arm(setup, Vec.full(7, zero)), zero, zero, zero)
     home = for_each_arm(setup, plain_numbers(HOME_JPOS))
     with run_eagerly():
-        state, signals = begin_robot(setup, fixed, home, zero)
-    records = {"params": fixed, "state": state, "inputs": still, "signals": signals}
+        state, signals = begin_robot(setup, parameters, home, level=zero)
+    records = {"params": parameters, "state": state, "inputs": inputs, "signals": signals}
     kinds = {name: RecordKind.of(record) for name, record in records.items()}
-    used = [kinds[name] for name in ("params", "state", "inputs")]
-    shapes = (kind.shapes() for kind in used)
+    arguments = [kinds[name] for name in ("params", "state", "inputs")]
+    shapes = (kind.shapes() for kind in arguments)
     program, _ = traced.trace_function(functools.partial(step, setup), *shapes, functions="library")
-    transition = StateTransition(program, *(kind.layout for kind in used))
+    transition = StateTransition(program, *(kind.layout for kind in arguments))
     return TransitionCode({"robot": transition}, kinds)
 
 
 def plain_numbers(record: Any) -> Any:
-    """Return a record of NumPy numbers: float32 for floats, int32 for integers."""
+    """Return the record with float32 in place of each float, and int32 of each integer."""
 
-    def of_type(x):
+    def convert(x):
         number = np.asarray(x)
         types = {"f": np.float32, "i": np.int32}
         return number.astype(types.get(number.dtype.kind, number.dtype))[()]
 
-    return tree.map_leaves(of_type, record)
+    return tree.map_leaves(convert, record)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -183,16 +189,17 @@ class VirtualRobot:
         `jpos`: joints [arms, 7] in rad and m at the start, by default the home pose. `runlevel`:
         run level of the PLC at the start, 0 to 3. Raises UserError.
         """
-        names = checked.arm_names(arms)
+        arm_names = checked.arm_names(arms)
         checked.parse_word("parameter_set", parameter_set, get_args(parameter_sets.Name))
         level = checked.parse_whole_number("runlevel", runlevel, 0, 3)
-        self.setup = RavenSetup(arms=names, tools=checked.tool_names(tools, names, "raven2"))
-        given = [HOME_JPOS] * len(names) if jpos is None else jpos
-        rest = checked.parse_joints(given, len(names))
+        tool_names = checked.tool_names(tools, arm_names, "raven2")
+        self.setup = RavenSetup(arms=arm_names, tools=tool_names)
+        start_jpos = [HOME_JPOS] * len(arm_names) if jpos is None else jpos
+        start_jpos = checked.parse_joints(start_jpos, len(arm_names))
         self.code = robot_code(self.setup)
         kinds = self.code.kinds
         self.params = plain_numbers(params(self.setup, parameter_set))
-        start = tuple(plain_numbers(Vec(row)) for row in rest)
+        start = tuple(plain_numbers(Vec(joints)) for joints in start_jpos)
         with run_eagerly():
             state, signals = begin_robot(self.setup, self.params, start, np.int32(level))
         self.reading = self._reading(signals)
@@ -205,7 +212,7 @@ class VirtualRobot:
     def step(
         self, dac: Any, output_pins: int, estop_button: bool = False, start_button: bool = False
     ) -> Reading:
-        """Run one millisecond.
+        """Compute one millisecond, and return the outputs of the robot after it.
 
         `dac`: whole counts [arms, 7], as `Output.dac`. `output_pins`: the byte that the control
         software wrote. Raises UserError for a wrong argument; the state is then unchanged.
@@ -222,7 +229,7 @@ class VirtualRobot:
 
     @property
     def state(self) -> RobotState:
-        """The whole state."""
+        """The state of the robot after the last millisecond."""
         return self.code.kinds["state"].read(self._state)
 
     def _reading(self, signals: RobotSignals) -> Reading:

@@ -29,7 +29,7 @@ from ravenjax.robots.raven2.stages import (
 )
 
 Inject = Callable[..., Any]
-"""Function (site, signal, present) -> signal after faults; `ravenjax.faults.injection.Injector`."""
+"""Function (site, signal, present) -> signal after faults, see `faults.injection.Injector`."""
 
 
 @record
@@ -42,7 +42,7 @@ class ControlParams:
     cartesian: cartesian_control.CartesianParams
     motor_control: PerArm[motor_control.MotorControlParams]
     overdrive: overdrive.OverdriveParams
-    own: Any = None  # parameters of users' files in place of stages, by stage
+    own: Any = None  # parameters of the users' files that replace stages, by stage
 
 
 @record
@@ -57,7 +57,7 @@ class ControlState:
     estimator: PerArm[estimator.EstimatorState]
     cartesian: cartesian_control.State
     motor_control: PerArm[motor_control.MotorControlState]
-    held_cmd: PerArm[Vec]  # int32 DAC counts last written; only the 2015 fork keeps them
+    held_cmd: PerArm[Vec]  # int32 DAC counts last written, in the 2015 fork; () in raven2
     overdrive: overdrive.OverdriveState
     watchdog: Scalar  # int32, cycles of the watchdog's wave; also counts while the wave is off
 
@@ -111,7 +111,7 @@ class ControlSignals:
 
 
 def params(setup: RavenSetup) -> ControlParams:
-    """Return the parameters with the values of the original software."""
+    """Return the default parameters: the values of the original software."""
     files = tuple(source for _, source in setup.controller)
     return ControlParams(
         teleoperation.params(setup),
@@ -127,11 +127,9 @@ def params(setup: RavenSetup) -> ControlParams:
 def init(
     setup: RavenSetup, jpos: PerArm[Vec] | None = None, runlevel: int | None = None
 ) -> ControlState:
-    """Return the state of the control software of a homed robot at rest.
-
-    jpos: joints of each arm, rad and m; default: home pose. runlevel: default 0, E-stop, in which
-    raven2 waits for the PLC. The 2015 fork starts in pedal-down (3), because its simulator builds
-    have no PLC.
+    """Return the state of the control software of a homed robot at rest. jpos: joints of each arm,
+    rad and m; default: home pose. runlevel: default 0, E-stop, in which raven2 waits for the PLC.
+    The 2015 fork starts in pedal-down (3), because its simulator builds have no PLC.
     """
     rest = jpos or for_each_arm(setup, HOME_JPOS)
     if runlevel is None:
@@ -156,7 +154,7 @@ def init(
 def receive_packet(
     setup: RavenSetup, params: ControlParams, state: ControlState, packet: Packet
 ) -> ControlState:
-    """Return the state after one datagram (or none), as the network thread computes it."""
+    """Return the state after one datagram (or none). The original has a network thread for this."""
     net, accepted = network.step(setup, state.network, state.tick, packet)
     teleop = teleoperation.accumulate_increments(
         setup, params.teleoperation, state.teleoperation, accepted, packet
@@ -172,10 +170,11 @@ def control_cycle(
     inject: Inject = lambda site, signal, present=True: signal,
     files: user_files.UserFiles | None = None,
 ) -> tuple[ControlState, ControlSignals]:
-    """Compute one 1 ms cycle of the control software: packet, USB read, decide, check, write.
+    """Return state and signals after a 1 ms cycle of the control software.
 
-    inject: changes the signals at fault sites; default: no faults. files: checks and stages that
-    are users' files. Source: raven2 rt_process_preempt.cpp.
+    The cycle receives a packet, reads from USB, decides, checks and writes. inject: changes the
+    signals at fault sites; default: no faults. files: checks and stages that are users' files.
+    Source: raven2 rt_process_preempt.cpp.
     """
     tools, files = setup.tools, files or user_files.UserFiles(setup)
     received = inputs.packet.received != 0
@@ -204,7 +203,7 @@ def control_cycle(
         pedal_down,
         tuple(arm.pos_d for arm in state.cartesian),
     )
-    cartesian = changed_arms(state.cartesian, pos_d=poses_d)
+    cartesian = replace_fields(state.cartesian, pos_d=poses_d)
     machine, following = state_machine.advance_sublevel(setup, machine)
     cartesian = cartesian_control.follow_measured(cartesian, following)
 
@@ -227,9 +226,11 @@ def control_cycle(
     follows_robot = (level != run_levels.PEDAL_DOWN) & (level != run_levels.INIT)
     poses = map_arms(setup, cartesian_control.measure_pose, jpos)
     poses = _inject_poses(inject, ("pos", "ori"), poses)
-    cartesian = cartesian_control.follow_measured(changed_arms(cartesian, pos=poses), follows_robot)
+    cartesian = cartesian_control.follow_measured(
+        replace_fields(cartesian, pos=poses), follows_robot
+    )
     poses_d = _inject_poses(inject, ("pos_d", "ori_d"), tuple(arm.pos_d for arm in cartesian))
-    cartesian = changed_arms(cartesian, pos_d=poses_d)
+    cartesian = replace_fields(cartesian, pos_d=poses_d)
     cartesian, clamped = cartesian_control.solve_inverse(
         setup, params.cartesian, cartesian, tick, active, jpos
     )
@@ -242,12 +243,12 @@ def control_cycle(
         pos_d=tuple(arm.pos_d.position_um for arm in cartesian),
     )
     jpos_d = files.check("jpos_d", jpos_d)
-    cartesian = changed_arms(cartesian, jpos_d=jpos_d)
+    cartesian = replace_fields(cartesian, jpos_d=jpos_d)
 
     targets = map_arms(setup, motor_control.motor_targets, tools, jpos_d, mpos)
     mpos_d = inject("mpos_d", targets)
     if files.replaces(user_files.MOTOR_CONTROL):
-        motors = files.torques(
+        motors = files.step_motor_control(
             params.motor_control, state.motor_control, active, pedal_down, mpos_d, jpos
         )
     else:
@@ -256,8 +257,8 @@ def control_cycle(
         motors = map_arms(setup, compute_torques, *arms, mpos_d, jpos, mpos, mvel)
     files.note(mpos_d=tuple(motor.mpos_d for motor in motors))
     tau_d = files.check("tau_d", inject("tau_d", tuple(motor.tau_d for motor in motors)))
-    motors = changed_arms(motors, tau_d=tau_d)
-    # The software sets commands to 0 before the conversion, except in simulator builds of the fork.
+    motors = replace_fields(motors, tau_d=tau_d)
+    # An inactive arm gets the command 0, or in simulator builds of the fork its last command
     without_command = for_each_arm(setup, Vec.full(7, 0))
     if state.held_cmd:
         keep = ~active & (params.state_machine.plc_obeyed == 0)
@@ -265,7 +266,7 @@ def control_cycle(
         without_command = tuple(command.map(lambda x: jnp.where(keep, x, 0)) for command in held)
     live = files.allow(active & (machine.soft_estopped == 0))
     if files.replaces(user_files.DAC):
-        commands = files.commands(live, without_command)
+        commands = files.step_dac(live, without_command)
     else:
         commands = map_arms(setup, partial(dac.step, enabled=live), tools, tau_d, without_command)
     current_cmd = files.check("current_cmd", inject("current_cmd", commands))
@@ -287,7 +288,7 @@ def control_cycle(
     signals = ControlSignals(
         arms=tuple(
             ArmSignals(**row)
-            for row in _rows(
+            for row in _rows_of(
                 enc_val=read.enc_val,
                 mpos=mpos,
                 mvel=mvel,
@@ -330,18 +331,22 @@ def control_cycle(
     return state, signals
 
 
-def _rows(**columns: tuple[Any, ...]) -> list[dict[str, Any]]:
+def _rows_of(**columns: tuple[Any, ...]) -> list[dict[str, Any]]:
+    # Returns the fields of each arm. columns: name of a field -> its values, one per arm.
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
 def columns_of(records: tuple[Any, ...], *names: str) -> dict[str, tuple[Any, ...]]:
-    """Return the named fields of records; each field is a tuple with one entry per arm."""
+    """Return name -> values of this field in the records, one per arm."""
     return {name: tuple(getattr(record, name) for record in records) for name in names}
 
 
-def changed_arms(records: tuple[Any, ...], **columns: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return records with new values of fields; each field is a tuple with one entry per arm."""
-    return tuple(replace(old, **row) for old, row in zip(records, _rows(**columns), strict=True))
+def replace_fields(records: tuple[Any, ...], **columns: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return the records of the arms with new values of some fields.
+    columns: name of a field -> its new values, one per arm.
+    """
+    rows = _rows_of(**columns)
+    return tuple(replace(old, **row) for old, row in zip(records, rows, strict=True))
 
 
 def _inject_poses(
@@ -349,7 +354,7 @@ def _inject_poses(
 ) -> PerArm[StoredPose]:
     """Return poses after faults. sites: fault site of the position, and of the rotation."""
     position, rotation = sites
-    return changed_arms(
+    return replace_fields(
         poses,
         position_um=inject(position, tuple(pose.position_um for pose in poses)),
         rotation=inject(rotation, tuple(pose.rotation for pose in poses)),
@@ -359,17 +364,15 @@ def _inject_poses(
 def _simulated_motors(
     setup: RavenSetup, inputs: Inputs, state: ControlState, mpos: PerArm[Vec], mvel: PerArm[Vec]
 ) -> tuple[PerArm[Vec], PerArm[Vec]]:
-    """Return motor positions and velocities in a dynamics-simulator build of the 2015 fork.
-
-    Motors 1-3 are read from the simulated model. In the published build, tool joints are at their
-    targets.
-    """
+    # Returns motor positions and velocities in a dynamics-simulator build of the 2015 fork. Motors
+    # 1-3 are read from the simulated model. In the published build, tool joints are at their
+    # targets.
     if setup.build == "dyn_sim":
         mpos = tuple(motors.mpos_d for motors in state.motor_control)
         mvel = for_each_arm(setup, Vec.full(7, narrow_numbers(setup, 0.0)))
-    rows = [
-        Vec((*narrow_numbers(setup, model), *arm[3:]))
-        for models, arms in zip(inputs.simulated, zip(mpos, mvel, strict=True), strict=True)
-        for model, arm in zip(models, arms, strict=True)
-    ]
-    return tuple(rows[0::2]), tuple(rows[1::2])
+    positions, velocities = [], []
+    for model, arm_mpos, arm_mvel in zip(inputs.simulated, mpos, mvel, strict=True):
+        model_mpos, model_mvel = model
+        positions.append(Vec((*narrow_numbers(setup, model_mpos), *arm_mpos[3:])))
+        velocities.append(Vec((*narrow_numbers(setup, model_mvel), *arm_mvel[3:])))
+    return tuple(positions), tuple(velocities)

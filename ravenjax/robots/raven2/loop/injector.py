@@ -1,7 +1,7 @@
-"""Injects faults at the sites of the Raven's tick.
+"""Injects faults at the fault sites of the Raven-II's tick.
 
-Faults change a rotation matrix through its quaternion. `RavenSetup.dac_words` decides whether a DAC
-command that is too large for the USB word wraps, saturates or keeps its value.
+A fault at a rotation matrix changes the quaternion of the rotation. `RavenSetup.dac_words` decides
+whether a DAC command that is too large for the USB word wraps, saturates or keeps its value.
 """
 
 from functools import cache, reduce
@@ -26,10 +26,11 @@ class RavenInjector(injection.Injector):
         state: fault.FaultState,
         clock: fault.TriggerClocks,
     ):
-        super().__init__(setup, _paths(setup), faults, state, clock)
+        super().__init__(setup, _channel_targets(setup), faults, state, clock)
 
     def __call__(self, site: str, signal: Any, present: Scalar = True) -> Any:
-        # Rotations are changed as quaternions, and parameters by their paths.
+        # Returns the signal after the faults at `site`. present: whether the signal exists in this
+        # tick, bool. Rotations are changed as quaternions.
         if site in ROTATIONS and self.injects_at(site):
             quats = tuple(
                 quat_from_matrix(widen_numbers(self.setup, rotation)) for rotation in signal
@@ -37,7 +38,7 @@ class RavenInjector(injection.Injector):
             faulty_quats = super().__call__(site, quats, present)
             rotations = []
             for rotation, quat, faulty_quat in zip(signal, quats, faulty_quats, strict=True):
-                # A rotation that no fault changes keeps its bits.
+                # A rotation that no fault changes keeps its bits
                 changed = reduce(or_, quat.map(ne, faulty_quat))
                 faulty_rotation = narrow_numbers(self.setup, matrix_from_quat(faulty_quat))
                 rotations.append(where(changed, faulty_rotation, rotation))
@@ -45,15 +46,15 @@ class RavenInjector(injection.Injector):
         return super().__call__(site, signal, present)
 
 
-def seeds_network(setup: RavenSetup, what: str) -> bool:
-    """Return whether a fault sets the seed of network losses ("bursts") or delays ("jitter")."""
-    return ("network", "", what) in injection.channel_keys(setup)
+def seeds_network(setup: RavenSetup, channel: str) -> bool:
+    """Return whether faults may set the seed of network losses ("bursts") or delays ("jitter")."""
+    return ("network", "", channel) in injection.channel_keys(setup)
 
 
 def may_restart(site: str, arm: str, channel: str) -> bool:
-    """Return whether a fault on a channel may start a robot that has stopped."""
-    starters = ("runlevel", "pins_out", "plc", "buttons", "usb_status", PARAMETER)
-    return site in starters or channel == "pins"
+    """Return whether a fault on a channel, of any arm, may start a robot that has stopped."""
+    sites = ("runlevel", "pins_out", "plc", "buttons", "usb_status", PARAMETER)
+    return site in sites or channel == "pins"
 
 
 ROTATIONS = ("ori", "ori_d")
@@ -61,14 +62,15 @@ ROTATIONS = ("ori", "ori_d")
 
 
 @cache
-def _paths(setup: RavenSetup) -> dict[injection.ChannelKey, injection.Target]:
-    """Return channel -> path and type of its number. `setup.dac_words` sets the type at the USB."""
-    stored = _STORED[setup.dac_words]
+def _channel_targets(setup: RavenSetup) -> dict[injection.ChannelKey, injection.Target]:
+    """Return channel -> path and type of its number. `setup.dac_words` sets the type at usb_out."""
+    word_type = _WORD_TYPES[setup.dac_words]
     return {
-        key: (path, stored if key[0] == "usb_out" else kind)
+        # key[0] is the site
+        key: (path, word_type if key[0] == "usb_out" else kind)
         for key, (path, kind) in injection.channel_paths(ROBOT, setup).items()
     }
 
 
-_STORED = {"wrap": "int16", "saturate": "int16 saturated", "unwrapped": "int32"}
-"""`RavenSetup.dac_words` -> kind of the number that the USB site stores."""
+_WORD_TYPES = {"wrap": "int16", "saturate": "int16 saturated", "unwrapped": "int32"}
+"""`RavenSetup.dac_words` -> type of the numbers at site usb_out."""

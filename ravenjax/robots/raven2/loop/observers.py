@@ -25,7 +25,7 @@ class ObserverState:
     monitor: monitor.MonitorState
 
 
-class RobotView(NamedTuple):
+class RobotSignals(NamedTuple):
     """The signals of the robot that the observers read in this tick."""
 
     jpos: PerArm[Vec]  # rad; insertion m, as the control software has them
@@ -54,11 +54,11 @@ class Observations(NamedTuple):
 def init(
     setup: RavenSetup, params: TickParams, start: PerArm[Vec], tips: PerArm[Vec]
 ) -> ObserverState:
-    """Return the observers' state for a robot at rest. start: joints, rad and m; tips: true, m."""
+    """Return the observers of a robot at rest. start: 7 joints, rad and m. tips: true tips, m."""
     return ObserverState(
         nominal=map_arms(setup, nominal.init, params.nominal, start),
         haptics=for_each_arm(setup, haptics.init(setup, params.haptics)),
-        monitor=monitor.init(setup, tips, _um(tips)),
+        monitor=monitor.init(setup, tips, _to_um(tips)),
     )
 
 
@@ -68,7 +68,7 @@ def update_model_and_cue(
     state: Observed,
     clean: Packet,
     fresh: Scalar,
-    robot: RobotView,
+    robot: RobotSignals,
 ) -> tuple[Observed, Observations]:
     """Compute one tick of the nominal model and of the haptic cue.
 
@@ -76,10 +76,10 @@ def update_model_and_cue(
     tick.
     """
 
-    def sense(
-        setup: RavenSetup, arm: ArmName, tool: str, model, device, jpos: Vec, mvel: Vec
+    def compute_cue(
+        setup: RavenSetup, arm: ArmName, tool: str, model, device_state, jpos: Vec, mvel: Vec
     ) -> tuple[Any, ...]:
-        """Return the reported tip, the state of the haptic device, and the cue."""
+        """Return the reported tip, the new state of the haptic device, and the cue of one arm."""
         jvel = transmission.joint_from_motor(
             arm, tool, cast_to_real(setup, mvel), software=setup.software
         )
@@ -88,30 +88,31 @@ def update_model_and_cue(
         signal = haptics.HapticSignal(
             model.tip_position, model.tip_velocity, tip, kinematics.tip_velocity(arm, jpos, jvel)
         )
-        return tip, *haptics.step(setup, params.haptics, device, signal)
+        return tip, *haptics.step(setup, params.haptics, device_state, signal)
 
-    def clean_command(*command) -> nominal.Clean:
-        # Returns the operator's command to one arm, without motion if the packet is old.
+    def make_command(*command) -> nominal.Command:
+        # Returns the command for the nominal model of one arm.
+        # command: translation, quaternion and jaw motion of the arm in the packet.
         if setup.console == "increments":
             # A packet may last several cycles, and its increments count only in the first.
             no_motion = (Vec.full(3, 0), Vec((0.0, 0.0, 0.0, 1.0)), 0)
             command = where(fresh, command, no_motion)
-        return nominal.Clean(*command, engaged=clean.surgeon_mode)
+        return nominal.Command(*command, engaged=clean.surgeon_mode)
 
-    commands = tuple(map(clean_command, clean.delta, clean.quat, clean.grasp))
+    commands = tuple(map(make_command, clean.delta, clean.quat, clean.grasp))
     jpos = cast_to_real(setup, robot.jpos)
     stepped = map_arms(setup, nominal.step, params.nominal, state.nominal, commands, jpos)
     model_states, models = zip(*stepped, strict=True)
-    sensed_arms = map_arms(setup, sense, setup.tools, models, state.haptics, jpos, robot.mvel)
-    reported, device_states, cues = zip(*sensed_arms, strict=True)
-    tips = reported if robot.tips is None else robot.tips
+    with_cues = map_arms(setup, compute_cue, setup.tools, models, state.haptics, jpos, robot.mvel)
+    reported_tips, device_states, cues = zip(*with_cues, strict=True)
+    tips = reported_tips if robot.tips is None else robot.tips
     return replace(state, nominal=model_states, haptics=device_states), Observations(
-        models,
-        cues,
-        tips,
-        tuple(map(scene.tissue_depth, setup.arms, tips)),
-        scene.tip_distance(setup.arms, tips),
-        is_live(robot.runlevel, robot.soft_estopped),
+        models=models,
+        cues=cues,
+        tips=tips,
+        depth=tuple(map(scene.tissue_depth, setup.arms, tips)),
+        distance=scene.tip_distance(setup.arms, tips),
+        live=is_live(robot.runlevel, robot.soft_estopped),
     )
 
 
@@ -121,32 +122,32 @@ def update_monitor(
     state: monitor.MonitorState,
     clean: Packet,
     fresh: Scalar,
-    robot: RobotView,
-    seen: Observations,
+    robot: RobotSignals,
+    observed: Observations,
     golden: Input | None,
-    now: Scalar,
+    tick: Scalar,
 ) -> monitor.MonitorState:
-    """Return the monitor after a tick, which follows `update_model_and_cue`.
+    """Return the monitor's state after this tick, in which `update_model_and_cue` gave `observed`.
 
-    golden: the golden run; None: the monitor compares with the nominal model instead.
+    golden: contains the golden run; None: the monitor compares with the nominal model instead.
     """
-    model_tips = tuple(out.tip_position for out in seen.models)
-    pos = _um(seen.tips) if robot.pos is None else cast_to_real(setup, robot.pos)
+    model_tips = tuple(out.tip_position for out in observed.models)
+    pos = _to_um(observed.tips) if robot.pos is None else cast_to_real(setup, robot.pos)
     signal = monitor.MonitorSignal(
-        tip=seen.tips,
+        tip=observed.tips,
         pos=pos,
         model_tip=model_tips,
-        depth=seen.depth,
-        distance=seen.distance,
+        depth=observed.depth,
+        distance=observed.distance,
         dac=robot.dac,
         fresh=fresh,
-        live=seen.live,
+        live=observed.live,
         pedal=clean.surgeon_mode != 0,
-        tick=now,
+        tick=tick,
     )
-    reference = monitor.Reference(model_tips, _um(model_tips))
+    reference = monitor.Reference(model_tips, _to_um(model_tips))
     if golden is not None:
-        reference = golden_reference(setup, golden, seen.tips, pos)
+        reference = golden_reference(setup, golden, observed.tips, pos)
     return monitor.step(setup, params.monitor, state, signal, reference)
 
 
@@ -158,18 +159,19 @@ def is_live(runlevel: Scalar, soft_estopped: Scalar) -> Scalar:
 def golden_reference(
     setup: RavenSetup, signal: Input, tips: PerArm[Vec], pos: PerArm[Vec]
 ) -> monitor.Reference:
-    """Return the golden run in this tick. tips: m; pos: um.
+    """Return the tips of the golden run in this tick.
 
-    Until a fault acts, the robot is its own golden run, so the result is `tips` and `pos`.
+    tips, pos: true tips (m) and measured tips (um) of the robot. They are the result until a fault
+    acts, if `signal` has the flag `golden_differs`: the robot is then its own golden run.
     """
-    if signal.apart is None:
+    if signal.golden_differs is None:
         return signal.reference
     return tree.map_leaves(
-        lambda golden, robot: jnp.where(signal.apart, golden, cast_to_real(setup, robot)),
+        lambda golden, robot: jnp.where(signal.golden_differs, golden, cast_to_real(setup, robot)),
         signal.reference,
         monitor.Reference(tips, pos),
     )
 
 
-def _um(tips: PerArm[Vec]) -> PerArm[Vec]:
+def _to_um(tips: PerArm[Vec]) -> PerArm[Vec]:
     return tuple(tip * 1e6 for tip in tips)

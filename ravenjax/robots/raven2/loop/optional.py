@@ -51,12 +51,12 @@ def find_stages(setup: RavenSetup) -> dict[str, Stage]:
 # --- before the console makes its packet ---
 
 
-def _draw_length(clock: packet_clock.PacketClock, console: Console) -> packet_clock.PacketClock:
-    """Draw the number of cycles that each packet lasts, and set when packets are sent."""
+def _time_packets(clock: packet_clock.PacketClock, console: Console) -> packet_clock.PacketClock:
+    """Decide whether a packet is sent, and draw the number of cycles that it lasts."""
     setup, network, now = console.setup, console.params.network, console.signal.tick
     if console.signal.packet is None:
         fresh = now >= clock.due
-        # A simulator's packet generator ends with the robot's software E-stop
+        # The packet generator of a simulator build ends with the robot's software E-stop.
         fresh = fresh & (console.soft_estopped == 0) if setup.build != "robot" else fresh
         console.fresh, console.sequence = fresh, console.newest + as_int(fresh)
         cycles = packet_clock.packet_length(
@@ -64,35 +64,38 @@ def _draw_length(clock: packet_clock.PacketClock, console: Console) -> packet_cl
         )
         clock = packet_clock.step(clock, now, fresh, cycles)
     console.timing = PacketTiming(console.sequence, clock.tick, clock.before)
+    # If faults can deliver earlier packets, stage `history` replaces this function.
     console.older = lambda network: console.timing
-    console.plan = PlanMoment(now, now - 1, jnp.bool_(True))
+    # The plan continues in every tick. A packet contains the motion since the packet before.
+    console.plan = PlanMoment(row=now, before=now - 1, continues=jnp.bool_(True))
     return clock
 
 
-def _remember_packet(history: Vec, console: Console) -> Vec:
+def _remember_packet_times(history: Vec, console: Console) -> Vec:
     # Stores when packets were sent, because a network fault may deliver an earlier packet.
     now, history = console.signal.tick, packet_history.step(history, console.fresh)
 
-    def older(network: Network) -> PacketTiming:
+    def arriving_packet(network: Network) -> PacketTiming:
         # A late packet contains the motion of the tick in which it was sent.
-        count = jnp.maximum(network.lag + network.delay, 0)
-        row, before = (now - packet_history.packet_age(history, n) for n in (count, count + 1))
-        return PacketTiming(console.sequence - count, row, before)
+        late = jnp.maximum(network.lag + network.delay, 0)
+        ages = (packet_history.packet_age(history, packets) for packets in (late, late + 1))
+        sent, sent_before = (now - age for age in ages)
+        return PacketTiming(console.sequence - late, sent, sent_before)
 
-    console.older = older
-    console.packets_in = lambda late: packet_history.sent_within(history, late)
+    console.older = arriving_packet
+    console.packets_in = lambda ms: packet_history.sent_within(history, ms)
     return history
 
 
 def _react(state: reaction.ReactionState, console: Console) -> reaction.ReactionState:
-    # Decides whether the operator's action begins, and sets the deviations of packets.
+    # Decides whether the reaction to the cue begins; sets how packets then deviate from the plan.
     setup, params = console.setup, console.params.reaction
     assert params is not None
-    after = reaction.react_to_cue(setup, params, state, console.signal.tick, console.timing.row)
+    reacted = reaction.react_to_cue(setup, params, state, console.signal.tick, console.timing.row)
     console.deviate = lambda timing: reaction.packet_deviation(
-        setup, params, after, timing.row, timing.before
+        setup, params, reacted, timing.row, timing.before
     )
-    return after
+    return reacted
 
 
 # --- between console and robot ---
@@ -101,6 +104,7 @@ def _react(state: reaction.ReactionState, console: Console) -> reaction.Reaction
 def _lose_bursts(
     state: channel.ChannelState, console: Console, network: Network
 ) -> tuple[channel.ChannelState, Network]:
+    # Marks the newest packet as lost while the channel loses several packets in a row.
     state = channel.step(state, network.bursts, console.sequence, console.fresh)
     return state, replace(network, lost=network.lost | (state.burst > 0))
 
@@ -113,52 +117,53 @@ def _feel_cue(state, sight: Sight) -> Any:
     setup, params, signals = sight.setup, sight.params, sight.signals
     assert params.reaction is not None
     senses = reaction.OperatorSenses(
-        tuple(out.force[0] for out in signals.haptics),
-        signals.tip,
-        sight.model_tips,
-        operator.tip_offset(setup, params.operator, sight.hands),
-        sight.pedal_down,
-        sight.tick,
+        # The operator feels the first haptic set.
+        force=tuple(cue.force[0] for cue in signals.haptics),
+        tip=signals.tip,
+        model_tip=sight.model_tips,
+        off_plan=operator.tip_offset(setup, params.operator, sight.hands),
+        pedal_down=sight.pedal_down,
+        tick=sight.tick,
     )
     state, correction = reaction.feel_cue(setup, params.reaction, state, senses)
-    sight.hands = operator.with_tip_motion(setup, params.operator, sight.hands, correction)
+    sight.hands = operator.add_tip_motion(setup, params.operator, sight.hands, correction)
     return state
 
 
 def _move_hand(state, sight: Sight) -> Any:
-    # The cue displaces the hands, and the displacement is part of the next packet.
+    # The force of the first haptic set displaces the hands. The next packet contains this motion.
     setup, hand_params, cues = sight.setup, sight.params.hand, sight.signals.haptics
     assert hand_params is not None
-    after = tuple(
+    pushed = tuple(
         hand.step(setup, hand_params, old, position_to_itp(arm, cue.direction * cue.force[0]))
         for arm, old, cue in zip(setup.arms, state, cues, strict=True)
     )
-    motions = tuple(
-        (new.displacement - old.displacement) * 1e6 for new, old in zip(after, state, strict=True)
+    motions_um = tuple(
+        (new.displacement - old.displacement) * 1e6 for new, old in zip(pushed, state, strict=True)
     )
-    sight.hands = operator.with_stray_motion(sight.hands, motions)
-    return after
+    sight.hands = operator.add_hand_motion(sight.hands, motions_um)
+    return pushed
 
 
 @record
 class RestartState:
     """Whether the robot became live again after a stop, while the foot stayed on the pedal."""
 
-    waits: Scalar  # bool, the foot has been on the pedal since a stop
-    first: Scalar  # int32, tick of the first restart; -1: none
+    stopped_under_foot: Scalar  # bool, not live since a stop, and the foot is on the pedal since
+    restart_tick: Scalar  # int32, tick of the first restart; -1: none
 
 
 def _watch_restart(state: RestartState, sight: Sight) -> RestartState:
-    # Records the first restart of the robot after a stop with the pedal down.
+    # Records the first tick in which the robot restarts under a foot that stayed on the pedal.
     control = sight.signals.control
     stopped = (control.runlevel == E_STOP) | (control.soft_estopped != 0)
-    waits = sight.foot & (state.waits | stopped)
-    first = first_tick(sight.tick, waits & sight.live, state.first)
-    return RestartState(waits & ~sight.live, first)
+    under_foot = sight.foot_on_pedal & (state.stopped_under_foot | stopped)
+    restart_tick = first_tick(sight.tick, under_foot & sight.live, state.restart_tick)
+    return RestartState(under_foot & ~sight.live, restart_tick)
 
 
 def _detect(state, sight: Sight) -> Any:
-    # Detectors read signals that a real robot has, and not the true tip.
+    # Computes the detectors, which read signals that a real robot has, and not the true tip.
     setup, params = sight.setup, sight.params
     assert params.detectors is not None
     signals = sight.signals
@@ -171,8 +176,9 @@ def _detect(state, sight: Sight) -> Any:
     )
     views: tuple[Any, ...] = ()
     if detectors.detector_files(setup):
-        tips = zip(models, cues, strict=True)
-        sight.files.note(tip=tuple(model.tip_position - cue.error for model, cue in tips))
+        # The cue's error is the model's tip minus the reported tip.
+        pairs = zip(sight.model_tips, cues, strict=True)
+        sight.files.note(tip=tuple(model_tip - cue.error for model_tip, cue in pairs))
         views = sight.files.views("the end", setup.precision.real)
     signal = detectors.DetectorSignal(
         **control.columns_of(signals.plant, "mpos", "mvel", "jpos", "jvel"),
@@ -187,7 +193,7 @@ def _detect(state, sight: Sight) -> Any:
 
 
 def _add_loads(state, sight: Sight) -> Any:
-    # Adds the cable tensions of this tick, divided by each cable's strength.
+    # Adds each cable's load in this tick: the largest tension difference, as a share of strength.
     loads = tuple(
         out.carried * arm.cable_strength.map(lambda strength: 1.0 / strength)
         for out, arm in zip(sight.signals.plant, sight.params.plant, strict=True)
@@ -204,12 +210,12 @@ STAGES: dict[str, Stage] = {
     "clock": Stage(
         present=lambda setup: bool(setup.packets),
         init=lambda start: packet_clock.init(),
-        act=_draw_length,
+        act=_time_packets,
     ),
     "history": Stage(
         present=lambda setup: setup.packet_history > 0,
         init=lambda start: packet_history.init(start.setup.packet_history),
-        act=_remember_packet,
+        act=_remember_packet_times,
     ),
     "reaction": Stage(
         present=lambda setup: setup.reacts,
@@ -256,7 +262,7 @@ STAGES: dict[str, Stage] = {
         present=lambda setup: any(may_restart(*key) for key in channel_keys(setup)),
         init=lambda start: RestartState(jnp.bool_(False), jnp.int32(-1)),
         watch=_watch_restart,
-        outcomes=lambda setup, state: {"restart_ms": state.first},
+        outcomes=lambda setup, state: {"restart_ms": state.restart_tick},
     ),
     "own_operator": Stage(
         present=lambda setup: setup.hands is not None,

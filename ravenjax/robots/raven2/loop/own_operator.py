@@ -37,10 +37,10 @@ class ScreenView:
 class OwnPace:
     """The lag of the hands behind the plan, in rows of the plan."""
 
-    part: Scalar  # fraction of a row, in addition to `lag`
+    fraction: Scalar  # fraction of a row, in addition to `lag`
     lag: Scalar  # int32, the lag now
-    before: Scalar  # int32, the lag when the plan last continued
-    sent: Scalar  # int32, the lag in the newest packet
+    lag_before: Scalar  # int32, the lag when the plan last continued
+    lag_sent: Scalar  # int32, the lag in the newest packet
 
 
 @record
@@ -48,14 +48,14 @@ class OwnGrasp:
     """The closing of the hands in addition to the plan, mrad."""
 
     offset: PerArm[Scalar]
-    sent: PerArm[Scalar]  # the value in the newest packet
+    offset_sent: PerArm[Scalar]  # the offset in the newest packet
 
 
 @record
 class OwnOperatorState:
     """State of a user's operator; None for a key that the file does not return."""
 
-    own: Any  # the state that the file's `init` returned
+    file_state: Any  # the state that the file's `init` or `step` returned
     screen: PerArm[ScreenView]
     runlevel: Scalar  # int32
     pace: OwnPace | None
@@ -72,28 +72,31 @@ def init(start: Start) -> OwnOperatorState:
     assert setup.hands is not None
     poses = map(kinematics.forward_pose, setup.arms, start.jpos)
     model_tips = tuple(pose.position for pose in poses)
-    nothing, no_motion = cast_to_real(setup, (0.0, Vec.full(3, 0.0)))
-    zero = jnp.int32(0)
+    zero, zeros = cast_to_real(setup, (0.0, Vec.full(3, 0.0)))
+    whole_zero, pedal = jnp.int32(0), jnp.bool_(False)
+    no_cue = zeros, zero
     state = OwnOperatorState(
-        own=part.load_part(setup.hands).init(params.own.hands, setup.precision.real),
-        screen=_screen(setup, tips, model_tips, [(no_motion, nothing)] * len(tips)),
+        file_state=part.load_part(setup.hands).init(params.own.hands, setup.precision.real),
+        screen=_screen_views(setup, tips, model_tips, [no_cue] * len(tips)),
         runlevel=jnp.int32(start.runlevel),
         pace=None,
         grasp=None,
         lifted=None,
     )
-    plan = for_each_arm(setup, (no_motion, nothing, no_motion))
-    _, keys = _run_file(setup, params, state, zero, jnp.bool_(False), plan)
+    plan = for_each_arm(setup, (zeros, zero, zeros))
+    # The file is called once, because its results show which keys it returns.
+    _, returned = _run_file(setup, params, state, whole_zero, pedal, plan)
+    offsets = for_each_arm(setup, zero)
     return replace(
         state,
-        pace=OwnPace(nothing, zero, zero, zero) if "pace" in keys else None,
-        grasp=OwnGrasp(*(for_each_arm(setup, nothing),) * 2) if "grasp" in keys else None,
-        lifted=jnp.bool_(False) if "pedal" in keys else None,
+        pace=OwnPace(zero, whole_zero, whole_zero, whole_zero) if "pace" in returned else None,
+        grasp=OwnGrasp(offsets, offsets) if "grasp" in returned else None,
+        lifted=jnp.bool_(False) if "pedal" in returned else None,
     )
 
 
 def act_as_file(state: OwnOperatorState, console: Console) -> OwnOperatorState:
-    """Run the file for one millisecond, and set the deviations of the hands from the plan.
+    """Run the file for one millisecond, and write to `console` how the hands leave the plan.
 
     If an external console sends the packets, the file does not run.
     """
@@ -101,82 +104,85 @@ def act_as_file(state: OwnOperatorState, console: Console) -> OwnOperatorState:
     if signal.packet is not None:
         return state
     hands, fresh, pace = console.hands, console.fresh, state.pace
-    row, row_before = (
-        operator.look_up_row(signal.motion, row)
-        for row in (
-            (moment.row, moment.before)
-            if pace is None
-            else (moment.row - pace.lag, moment.before - pace.before)
-        )
-    )
+    rows = moment.row, moment.before
+    if pace is not None:
+        rows = moment.row - pace.lag, moment.before - pace.lag_before
+    row, row_before = (operator.look_up_row(signal.motion, number) for number in rows)
 
-    def planned(offset: Vec, *values) -> tuple[Vec, Scalar, Vec]:
+    def planned_motion(offset: Vec, *values) -> tuple[Vec, Scalar, Vec]:
+        # Returns motion, closing and present offset of one hand, the entries of `plan`.
         position, old_position, grasp, old_grasp = cast_to_real(setup, values)
-        moves = position - old_position, grasp - old_grasp
-        still = cast_to_real(setup, (Vec.full(3, 0.0), 0.0))
-        return *where(moment.goes_on, moves, still), offset
+        motion = position - old_position, grasp - old_grasp
+        no_motion = cast_to_real(setup, (Vec.full(3, 0.0), 0.0))
+        return *where(moment.continues, motion, no_motion), offset
 
-    hands_in = row.position, row_before.position, row.grasp, row_before.grasp
-    plan = tuple(map(planned, hands.offset, *hands_in))
+    hand_columns = row.position, row_before.position, row.grasp, row_before.grasp
+    plan = tuple(map(planned_motion, hands.offset, *hand_columns))
     file_state, returned = _run_file(
         setup, console.params.operator, state, signal.tick, row.surgeon_mode > 0, plan
     )
-    state, deviation = replace(state, own=file_state), operator.PLAN
+    state, deviation = replace(state, file_state=file_state), operator.NO_DEVIATION
     if "delta" in returned:
-        console.hands = operator.with_stray_motion(
-            hands,
-            tuple(new - delta for new, (delta, _, _) in zip(returned["delta"], plan, strict=True)),
-        )
+        per_hand = zip(returned["delta"], plan, strict=True)
+        stray_motion = tuple(delta - planned for delta, (planned, _, _) in per_hand)
+        console.hands = operator.add_hand_motion(hands, stray_motion)
     if state.grasp is not None:
         old = state.grasp
-        grasps = zip(old.offset, returned["grasp"], plan, strict=True)
-        grasp = tuple(x + (new - planned) for x, new, (_, planned, _) in grasps)
-        deviation = deviation._replace(grasp=grasp, grasp_before=old.sent)
-        state = replace(state, grasp=OwnGrasp(grasp, where(fresh, grasp, old.sent)))
+        per_hand = zip(old.offset, returned["grasp"], plan, strict=True)
+        offsets = tuple(offset + (grasp - planned) for offset, grasp, (_, planned, _) in per_hand)
+        deviation = deviation._replace(grasp=offsets, grasp_before=old.offset_sent)
+        state = replace(state, grasp=OwnGrasp(offsets, where(fresh, offsets, old.offset_sent)))
     if state.lifted is not None:
         lifted = jnp.where(fresh, ~returned["pedal"], state.lifted)
         deviation, state = deviation._replace(lifted=lifted), replace(state, lifted=lifted)
     if pace is not None:
-        deviation = deviation._replace(
-            lag=jnp.where(fresh, pace.lag, pace.sent), lag_before=pace.sent
-        )
-        share = returned["pace"]
-        share = jnp.where(share < 1.0, jnp.maximum(share, 0.0), 1.0)  # NaN: the planned pace
-        behind = pace.part + jnp.where(moment.goes_on, 1.0 - share, 0.0)
-        rows = as_int(behind)
-        new_pace = OwnPace(
-            part=behind - lax.convert_element_type(rows, behind.dtype),
-            lag=pace.lag + rows,
-            before=jnp.where(moment.goes_on, pace.lag, pace.before),
-            sent=jnp.where(fresh, pace.lag, pace.sent),
-        )
+        lag_sent = jnp.where(fresh, pace.lag, pace.lag_sent)
+        deviation = deviation._replace(lag=lag_sent, lag_before=pace.lag_sent)
+        new_pace = _advance_pace(pace, returned["pace"], moment.continues, lag_sent)
         state = replace(state, pace=new_pace)
     console.deviate = lambda timing: deviation
     return state
+
+
+def _advance_pace(pace: OwnPace, share: Scalar, continues: Scalar, lag_sent: Scalar) -> OwnPace:
+    """Return the lag after one millisecond. share: pace of the hands, 1 as planned, 0 at rest."""
+    # A comparison with NaN is false, so NaN gives the planned pace.
+    share = jnp.where(share < 1.0, jnp.maximum(share, 0.0), 1.0)
+    behind = pace.fraction + jnp.where(continues, 1.0 - share, 0.0)
+    whole_rows = as_int(behind)
+    return OwnPace(
+        fraction=behind - lax.convert_element_type(whole_rows, behind.dtype),
+        lag=pace.lag + whole_rows,
+        lag_before=jnp.where(continues, pace.lag, pace.lag_before),
+        lag_sent=lag_sent,
+    )
 
 
 def show_state(state: OwnOperatorState, sight: Sight) -> OwnOperatorState:
     """Return the state with what the operator sees and feels until the next tick."""
     setup, signals = sight.setup, sight.signals
 
-    def pulled(arm: ArmName, cue: haptics.HapticOutput) -> tuple[Vec, Scalar]:
+    def first_cue(arm: ArmName, cue: haptics.HapticOutput) -> tuple[Vec, Scalar]:
+        # Returns vector and magnitude of the force of the first haptic set.
         force = cue.force[0]
         pull = position_to_itp(arm, cue.direction * force)
+        # A component that is NaN becomes 0: the device does not pull.
         return pull.map(lambda x: jnp.where(x == x, x, 0.0)), force
 
-    pulls = list(map(pulled, setup.arms, signals.haptics))
-    screen = _screen(setup, signals.tip, sight.model_tips, pulls)
+    cues = list(map(first_cue, setup.arms, signals.haptics))
+    screen = _screen_views(setup, signals.tip, sight.model_tips, cues)
     return replace(state, screen=screen, runlevel=signals.control.runlevel)
 
 
-def _screen(
-    setup: RavenSetup, tips: PerArm[Vec], model_tips: PerArm[Vec], pulls: Sequence[Any]
+def _screen_views(
+    setup: RavenSetup, tips: PerArm[Vec], model_tips: PerArm[Vec], cues: Sequence[Any]
 ) -> PerArm[ScreenView]:
-    # Returns the tips and cues of each arm in the axes of the console.
-    rows = zip(setup.arms, tips, model_tips, pulls, strict=True)
+    # Returns tips and cue of each arm in the axes of the console.
+    # cues: force vector (console's axes) and its magnitude for each arm, device units.
+    arms = zip(setup.arms, tips, model_tips, cues, strict=True)
     views = (
-        ScreenView(position_to_itp(arm, tip), position_to_itp(arm, model), *pull)
-        for arm, tip, model, pull in rows
+        ScreenView(position_to_itp(arm, tip), position_to_itp(arm, model_tip), *cue)
+        for arm, tip, model_tip, cue in arms
     )
     return cast_to_real(setup, tuple(views))
 
@@ -189,14 +195,15 @@ def _run_file(
     pedal: Scalar,
     plan: PerArm[tuple[Vec, Scalar, Vec]],
 ) -> tuple[Any, ...]:
-    """Return the file's new state, and the values that the file returned by key.
+    """Return the file's new state, and a dict with the values that the file returned.
 
-    plan: planned motion (um), closing (mrad) and present offset (um) of each hand.
+    pedal: bool, the plan holds the pedal down. plan: for each hand the motion (um) and closing
+    (mrad) that are planned for this tick, and the present offset from the plan (um).
     """
     assert setup.hands is not None
     arms = tuple(
-        View("the hands", {"delta": delta, "grasp": grasp, "offset": offset, **vars(shown)})
-        for (delta, grasp, offset), shown in zip(plan, state.screen, strict=True)
+        View("the hands", {"delta": delta, "grasp": grasp, "offset": offset, **vars(screen)})
+        for (delta, grasp, offset), screen in zip(plan, state.screen, strict=True)
     )
     scale = cast_to_real(setup, params.scale)
     view = {"tick": tick, "runlevel": state.runlevel, "pedal": pedal, "scale": scale, "arms": arms}
@@ -209,7 +216,7 @@ def _run_file(
     }
     return part.load_part(setup.hands).step(
         params.own.hands,
-        state.own,
+        state.file_state,
         View("the operator", view),
         setup.precision.real,
         hands=examples,

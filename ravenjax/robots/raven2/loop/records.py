@@ -91,7 +91,8 @@ class Input:
     motion: tuple[Any, ...]  # columns of the operator's motion, 1-D: the only arrays of the tick
     reference: monitor.Reference  # the golden run in this tick
     packet: Any = None  # packet.Packet of an external console; None: packets are made of the motion
-    apart: Any = None  # bool, False: no fault has acted so far, and the robot is its own golden run
+    # bool, False: no fault has acted so far, and the robot is its own golden run; None: always True
+    golden_differs: Any = None
 
 
 @record
@@ -135,11 +136,11 @@ class Start(NamedTuple):
 
 
 class PlanMoment(NamedTuple):
-    """The state of the plan in a tick."""
+    """The place of the operator's hands in the planned motion in a tick."""
 
     row: Scalar  # int32, row of the motion
     before: Scalar  # int32, row of the motion when the plan last continued
-    goes_on: Scalar  # bool, the plan continues in this tick
+    continues: Scalar  # bool, the plan continues in this tick
 
 
 @dataclasses.dataclass
@@ -159,7 +160,7 @@ class Console:
     older: Callable[[Network], operator.PacketTiming]  # returns the timing of the arriving packet
     packets_in: Callable[[Scalar], Scalar]  # ms (int32) -> number of packets sent (int32)
     # Returns the operator's deviation from the plan in a packet with this timing
-    deviate: Callable[[operator.PacketTiming], operator.Deviation] = lambda timing: operator.PLAN
+    deviate: Callable[[operator.PacketTiming], operator.Deviation] = lambda _: operator.NO_DEVIATION
 
 
 @dataclasses.dataclass
@@ -169,9 +170,9 @@ class Sight:
     setup: RavenSetup
     params: TickParams
     tick: Scalar  # int32
-    pedal_down: Scalar  # bool
+    pedal_down: Scalar  # bool, the control software is in run level pedal-down
     live: Scalar  # bool, pedal-down without software E-stop
-    foot: Scalar  # bool, the operator holds the pedal down
+    foot_on_pedal: Scalar  # bool, the operator holds the pedal down
     signals: TickSignals
     files: user_files.UserFiles
     hands: operator.HandOffsets

@@ -1,4 +1,4 @@
-"""A run of ticks: its start, its steps, the series for its faulty runs, and outcomes.
+"""Computes a run of the Raven-II: its start, its ticks, and its outcomes.
 
 This module is the `Loop` of `ravenjax.engines.interface`.
 """
@@ -57,19 +57,20 @@ def params(
     start_jpos: 7 joints per arm, rad and m. parameter_set: mechanics of the virtual robot, one of
     `parameter_sets.Name`.
     """
-    names = for_each_arm(setup, parameter_set)
+    sets = for_each_arm(setup, parameter_set)
     return TickParams(
         operator=operator.params(setup, start_jpos),
         network=NetworkParams(),
         usb=UsbParams(),
         control=control.params(setup),
         plc=plc.PlcParams(),
-        plant=map_arms(setup, plant.params, names),
-        nominal=map_arms(setup, nominal.params, names),
+        plant=map_arms(setup, plant.params, sets),
+        nominal=map_arms(setup, nominal.params, sets),
         haptics=haptics.params(setup),
         reaction=reaction.ReactionParams() if setup.reacts else None,
         hand=hand.HandParams() if setup.hand_yields else None,
         detectors=detectors.params(setup) if setup.detectors else None,
+        # The default threshold of users' checks is 1.
         checks=user_files.check_params(setup, (1.0,) * len(setup.checks)) if setup.checks else None,
         contact=contact.ContactParams() if setup.contact else None,
         monitor=monitor.MonitorParams(),
@@ -78,38 +79,39 @@ def params(
 
 
 def init(setup: RavenSetup, params: TickParams) -> TickState:
-    """Return the state of a homed robot at rest at `params.start`, with the pedal up."""
-    ready = run_levels.PEDAL_UP if setup.software == "raven2" else run_levels.PEDAL_DOWN
-    start = cast_to_real(setup, params.start)
-    plants = map_arms(setup, plant.init, params.plant, start)
+    """Return the state of a homed robot at rest at `params.start`, before the first tick."""
+    runlevel = run_levels.PEDAL_UP if setup.software == "raven2" else run_levels.PEDAL_DOWN
+    jpos = cast_to_real(setup, params.start)
+    plants = map_arms(setup, plant.init, params.plant, jpos)
     robots = map_arms(setup, plant.observe_robot, params.plant, plants)
     tips = plant.true_tips(setup, params.plant, plants, robots)
-    observers_state = observers.init(setup, params, start, tips)
+    observers_state = observers.init(setup, params, jpos, tips)
     zero = jnp.int32(0)
-    with run_eagerly():  # the start of a run is a constant of the campaign
-        software = control.init(setup, params.start, ready)
+    # The start of a run is a constant of the campaign, so it is computed now and not in the tick.
+    with run_eagerly():
+        software = control.init(setup, params.start, runlevel)
     stages = find_stages(setup)
     hands_may_move = injects_faults(setup, "hand") or any(
         stage.moves_hands for stage in stages.values()
     )
-    start_of_run = Start(setup, params, start, tips, ready)
+    start = Start(setup, params, jpos, tips, runlevel)
     return TickState(
         faults=fault.init(setup),
         control=software,
         boards=usb.UsbOut(for_each_arm(setup, Vec.full(7, zero)), for_each_arm(setup, zero)),
         commands=(for_each_arm(setup, Vec.full(7, zero)),) * setup.command_delay,
-        plc=plc.init(setup, ready, separate_boards(setup)),
+        plc=plc.init(setup, runlevel, separate_boards(setup)),
         plant=plants,
         enc_val=tuple(out.enc_val for out in robots),
         motors=motor_angles(setup, robots),
         nominal=observers_state.nominal,
         haptics=observers_state.haptics,
-        hands=operator.at_plan(setup) if hands_may_move else operator.ON_PLAN,
+        hands=operator.hands_on_plan(setup) if hands_may_move else operator.NO_OFFSETS,
         files=user_files.init(setup, params.checks, params.control.own),
         monitor=observers_state.monitor,
-        stages={name: stage.init(start_of_run) for name, stage in stages.items()},
+        stages={name: stage.init(start) for name, stage in stages.items()},
         pedal_ticks=jnp.int32(-1),
-        pedal_down_ticks=jnp.int32(0),
+        pedal_down_ticks=zero,
         packet=jnp.int32(-1),
         delivered=jnp.int32(-1),
     )
@@ -121,7 +123,7 @@ def outcomes(setup: RavenSetup, params: TickParams, state: TickState) -> dict[st
     out |= haptics.outcomes(setup, state.haptics)
     machine = state.control.state_machine
     level = jnp.where(machine.soft_estopped != 0, run_levels.E_STOP, machine.runlevel)
-    # A fault may write a number that is no run level.
+    # A fault may write a number that is not a run level. The column is then -1.
     out["end_runlevel"] = jnp.where((level >= 0) & (level < len(run_levels.NAMES)), level, -1)
     out["pedal_down_ms"] = state.pedal_down_ticks
     for name, stage in find_stages(setup).items():
@@ -135,7 +137,7 @@ def measured_tips(setup: RavenSetup, signals: control.ControlSignals) -> PerArm[
 
 
 def reference_series(setup: RavenSetup, signals: TickSignals) -> tuple[Scalar, ...]:
-    """Return the numbers of a fault-free tick with which its faulty runs are compared."""
+    """Return the tips of a tick of a golden run, with which its faulty runs are compared."""
     return monitor.reference_series(signals.tip, measured_tips(setup, signals.control))
 
 
@@ -148,20 +150,23 @@ def advance(
     motion: tuple[Any, ...],
     golden: tuple[Scalar, ...],
 ) -> tuple[TickState, tuple[Scalar, ...], TickSignals]:
-    """Compute one tick; see `ravenjax.engines.interface.Loop`."""
-    state, signals = advance_tick(
-        setup, params, faults, state, Input(now, motion, reference_from(setup, golden))
-    )
+    """Compute tick `now`; return the new state, the `reference_series`, and all signals.
+
+    golden: `reference_series` of the golden run in this tick.
+    """
+    inputs = Input(now, motion, reference_from(setup, golden))
+    state, signals = advance_tick(setup, params, faults, state, inputs)
     return state, reference_series(setup, signals), signals
 
 
 def check_histories(setup: RavenSetup, state: TickState) -> dict[str, check.CheckHistory]:
-    """Return name of a check in columns -> its history over all arms, users' checks first."""
+    """Return the history of each check over all arms, by the check's name in result columns."""
     user_checks = zip(setup.checks, state.files.histories, strict=True)
     out = {f"{OWN}{use.name}": history for use, history in user_checks}
-    for name, (place, field) in _CHECKS.items():
-        histories = attrgetter(place)(state)
-        arms = histories if isinstance(histories, tuple) else (histories,)
+    for name, (stage, field) in _CHECKS.items():
+        stage_state = attrgetter(stage)(state)
+        # The state of a stage is a tuple if the stage treats each arm separately.
+        arms = stage_state if isinstance(stage_state, tuple) else (stage_state,)
         out[name] = check.worst_of_arms([getattr(arm, field) for arm in arms])
     return out
 
@@ -170,8 +175,8 @@ _CHECKS = resources.read_tables(__file__, "checks.toml")
 
 
 def name_signals(setup: RavenSetup, signals: TickSignals) -> dict[str, Any]:
-    """Return every signal by its name. Rotations of tips are added as quaternions and as the nine
-    numbers of the matrix, row by row.
+    """Return every signal by its name. Rotations of tips are added as quaternions (x, y, z, w), and
+    as the nine numbers of the matrix, row by row.
     """
     out = dict(vars(signals))
     for name in ("pos", "pos_d"):
@@ -196,40 +201,47 @@ def last_command(state: TickState) -> PerArm[Vec]:
 def act(
     params: TickParams,
     state: TickState,
-    now: Scalar,
-    takes: dict[str, Scalar],
+    tick: Scalar,
+    is_taken: dict[str, Scalar],
     begins: Scalar,
-    good: PerArm[Vec],
+    good_command: PerArm[Vec],
 ) -> tuple[TickParams, TickState]:
-    """Return parameters and state with the action.
+    """Return parameters and state of this tick with one of these actions:
 
-    - `pedal`: the operator lifts the foot, as `console.reaction` does at a cue. It stays up.
+    - `pedal`: the operator lifts the foot, as `console.reaction` does at a cue. The foot stays up.
     - `estop`: the PLC goes to E-stop and cannot be started again, as while the button is pressed.
     - `stop`: the overdrive check trips in this tick, whatever the command is.
     - `hold`: while the PLC is in pedal-down, the motors get the last good command.
+
+    is_taken: {action: bool, whether the action has been taken, in this tick or before}. begins:
+    bool, the action is taken in this tick. good_command: command of the boards before the fault.
     """
-    assumed = params.reaction
-    assert assumed is not None
-    lifts, holds = takes["pedal"], takes["hold"] & (state.plc.runlevel == run_levels.PEDAL_DOWN)
-    reacting = state.stages["reaction"]
-    felt = jnp.where(lifts & (reacting.felt < 0), now, reacting.felt)
-    latest, *older = state.commands
+    reaction_params = params.reaction
+    assert reaction_params is not None
+    lifts_foot = is_taken["pedal"]
+    holds = is_taken["hold"] & (state.plc.runlevel == run_levels.PEDAL_DOWN)
+    operator_state = state.stages["reaction"]
+    # The operator acts as if a cue were felt in this tick.
+    felt = jnp.where(lifts_foot & (operator_state.felt < 0), tick, operator_state.felt)
+    # A delay of one tick makes the motors follow the command of the last tick, which is replaced.
+    last_tick, *earlier = state.commands
     state = replace(
         state,
-        commands=(where(holds, good, latest), *older),
-        stages={**state.stages, "reaction": replace(reacting, felt=felt)},
+        commands=(where(holds, good_command, last_tick), *earlier),
+        stages={**state.stages, "reaction": replace(operator_state, felt=felt)},
     )
-    drive, watchdog = params.control.overdrive, params.plc.watchdog_ticks
-    limit = jnp.where(takes["stop"] & begins, -1, drive.max_inst_dac)
+    # Limits of -1 are exceeded by every command, and by every time without an edge.
+    overdrive_params, watchdog = params.control.overdrive, params.plc.watchdog_ticks
+    limit = jnp.where(is_taken["stop"] & begins, -1, overdrive_params.max_inst_dac)
     params = replace(
         params,
         reaction=replace(
-            assumed,
-            action=jnp.where(lifts, RELEASE, assumed.action),
-            delay_ms=jnp.where(lifts, 0.0, assumed.delay_ms),
+            reaction_params,
+            action=jnp.where(lifts_foot, RELEASE, reaction_params.action),
+            delay_ms=jnp.where(lifts_foot, 0.0, reaction_params.delay_ms),
         ),
-        control=replace(params.control, overdrive=replace(drive, max_inst_dac=limit)),
-        plc=replace(params.plc, watchdog_ticks=jnp.where(takes["estop"], -1, watchdog)),
+        control=replace(params.control, overdrive=replace(overdrive_params, max_inst_dac=limit)),
+        plc=replace(params.plc, watchdog_ticks=jnp.where(is_taken["estop"], -1, watchdog)),
         usb=replace(params.usb, command_delay=jnp.where(holds, 1, params.usb.command_delay)),
     )
     return params, state

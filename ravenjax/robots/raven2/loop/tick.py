@@ -3,8 +3,8 @@
 The order is the robot's: sense, decide, check, write. The plant moves last, and its encoders are
 read in the next tick. Optional stages (`optional.STAGES`) act before the console makes its packet,
 between console and robot, and after the robot has moved. Faults act at the sites named here and in
-`control`. The nominal model runs beside the robot on the *clean* operator input. The monitor
-compares it with the robot, and the console's haptic device renders the cue.
+`control`. The nominal model runs beside the robot on the *clean* operator input, without faults.
+The monitor compares it with the robot, and the console's haptic device renders the cue.
 """
 
 from typing import Any
@@ -47,10 +47,10 @@ class Buttons:
 
 @record
 class UsbStatus:
-    """Whether USB transfers succeed."""
+    """Whether USB transfers of each board succeed."""
 
-    read_ok: PerArm[Scalar]
-    write_ok: PerArm[Scalar]
+    read_ok: PerArm[Scalar]  # int32 flag
+    write_ok: PerArm[Scalar]  # int32 flag
 
 
 def advance_tick(
@@ -68,13 +68,12 @@ def advance_tick(
     )
     params = inject.inject_parameters(params)
     files = user_files.UserFiles(setup, params.checks, params.control.own, state.files, now)
-
     clean, packet, arrives = _send_packet(setup, params, inject, state, present, stages, console)
     pressed = detectors.detector_stops(setup, stages.get("detectors"))
     state, software, relays, robots = _move_robot(
         setup, params, inject, state, packet, files, pressed
     )
-    robot = observers.RobotView(
+    robot = observers.RobotSignals(
         **control.columns_of(software.arms, "jpos", "mvel"),
         runlevel=software.runlevel,
         soft_estopped=state.control.state_machine.soft_estopped,
@@ -112,6 +111,7 @@ def advance_tick(
         setup, params, state.monitor, clean, fresh, robot, observed, signal, now
     )
     watch(early=False)
+    # The run fails in the first tick in which one of these numbers is not finite.
     numbers = {"joint": [x for out in robots for x in (*out.jpos, *out.mpos)]}
     for name, stage in present.items():
         numbers |= stage.numbers(stages[name])
@@ -135,22 +135,25 @@ def advance_tick(
 def _wait_for_packet(
     setup: RavenSetup, params: TickParams, state: TickState, signal: Input
 ) -> Console:
-    """Return the console in this tick, with packets of `cycles_per_packet` cycles each."""
+    """Return the console in this tick, which sends a packet every `cycles_per_packet` cycles."""
     now, cycles = signal.tick, params.network.cycles_per_packet
-    stopped = state.control.state_machine.soft_estopped
-    # A simulator's packet generator ends with the robot's software E-stop
-    ends = setup.build != "robot"
+    soft_estopped = state.control.state_machine.soft_estopped
+    # The packet generator of a simulator build ends with the robot's software E-stop.
+    ends_with_robot = setup.build != "robot"
     if signal.packet is not None:
         fresh = signal.packet.received != 0
         sequence = state.packet + as_int(fresh)
     else:
+        # If all runs send a packet in every tick, the compiled tick needs no division.
         every_tick = isinstance(cycles, np.integer) and cycles == 1
         sequence = now if every_tick else lax.div(now, jnp.maximum(cycles, 1))
-        if ends:
-            sequence = jnp.where(stopped != 0, state.packet, sequence)
-        fresh = jnp.bool_(True) if every_tick and not ends else sequence != state.packet
+        if ends_with_robot:
+            sequence = jnp.where(soft_estopped != 0, state.packet, sequence)
+        always_fresh = every_tick and not ends_with_robot
+        fresh = jnp.bool_(True) if always_fresh else sequence != state.packet
 
     def count_packets(ms: Scalar) -> Scalar:
+        # Returns the number of packets sent in `ms` milliseconds, rounded up.
         length = jnp.maximum(cycles, 1)
         return lax.div(ms + length - 1, length)
 
@@ -159,13 +162,14 @@ def _wait_for_packet(
         params,
         signal,
         newest=state.packet,
-        soft_estopped=stopped,
+        soft_estopped=soft_estopped,
         fresh=fresh,
         sequence=sequence,
-        timing=operator.row_by_row(sequence),
-        plan=PlanMoment(sequence, sequence - 1, fresh),
+        timing=operator.row_timing(sequence),
+        # Packet k contains row k of the motion.
+        plan=PlanMoment(row=sequence, before=sequence - 1, continues=fresh),
         hands=state.hands,
-        older=lambda network: operator.row_by_row(sequence - network.lag - network.delay),
+        older=lambda network: operator.row_timing(sequence - network.lag - network.delay),
         packets_in=count_packets,
     )
 
@@ -179,11 +183,14 @@ def _send_packet(
     stages: dict[str, Any],
     console: Console,
 ) -> tuple[Packet, Packet, Scalar]:
-    """Return the packet before faults, the packet at the robot, and whether a packet arrives."""
+    """Return the packet before faults, the packet at the robot, and whether a packet arrives.
+
+    stages: states of the stages that are `present`; stages between console and robot update them.
+    """
     signal, sequence = console.signal, console.sequence
     if inject.injects_at("hand"):
-        still = for_each_arm(setup, Vec.full(3, cast_to_real(setup, 0.0)))
-        console.hands = operator.with_stray_motion(console.hands, inject("hand", still))
+        no_motion = for_each_arm(setup, Vec.full(3, cast_to_real(setup, 0.0)))
+        console.hands = operator.add_hand_motion(console.hands, inject("hand", no_motion))
 
     def make_packet(sender: operator.OperatorParams, timing: operator.PacketTiming) -> Packet:
         return operator.make_packet(
@@ -192,20 +199,22 @@ def _send_packet(
 
     clean = make_packet(params.operator, console.timing) if signal.packet is None else signal.packet
     scale = inject("console", params.operator.scale)
-    zero, none = jnp.int32(0), cast_to_real(setup, 0.0)
-    network = inject("network", Network(zero, zero, jnp.bool_(False), none, none))
+    zero, no_seed = jnp.int32(0), cast_to_real(setup, 0.0)
+    no_fault = Network(lag=zero, delay=zero, lost=jnp.bool_(False), bursts=no_seed, jitter=no_seed)
+    network = inject("network", no_fault)
     for name, stage in present.items():
         stages[name], network = stage.transmit(stages[name], console, network)
     if seeds_network(setup, "jitter"):
         late = console.packets_in(channel.delay_ms(network.jitter, sequence))
         network = replace(network, delay=network.delay + late)
-
-    # A packet from an external console cannot be sent again
+    # A packet from an external console cannot be computed again.
     packet, may_resend = clean, signal.packet is None
     if may_resend and inject.injects_at("console", "network"):
         packet = make_packet(replace(params.operator, scale=scale), console.older(network))
     arrives = console.fresh & ~network.lost
     if may_resend and inject.injects_at("network"):
+        # Sequence numbers begin at 1, so a packet with a negative index does not exist. A channel
+        # that delays packets delivers them in order, and each of them once.
         index = packet.sequence - 1
         arrives = arrives & (index >= 0) & ((network.delay == 0) | (index > state.delivered))
     return clean, replace(packet, received=as_int(arrives)), arrives
@@ -222,10 +231,11 @@ def _move_robot(
 ) -> tuple[TickState, control.ControlSignals, plc.PlcOutput, PerArm[plant.PlantOutput]]:
     """Compute one tick of control software, PLC and mechanics.
 
-    pressed: bool, a detector presses the E-stop.
+    pressed: bool, a detector presses the E-stop. Returns the state, the signals of the control
+    software, the output of the PLC, and the output of each arm's mechanics.
     """
-    succeeds = for_each_arm(setup, jnp.int32(1))
-    status = inject("usb_status", UsbStatus(succeeds, succeeds))
+    all_succeed = for_each_arm(setup, jnp.int32(1))
+    status = inject("usb_status", UsbStatus(read_ok=all_succeed, write_ok=all_succeed))
     pins = plc.input_pins(inject("plc", state.plc.runlevel))
     delivered = usb.UsbIn(inject("encoder", state.enc_val), for_each_arm(setup, pins))
     inputs = control.Inputs(packet, delivered, status.read_ok, state.motors)
@@ -239,25 +249,25 @@ def _move_robot(
     files.note(boards_enc_val=delivered.enc_val, current_cmd_written=message.current_cmd)
     boards = usb.transfer_values(state.boards, message, status.write_ok)
     boards = files.check_boards(state.boards, boards, state.plc.runlevel)
-
     buttons = inject("buttons", Buttons(pressed, jnp.bool_(False)))
     plc_signal = plc.PlcSignal(boards.pins[: separate_boards(setup)], buttons.estop, buttons.start)
     controller, relays = plc.step(setup, params.plc, state.plc, plc_signal)
-    # Brakes follow the PLC; the simulator builds of the 2015 fork have no PLC
+    # Brakes follow the PLC. The simulator builds of the 2015 fork have no PLC.
     brakes = inject("brake", relays.brakes if setup.software == "raven2" else jnp.int32(0))
-    multipliers = {
+    # Without a fault, the defaults of `PlantSignal` add no operations to the tick.
+    mechanical_faults = {
         site: inject(site, for_each_arm(setup, getattr(plant.PlantSignal, site)))
         for site in _MECHANICS
         if inject.injects_at(site)
     }
-    driven = boards.current_cmd
+    commands = boards.current_cmd
     for ticks, earlier in enumerate(state.commands, start=1):
-        driven = where(params.usb.command_delay == ticks, earlier, driven)
-    loads = tuple(
-        plant.PlantSignal(counts, brakes, **{site: arms[i] for site, arms in multipliers.items()})
-        for i, counts in enumerate(driven)
-    )
-    moved = plant.step_all(setup, params.plant, state.plant, loads, params.contact)
+        commands = where(params.usb.command_delay == ticks, earlier, commands)
+    plant_signals = []
+    for i, command in enumerate(commands):
+        faulty_values = {site: arms[i] for site, arms in mechanical_faults.items()}
+        plant_signals.append(plant.PlantSignal(command, brakes, **faulty_values))
+    moved = plant.step_all(setup, params.plant, state.plant, tuple(plant_signals), params.contact)
     robots = tuple(out for _, out in moved)
     state = replace(
         state,
@@ -273,19 +283,19 @@ def _move_robot(
 
 
 def separate_boards(setup: RavenSetup) -> int:
-    """Return the number of USB boards whose output pins may differ.
+    """Return the number of USB boards whose output pins must be simulated separately.
 
     All boards get the same pins, so pins differ only if a write can fail, or if a user's check can
-    stop a board.
+    stop a board. Otherwise one board stands for all.
     """
     may_differ = injects_faults(setup, "usb_status") or user_files.boards_may_refuse(setup)
     return len(setup.arms) if may_differ else 1
 
 
 def motor_angles(setup: RavenSetup, robots: PerArm[plant.PlantOutput]) -> PerArm[tuple[Vec, Vec]]:
-    """Return positions and velocities of motors 1-3, which dynamics-simulator builds read.
+    """Return positions (rad) and velocities (rad/s) of motors 1-3 of each arm.
 
-    Other builds read encoders, and the result is ().
+    Dynamics-simulator builds read these numbers. Other builds read encoders, and the result is ().
     """
     if setup.build == "robot":
         return ()

@@ -2,24 +2,20 @@
 
 In each millisecond a file gets a *view* of one arm: the signals that the tick has computed so far
 (docs/how-to/own-check.md lists them). The view contains nothing that only the simulator knows, such
-as the true tip, the links' true motion or the fault.
+as the true tip or the fault.
 
-**Checks** run between two stages, so that they act before the next stage reads. They do what the
-robot's own checks do:
+**Checks** run between two stages, so that they act before the next stage reads. A check acts as
 
-- `watch`: nothing; they fill their columns, and do not count as a response.
-- `flag`: alert a person. The robot continues; a run in which one trips counts as flagged.
-- `limit`: on an arm where the check trips, the third result of `step` replaces the signal in this
-  millisecond, as a clipped command does; nobody is alerted. A packet is dropped for both arms,
-  whose increments are in one datagram.
-- `stop`: in the control software it acts as the overdrive check. The software E-stop is raised in
-  this cycle, so the watchdog's square wave ends and the arm's command of this cycle is 0. Before
-  the DAC conversion the E-stop flag sets the command to 0; after it the check does. The PLC then
-  misses the wave, trips, and closes the brakes. The boards have no software E-stop. The board of an
-  arm whose check trips puts 0 on its DACs and holds its watchdog pin constant, so that the PLC
-  trips 75 ms later. It does so until the PLC has been started again (run level init). From the
-  E-stop on it passes the wave through, because the robot could not be started without it. Each
-  board decides alone.
+- `watch`: changes nothing, and does not count as a response.
+- `flag`: raises an alarm. The robot continues.
+- `limit`: on an arm where the check trips, the third result of `step` replaces the signal. A packet
+  is dropped for both arms, whose increments are in one datagram.
+- `stop` in the control software: acts as the overdrive check. The software E-stop is raised in this
+  cycle, and the arm's command of this cycle is 0. The watchdog's square wave ends, so the PLC trips
+  and closes the brakes.
+- `stop` at the boards, which have no software E-stop: the board of an arm whose check trips puts 0
+  on its DACs and holds its watchdog pin constant, so that the PLC trips 75 ms later. It does so
+  until the PLC has been started again (run level init).
 
 **Stages** of the control software may be files:
 
@@ -56,7 +52,7 @@ COMMANDS = ("current_cmd", "checked_cmd")
 MOTOR_CONTROL, DAC = "motor_control", "dac"
 """Stages that a file may replace, in the order of the tick."""
 
-_WAVE = 1 << PIN_WATCHDOG
+_WATCHDOG_BIT = 1 << PIN_WATCHDOG
 _FIELDS = {"checked_cmd": "current_cmd_checked"}
 """Seam -> its name in the view, if the names differ."""
 
@@ -73,7 +69,7 @@ class CheckParams:
 class CheckState:
     """A check's state for one arm."""
 
-    own: Any  # state that the file's `init` returned
+    file_state: Any  # state that the file's `init` or `step` returned
     recent: Vec  # scores of the last `consecutive` - 1 ticks, latest first
 
 
@@ -88,27 +84,28 @@ class UserFilesState:
 
 
 def check_params(setup: RavenSetup, thresholds: Sequence[float]) -> CheckParams:
-    """Return the parameters of the checks. thresholds: one per check."""
+    """Return the parameters of the users' checks. thresholds: one per check."""
     names = tuple(use.name for use in setup.checks)
     records = part.part_parameters(tuple(use.part for use in setup.checks))
     return CheckParams(records, part.named_parameters(names, thresholds))
 
 
 def init(setup: RavenSetup, checks: CheckParams | None, stages: Any) -> UserFilesState:
-    """Return the state before the first tick."""
+    """Return the state before the first tick. stages: parameter record of each replaced stage."""
     check_states = []
     for use, params in zip(setup.checks, () if checks is None else checks.own, strict=True):
         recent = Vec.full(use.consecutive - 1, cast_to_real(setup, 0.0))
         file_state = part.load_part(use.part).init(params, setup.precision.real)
         check_states.append(for_each_arm(setup, CheckState(file_state, recent)))
+    stage_states = []
+    for (_, source), params in zip(setup.controller, stages or (), strict=True):
+        file_state = part.load_part(source).init(params, setup.precision.narrow)
+        stage_states.append(for_each_arm(setup, file_state))
     return UserFilesState(
-        tuple(check_states),
-        (check.init(setup),) * len(setup.checks),
-        for_each_arm(setup, jnp.bool_(False)) if boards_may_refuse(setup) else (),
-        tuple(
-            for_each_arm(setup, part.load_part(source).init(params, setup.precision.narrow))
-            for (_, source), params in zip(setup.controller, stages or (), strict=True)
-        ),
+        checks=tuple(check_states),
+        histories=(check.init(setup),) * len(setup.checks),
+        refusing=for_each_arm(setup, jnp.bool_(False)) if boards_may_refuse(setup) else (),
+        stages=tuple(stage_states),
     )
 
 
@@ -130,39 +127,43 @@ class UserFiles:
     ):
         self._setup, self._checks, self._stages = setup, checks, stages
         self._tick, self.state = tick, state or UserFilesState((), (), (), ())
-        self._crossed: dict[str, Any] = {"tick": tick}
+        self._signals: dict[str, Any] = {"tick": tick}
+        # bool of each check in the control software that stops: whether it trips in this tick
         self._stops: list[Scalar] = []
 
-    def _store(self, field: str, place: int, item):
+    def _store(self, field: str, index: int, item):
+        # Replaces one item of a tuple in the state.
         items = list(getattr(self.state, field))
-        items[place] = item
+        items[index] = item
         self.state = replace(self.state, **{field: tuple(items)})
 
     def note(self, **numbers: Any) -> None:
         """Store signals for the views of files: numbers, or tuples with one entry per arm."""
-        self._crossed.update(numbers)
+        self._signals.update(numbers)
 
-    def views(self, at: str, width: str) -> PerArm[part.View]:
-        """Return the view of each arm. at: name of the seam. width: type of floats."""
+    def views(self, at: str, dtype: str) -> PerArm[part.View]:
+        """Return the view of each arm at a point of the tick. dtype: type of the floats."""
 
         def view(i: int, _) -> part.View:
             # Selects one arm's entry of each signal that has one per arm.
             numbers = {}
-            for name, value in self._crossed.items():
-                number = value if isinstance(value, Vec) or type(value) is not tuple else value[i]
-                numbers[name] = cast(number, width) if name in _FLOATS else number
+            for name, value in self._signals.items():
+                # A `Vec` is a subclass of tuple, but it has one entry per joint.
+                number = value[i] if type(value) is tuple else value
+                numbers[name] = cast(number, dtype) if name in _FLOATS else number
             return part.View(at, numbers)
 
         return per_arm(self._setup, view)
 
-    # --- checks ---
-
     def check_packet(self, packet: Packet) -> Packet:
-        """Return the packet after users' checks."""
+        """Return the packet after users' checks. A check that limits drops the packet."""
+        # Files do not get the rotation of the hands.
         self.note(**{name: value for name, value in vars(packet).items() if name != "quat"})
-        nothing = tuple(Vec(()) for _ in self._setup.arms)
-        for place, use in self._checks_at(PACKET):
-            trips = reduce(or_, self._run_check(place, nothing)[0])
+        # A check of packets has no signal to replace.
+        no_signal = tuple(Vec(()) for _ in self._setup.arms)
+        for index, use in self._checks_at(PACKET):
+            arms_trip, _ = self._run_check(index, no_signal)
+            trips = reduce(or_, arms_trip)
             if use.acts == "limit":
                 packet = replace(packet, received=jnp.where(trips, 0, packet.received))
                 self.note(received=packet.received)
@@ -171,14 +172,15 @@ class UserFiles:
         return packet
 
     def check(self, seam: str, signal: PerArm[Vec]) -> PerArm[Vec]:
-        """Return the signal after the checks at a seam of the control software, one Vec per arm."""
+        """Return the signal after the checks at a seam of the control software, one Vec per arm.
+
+        A check that stops sets commands of its arm to 0; `stop` and `allow` then stop the robot.
+        """
         name = _FIELDS.get(seam, seam)
         self.note(**{name: signal})
-        for place, use in self._checks_at(seam):
-            floats = name in _FLOATS
-            trips, values = self._run_check(
-                place, cast_to_real(self._setup, signal) if floats else signal
-            )
+        for index, use in self._checks_at(seam):
+            crossing = cast_to_real(self._setup, signal) if name in _FLOATS else signal
+            trips, values = self._run_check(index, crossing)
             if use.acts == "limit":
                 if seam in COMMANDS:
                     signal = _limit_commands(trips, values, signal)
@@ -192,11 +194,11 @@ class UserFiles:
         return signal
 
     def allow(self, live: Scalar) -> Scalar:
-        """Return `live`, or False if a check before the DACs has stopped the robot."""
+        """Return `live`, or False if a check has stopped the robot earlier in this tick."""
         return reduce(lambda allowed, stop: allowed & ~stop, self._stops, live)
 
     def stop(self, tripped: Scalar) -> Scalar:
-        """Return whether the software E-stop is raised in this cycle: `tripped`, or by a check."""
+        """Return whether the software E-stop is raised: `tripped`, or a check stops the robot."""
         return reduce(or_, self._stops, tripped)
 
     def check_boards(
@@ -208,10 +210,11 @@ class UserFiles:
         """
         self.note(held_cmd=held.current_cmd, pins=boards.pins, plc_runlevel=plc_runlevel)
         commands = boards.current_cmd
+        # A board that has refused commands refuses them until the PLC is started again.
         refusing = tuple(refuses & (plc_runlevel != INIT) for refuses in self.state.refusing)
-        for place, use in self._checks_at(BOARDS):
+        for index, use in self._checks_at(BOARDS):
             self.note(boards_cmd=commands)
-            trips, values = self._run_check(place, commands)
+            trips, values = self._run_check(index, commands)
             if use.acts == "limit":
                 commands = _limit_commands(trips, values, commands)
             elif use.acts == "stop":
@@ -219,57 +222,60 @@ class UserFiles:
         pins = boards.pins
         if refusing:
             self.state = replace(self.state, refusing=refusing)
-            silent = [refuses & (plc_runlevel != E_STOP) for refuses in refusing]
+            # In an E-stop the watchdog's wave passes, because the PLC could not be started without.
+            holds_wave = [refuses & (plc_runlevel != E_STOP) for refuses in refusing]
             commands = _where_tripped(refusing, _zeros(commands), commands)
             pins = tuple(
-                (new & ~_WAVE) | (jnp.where(is_silent, old, new) & _WAVE)
-                for is_silent, new, old in zip(silent, pins, held.pins, strict=True)
+                (new & ~_WATCHDOG_BIT) | (jnp.where(holds, old, new) & _WATCHDOG_BIT)
+                for holds, new, old in zip(holds_wave, pins, held.pins, strict=True)
             )
         self.note(boards_cmd=commands)
         return usb.UsbOut(commands, pins)
 
     def _checks_at(self, seam: str) -> list[tuple[int, Any]]:
-        return [(place, use) for place, use in enumerate(self._setup.checks) if use.at == seam]
+        # Returns index and description of each check at a seam.
+        return [(index, use) for index, use in enumerate(self._setup.checks) if use.at == seam]
 
-    def _run_check(self, place: int, crossing: PerArm[Vec]) -> tuple[PerArm[Scalar], PerArm[Vec]]:
+    def _run_check(self, index: int, crossing: PerArm[Vec]) -> tuple[PerArm[Scalar], PerArm[Vec]]:
         """Run one check in this millisecond, and store its state and history.
 
-        place: index of the check. crossing: signal at the check's seam, one Vec per arm. Returns
-        for each arm whether the check trips, and the signal after the check: `crossing`, or the
-        values of the check if it limits.
+        crossing: signal at the check's seam, one Vec per arm. Returns for each arm whether the
+        check trips, and the signal after the check: `crossing`, or the values of the check if it
+        limits.
         """
         assert self._checks is not None
-        use, real = self._setup.checks[place], self._setup.precision.real
-        code, params = part.load_part(use.part), self._checks.own[place]
-        threshold, views = self._checks.threshold[place], self.views(use.at, real)
-        arms, trips, margins, values = [], [], [], list(crossing)
-        for i, before in enumerate(self.state.checks[place]):
-            # The form that the results of the user's `step` must have.
+        use, real = self._setup.checks[index], self._setup.precision.real
+        code, params = part.load_part(use.part), self._checks.own[index]
+        threshold, views = self._checks.threshold[index], self.views(use.at, real)
+        states, trips, margins, values = [], [], [], list(crossing)
+        for i, before in enumerate(self.state.checks[index]):
+            # The form that the results of the user's `step` must have, besides the state.
             expected: dict[str, Any] = {"score": part.SCORE}
             if use.acts == "limit" and crossing[i]:
                 expected["values"] = crossing[i]
-            after, score, *limited = code.step(params, before.own, views[i], real, **expected)
+            file_state, score, *limited = code.step(
+                params, before.file_state, views[i], real, **expected
+            )
             values[i] = limited[0] if limited else crossing[i]
             # Thresholds are not negative, so a score that is NaN never trips.
             score = jnp.where(score == score, score, 0.0)
-            # A check trips if all of its last scores exceed the threshold.
-            lowest = reduce(jnp.minimum, [score, *before.recent])
-            arms.append(CheckState(after, Vec((score, *before.recent)[: len(before.recent)])))
+            # A check trips if all of its last `consecutive` scores exceed the threshold.
+            scores = [score, *before.recent]
+            lowest = reduce(jnp.minimum, scores)
+            states.append(CheckState(file_state, Vec(scores[: len(before.recent)])))
             trips.append(lowest > threshold)
             margins.append(threshold - lowest)
-        self._store("checks", place, tuple(arms))
+        self._store("checks", index, tuple(states))
         tripped, margin = reduce(or_, trips), reduce(jnp.minimum, margins)
-        history = self.state.histories[place]
-        self._store("histories", place, check.update_check(history, self._tick, tripped, margin))
+        history = self.state.histories[index]
+        self._store("histories", index, check.update_check(history, self._tick, tripped, margin))
         return tuple(trips), tuple(values)
-
-    # --- stages ---
 
     def replaces(self, stage: str) -> bool:
         """Return whether a file replaces that stage."""
         return stage in dict(self._setup.controller)
 
-    def torques(
+    def step_motor_control(
         self,
         params: PerArm[motor_control.MotorControlParams],
         states: PerArm[motor_control.MotorControlState],
@@ -278,10 +284,10 @@ class UserFiles:
         mpos_d: PerArm[Vec],
         jpos: PerArm[Vec],
     ) -> PerArm[motor_control.MotorControlState]:
-        """Return every arm's torques of a user's file, in place of `motor_torques`."""
-        setup, feels_gravity = self._setup, self._setup.software == "raven2"
+        """Return every arm's state after a user's file, in place of `motor_torques`."""
+        setup, has_gravity = self._setup, self._setup.software == "raven2"
         gravity = for_each_arm(setup, Vec.full(3, 0.0))
-        if feels_gravity:
+        if has_gravity:
             gravity = map_arms(setup, motor_control.gravity_torques, jpos)
         gains = ("kp", "kd", "ki", "mvel_d")
         self.note(
@@ -293,29 +299,27 @@ class UserFiles:
             **{name: tuple(getattr(arm, name) for arm in params) for name in gains},
         )
         torques = self._step_stage(MOTOR_CONTROL, tau_d=[state.tau_d for state in states])
-        return tuple(
-            replace(
+        new_states = []
+        for i, before in enumerate(states):
+            new = replace(
                 before,
-                mpos_d=where(active, target, before.mpos_d),
-                tau_d=where(active, tau, before.tau_d),
-                tau_g=where(active, gravity_torque, before.tau_g)
-                if feels_gravity
-                else before.tau_g,
+                mpos_d=where(active, mpos_d[i], before.mpos_d),
+                tau_d=where(active, torques[i], before.tau_d),
             )
-            for before, target, tau, gravity_torque in zip(
-                states, mpos_d, torques, gravity, strict=True
-            )
-        )
+            if has_gravity:
+                new = replace(new, tau_g=where(active, gravity[i], before.tau_g))
+            new_states.append(new)
+        return tuple(new_states)
 
-    def commands(self, live: Scalar, resting: PerArm[Vec]) -> PerArm[Vec]:
-        """Return the DAC counts of every arm from a user's file, in place of `dac.step`."""
+    def step_dac(self, live: Scalar, resting: PerArm[Vec]) -> PerArm[Vec]:
+        """Return the DAC counts of every arm from a user's file; `resting` unless `live`."""
         setup = self._setup
         self.note(
             amps_per_torque=tuple(
                 Vec(stored.amps_per_torque(*arm, setup.software))
                 for arm in zip(setup.arms, setup.tools, strict=True)
             ),
-            counts_per_amp=Vec(transmission.COUNTS_PER_AMP),
+            counts_per_amp=transmission.COUNTS_PER_AMP,
         )
         counts = self._step_stage(DAC, current_cmd=resting)
         return tuple(
@@ -323,18 +327,19 @@ class UserFiles:
         )
 
     def _step_stage(self, stage: str, **examples: Sequence[Vec]) -> list[Vec]:
-        # Runs the user's file in place of a stage of the control software, for each arm.
+        # Runs the user's file in place of a stage of the control software, and returns the result
+        # for each arm. examples: name of the result, and values with the form that it must have.
         ((name, example),) = examples.items()
-        place = list(dict(self._setup.controller)).index(stage)
-        code, width = part.load_part(self._setup.controller[place][1]), self._setup.precision.narrow
-        after, values = [], []
-        for i, view in enumerate(self.views(stage, width)):
-            state, value = code.step(
-                self._stages[place], self.state.stages[place][i], view, width, **{name: example[i]}
-            )
-            after.append(state)
+        index = list(dict(self._setup.controller)).index(stage)
+        _, source = self._setup.controller[index]
+        code, dtype = part.load_part(source), self._setup.precision.narrow
+        params, old_states = self._stages[index], self.state.stages[index]
+        states, values = [], []
+        for i, view in enumerate(self.views(stage, dtype)):
+            state, value = code.step(params, old_states[i], view, dtype, **{name: example[i]})
+            states.append(state)
             values.append(value)
-        self._store("stages", place, tuple(after))
+        self._store("stages", index, tuple(states))
         return values
 
 
@@ -354,9 +359,9 @@ def _where_tripped(
 def _limit_commands(
     trips: Sequence[Scalar], values: PerArm[Vec], commands: PerArm[Vec]
 ) -> PerArm[Vec]:
-    """Return commands after a check that limits, saturated to 16 bits.
+    """Return commands after a check that limits: where it trips, `values` saturated to 16 bits.
 
-    Commands that are all 0 stay 0, so that no check cancels an E-stop.
+    Commands of an arm that are all 0 stay 0, so that no check cancels an E-stop.
     """
     nonzero = (reduce(or_, (x != 0 for x in command)) for command in commands)
     limited = list(map(and_, trips, nonzero))

@@ -60,10 +60,10 @@ def joint_limits(setup: RavenSetup) -> tuple[list[tuple[float, float]], float | 
 
     The result contains (lower, upper) of shoulder, elbow (rad), insertion (m), tool_roll, wrist
     (rad), and the lower limit of the jaws' yaw (rad; None: no limit). All are stored as float32.
-    Only the fork's roll limit is a double, a literal in its r2_kinematics.cpp.
     """
     (*lower, lowest_yaw), upper = limits.soft_limits(setup.tools[0], setup.software)
     ranges = list(zip(map(as_float32, lower), map(as_float32, upper[:5]), strict=True))
     if setup.software == "fork2015":
+        # The fork's limit of the roll is a double, a literal in its r2_kinematics.cpp.
         ranges[3] = (lower[3], upper[3])
     return ranges, None if lowest_yaw is None else as_float32(lowest_yaw)

@@ -77,6 +77,7 @@ def quat_from_matrix(rotation: Vec) -> Vec:
     greatest diagonal element. The other components are divided by twice this component.
     """
     (m00, m01, m02), (m10, m11, m12), (m20, m21, m22) = rotation
+    # Differences and sums of pairs of elements across the diagonal give the other components.
     trace = m00 + m11 + m22
     dx, dy, dz = m21 - m12, m02 - m20, m10 - m01
     sxy, sxz, syz = m10 + m01, m20 + m02, m21 + m12
@@ -127,8 +128,8 @@ _TURNS = 3
 """Largest number of turns that are subtracted one by one. More turns are subtracted at once."""
 
 
-def _wrapped(value: Scalar, turns: int) -> Scalar:
-    # Subtracts or adds up to `turns` whole turns, one by one, as the original does.
+def _wrap(value: Scalar, turns: int) -> Scalar:
+    # Subtracts or adds up to `turns` whole turns, one by one, until the angle is within -pi..pi.
     for _ in range(turns):
         value = jnp.where(value > PI, value - 2 * PI, value)
     for _ in range(turns):
@@ -137,13 +138,17 @@ def _wrapped(value: Scalar, turns: int) -> Scalar:
 
 
 def _dh_variables(arm: str, jpos: Vec) -> Vec:
-    """Return the DH variables (6) of joints and yaw; as in the original, d3 is wrapped, too."""
+    """Return the DH variables theta1, theta2, d3, theta4, theta5, theta6; angles within -pi..pi.
 
-    def wrapped(x: Scalar):
-        far = jnp.abs(x) > (2 * _TURNS + 1) * PI
-        return _wrapped(jnp.where(far, x - 2 * PI * jnp.round(x * (0.5 / PI)), x), _TURNS)
+    jpos: joints 1-5 and the jaws' yaw. As in the original, d3 is wrapped like an angle.
+    """
 
-    return jpos.map(add, _ARMS[arm].zeros).map(wrapped)
+    def wrap(x: Scalar):
+        has_many_turns = jnp.abs(x) > (2 * _TURNS + 1) * PI
+        x = jnp.where(has_many_turns, x - 2 * PI * jnp.round(x * (0.5 / PI)), x)
+        return _wrap(x, _TURNS)
+
+    return jpos.map(add, _ARMS[arm].zeros).map(wrap)
 
 
 def _dh_row_of(alpha: float, ct: Scalar, st: Scalar, d: Scalar = 0.0, a: float = 0.0) -> Transform:
@@ -188,24 +193,26 @@ def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> ki
     """Return the joints of `kinematics.inverse_joints`, with the original's operations."""
     measured = _dh_variables(arm, Vec((*jpos_ref[:5], joints.jaw_yaw(jpos_ref))))
     solutions, at_remote_centre = _solutions(arm, Transform(pose.rotation, pose.position))
-    least = kinematics.NO_SOLUTION_COST
+    lowest_cost = kinematics.NO_SOLUTION_COST
     best = Vec.full(6, 0.0)
     for theta, valid in solutions:
-        turn = jnp.where(measured[3] > theta[3], theta[3] + 2 * PI, theta[3] - 2 * PI)
-        far = jnp.abs(measured[3] - theta[3]) > kinematics.ROLLOVER
-        theta = theta.replace(3, jnp.where(far, turn, theta[3]))
+        # The roll may differ by a turn from the solution.
+        turned = jnp.where(measured[3] > theta[3], theta[3] + 2 * PI, theta[3] - 2 * PI)
+        is_far = jnp.abs(measured[3] - theta[3]) > kinematics.ROLLOVER
+        theta = theta.replace(3, jnp.where(is_far, turned, theta[3]))
         differences = measured - theta
         differences = differences.replace(2, differences[2] * kinematics.INSERTION_WEIGHT)
         cost = dot(differences, differences)
-        is_nearer = valid & (cost < least)  # never true for NaN
-        least, best = jnp.where(is_nearer, cost, least), where(is_nearer, theta, best)
+        is_nearer = valid & (cost < lowest_cost)  # never true for NaN
+        lowest_cost = jnp.where(is_nearer, cost, lowest_cost)
+        best = where(is_nearer, theta, best)
     angles = best - _ARMS[arm].zeros
-    angles = angles.map(lambda angle: _wrapped(angle, 1)).replace(3, angles[3])
-    is_rejected = least > kinematics.COST_LIMIT
+    angles = angles.map(lambda angle: _wrap(angle, 1)).replace(3, angles[3])
+    is_rejected = lowest_cost > kinematics.COST_LIMIT
     status = jnp.where(at_remote_centre, kinematics.AT_REMOTE_CENTRE, kinematics.OK)
     status = jnp.where(is_rejected, kinematics.REJECTED, status)
     jpos = Vec((*angles[:5], *joints.jaw_angles(angles[5], grasp_rad)))
-    return kinematics.IK(jpos, angles[5], least, as_int(status))
+    return kinematics.IK(jpos, angles[5], lowest_cost, as_int(status))
 
 
 def _solutions(arm: str, tip: Transform):
@@ -215,19 +222,19 @@ def _solutions(arm: str, tip: Transform):
     zero. The side with this wrist is invalid, and the other side counts as valid.
     """
     x, y, _ = inverse_transform(tip).origin
-    toward = Vec((x, y, 0.0))
+    to_remote_centre = Vec((x, y, 0.0))
     wrists = []
     for side in (-1.0, 1.0):
         # As in the original, the second side normalises the vector again.
-        toward = scale(1.0 / norm(toward), toward)
-        wrists.append(transform_point(tip, scale(side * LW, toward)))
+        to_remote_centre = scale(1.0 / norm(to_remote_centre), to_remote_centre)
+        wrists.append(transform_point(tip, scale(side * LW, to_remote_centre)))
     insertions = [norm(wrist) for wrist in wrists]
     at_centre = [insertion <= LW for insertion in insertions]
     stopped = at_centre[0] | at_centre[1]
-
     solutions = []
     for side, (wrist, insertion) in enumerate(zip(wrists, insertions, strict=True)):
-        not_computed = at_centre[0] if side == 0 else stopped  # no insertion was computed
+        # True where the original stopped before it computed d3 of this side.
+        not_computed = at_centre[0] if side == 0 else stopped
         valid_if_stopped = ~at_centre[0] if side == 0 else at_centre[0]
         for d3 in (-D4 - insertion, -D4 + insertion):
             cosine = _cosine2(arm, wrist[2], d3 + D4)
@@ -242,34 +249,35 @@ def _solutions(arm: str, tip: Transform):
 
 
 def _cosine2(arm: str, height: Scalar, d: Scalar) -> Scalar:
+    # Returns the cosine of theta2 from the wrist's z and the insertion d (m), clamped by a little.
     cosine = mul(-GEOMETRY[arm].side, _ONE_OVER * (height / d + GM2 * GM4))
-    cosine = jnp.where((cosine > 1.0) & (cosine < 1.0 + kinematics.CLAMP), 1.0, cosine)
-    return jnp.where((cosine < -1.0) & (cosine > -1.0 - kinematics.CLAMP), -1.0, cosine)
+    cosine = jnp.where((cosine > 1.0) & (cosine < 1.0 + kinematics.MAX_COSINE_EXCESS), 1.0, cosine)
+    return jnp.where((cosine < -1.0) & (cosine > -1.0 - kinematics.MAX_COSINE_EXCESS), -1.0, cosine)
 
 
 def _angles(arm: str, tip: Transform, wrist: Vec, d3: Scalar, theta2: Scalar) -> Vec:
-    # Computes the DH variables of a wrist position; near a singularity, from other matrix entries.
+    # Returns the DH variables from the wrist's position, d3 and theta2. Near a singularity, theta4
+    # to theta6 are computed from other entries of the matrices.
     cos2, sin2 = jnp.cos(theta2), jnp.sin(theta2)
     theta1 = _theta1(arm, wrist, d3 + D4, cos2, sin2)
     t03 = _chain(*_links123(arm, theta1, theta2, d3))
     t36 = multiply_literally(inverse_transform(t03), tip)
     (_, _, r02), (_, _, r12), (r20, r21, r22) = t36.rotation
-
+    # Cosines and sines of theta4, theta5 and theta6
     c5, s5 = -r22, (t36.origin[2] - D4) / LW
-    use_tip = jnp.abs(c5) > kinematics.SINGULAR
+    use_tip = jnp.abs(c5) > kinematics.SINGULAR_BOUND
     c4 = jnp.where(use_tip, t36.origin[0] / (LW * c5), r02 / s5)
     s4 = jnp.where(use_tip, t36.origin[1] / (LW * c5), r12 / s5)
     theta4, theta5 = jnp.atan2(s4, c4), jnp.atan2(s5, c5)
-
     t05 = multiply_literally(t03, _chain(*_links45(theta4, theta5)))
     cosine6, _, sine6 = matvec(transpose(t05.rotation), transpose(tip.rotation)[0])
-    use_axis = jnp.abs(s5) > kinematics.SINGULAR
+    use_axis = jnp.abs(s5) > kinematics.SINGULAR_BOUND
     c6, s6 = jnp.where(use_axis, r20 / s5, cosine6), jnp.where(use_axis, -r21 / s5, sine6)
     return Vec((theta1, theta2, d3, theta4, theta5, jnp.atan2(s6, c6)))
 
 
 def _theta1(arm: str, wrist: Vec, d: Scalar, cos2: Scalar, sin2: Scalar) -> Scalar:
-    # Returns theta1, from the wrist's x and y, the insertion `d` and theta2.
+    # Returns theta1 from the wrist's x and y, the insertion d (m), and cosine and sine of theta2.
     side = GEOMETRY[arm].side
     b1, b2 = sin2 * GM3, cos2 * GM2 * GM3 - side * GM1 * GM4
     b = matrix((b1, b2, 0.0), (mul(-side, b2), mul(side, b1), 0.0), (0.0, 0.0, 1.0))
@@ -277,11 +285,8 @@ def _theta1(arm: str, wrist: Vec, d: Scalar, cos2: Scalar, sin2: Scalar) -> Scal
     return jnp.atan2(sine, cosine)
 
 
-# --- gravity ---
-
-
 def gravity_torque(arm: str, jpos: Vec) -> Vec:
-    """Return tau_g: capstan torques (3, Nm) that balance gravity.
+    """Return tau_g: torques (3, N m at the capstan) that balance gravity.
 
     The result is `gravity.gravity_torque` with the float32 gravity that the original stores. The
     operations are those of raven2 `src/raven/grav_comp.cpp`, in their order. Rotations are inverted
@@ -290,14 +295,14 @@ def gravity_torque(arm: str, jpos: Vec) -> Vec:
     theta1, theta2, d3, *_ = _dh_variables(arm, Vec((*jpos[:5], joints.jaw_yaw(jpos))))
     t01, t12, t23 = _links123(arm, theta1, theta2, d3)
 
+    # Centres of mass; that of link 1 in frame 1, those of links 2 and 3 in frame 2
     (com1, com2), (_, m2, m3) = gravity.CENTRES[arm], gravity.MASSES
-    com3 = t23.origin  # in frame 2, as com2
+    com3 = t23.origin
     in_frame1 = (com1, transform_point(t12, com2), transform_point(t12, com3))
-
+    # Gravity in frames 1, 2 and 3
     g1 = matvec(inverse_matrix(t01.rotation), Vec((-gravity.GRAVITY_AS_STORED, 0.0, 0.0)))
     g2 = matvec(inverse_matrix(t12.rotation), g1)
     g3 = matvec(inverse_matrix(t23.rotation), g2)
-
     loads = zip(in_frame1, gravity.MASSES, strict=True)
     shoulder = reduce(add, (_about_z(com, scale(m, g1)) for com, m in loads))
     elbow = add(_about_z(com2, scale(m2, g2)), _about_z(com3, scale(m3, g2)))
@@ -306,10 +311,8 @@ def gravity_torque(arm: str, jpos: Vec) -> Vec:
 
 
 def _about_z(centre: Vec, weight: Vec) -> Scalar:
+    # Returns the torque of a weight (N) at a centre of mass (m) about the z axis.
     return sub(mul(centre[0], weight[1]), mul(centre[1], weight[0]))
-
-
-# --- choice of the order of operations ---
 
 
 class Evaluation(NamedTuple):
@@ -331,6 +334,6 @@ LITERAL = Evaluation(forward_pose, inverse_joints, gravity_torque, quat_from_mat
 
 
 def select_evaluation(setup: RavenSetup) -> Evaluation:
-    """Return LITERAL if the number widths are the original's, else SHARING."""
+    """Return LITERAL if numbers have the widths of the original's, else SHARING."""
     precision = setup.precision
     return LITERAL if (precision.narrow, precision.wide) == ("float32", "float64") else SHARING

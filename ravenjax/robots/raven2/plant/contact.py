@@ -58,23 +58,25 @@ class Touch:
     instrument: Scalar  # N, force of the other instrument
 
 
-class Law(NamedTuple):
-    """A normal force in the coming step, and its derivative by the closing speed."""
+class NormalForce(NamedTuple):
+    """A normal force in the coming step, as a linear function of the closing speed."""
 
-    force: Scalar  # N
-    rate: Scalar  # N s/m
+    force: Scalar  # N, at the present closing speed
+    rate: Scalar  # N s/m, derivative by the closing speed
 
 
-def spring_law(spring: Scalar, slope: Scalar, damping: Scalar, closing: Scalar, dt: float) -> Law:
-    """Return the force of a damped spring, linearised about the coming step.
+def damped_spring(
+    spring: Scalar, stiffness: Scalar, damping: Scalar, closing: Scalar, dt: float
+) -> NormalForce:
+    """Return the force spring (1 + damping closing), at least 0, linearised about the coming step.
 
-    spring, slope: force (N) and stiffness (N/m) at the end of the step `dt` (s), if the closing
-    speed (m/s) is constant. damping: s/m, as in F (1 + damping closing).
+    spring, stiffness: force (N) and its derivative by depth (N/m) at the end of the step `dt` (s),
+    if the closing speed (m/s) is constant. damping: s/m.
     """
     damping_factor = 1.0 + damping * closing
     in_contact = damping_factor > 0.0
-    rate = jnp.where(in_contact, slope * dt * damping_factor + damping * spring, 0.0)
-    return Law(spring * jnp.maximum(damping_factor, 0.0), rate)
+    rate = jnp.where(in_contact, stiffness * dt * damping_factor + damping * spring, 0.0)
+    return NormalForce(spring * jnp.maximum(damping_factor, 0.0), rate)
 
 
 class TipContact(NamedTuple):
@@ -83,124 +85,131 @@ class TipContact(NamedTuple):
     tip: instrument.InstrumentPoint
     rise: Vec  # 3, direction of the force: `scene.Surface`
     vessel: Scalar  # bool, the tip is over the vessel
-    normal: Law  # normal force, as a factor of `rise`
+    normal: NormalForce  # as a factor of `rise`
     drag: Scalar  # N s/m, friction per sliding speed
-    inverse: Scalar  # 1 / |rise|^2
+    inverse_square: Scalar  # 1 / |rise|^2
     velocity: Vec  # m/s, at the start of the step
 
-    def force(self) -> Vec:
-        """Return the force in N if the tip's speed does not change."""
+    def present_force(self) -> Vec:
+        """Return the force (3, N) in the step if the tip's speed does not change."""
         return self.rise * self.normal.force - self._sliding(self.velocity) * self.drag
 
-    def after(self, gained: Vec) -> Vec:
-        """Return the force (N) in the step. gained: speed gains of the joints, rad/s and m/s."""
-        change = self.tip.velocity(gained)
+    def force(self, speed_gains: Vec) -> Vec:
+        """Return the force (3, N) in the step. speed_gains: of the joints, rad/s and m/s."""
+        change = self.tip.velocity(speed_gains)
         normal = jnp.maximum(self.normal.force - self.normal.rate * dot(self.rise, change), 0.0)
         return self.rise * normal - self._sliding(self.velocity + change) * self.drag
 
-    def stiffen(self, system: list[list[Scalar]]) -> None:
-        """Add J^T A J to the lower triangle. A: loss of force per gain of tip speed, N s/m."""
-        columns, along = self.tip.columns, self.tip.along(self.rise)
-        normal_rate = self.normal.rate - self.drag * self.inverse
+    def add_damping(self, system: list[list[Scalar]]) -> None:
+        """Add J^T A J to the lower triangle of the equations of the joints.
+
+        J: Jacobian of the tip. A: loss of contact force per gain of tip speed, N s/m.
+        """
+        columns, rise_speeds = self.tip.columns, self.tip.project_on_joints(self.rise)
+        normal_rate = self.normal.rate - self.drag * self.inverse_square
         for i, column in enumerate(columns):
-            normal_part = mul(normal_rate, along[i])
+            normal_part = mul(normal_rate, rise_speeds[i])
             friction_part = column.map(lambda x: mul(self.drag, x))
             for j in range(i + 1):
-                added = add(mul(normal_part, along[j]), dot(friction_part, columns[j]))
-                system[i][j] = add(system[i][j], added)
+                damping = add(mul(normal_part, rise_speeds[j]), dot(friction_part, columns[j]))
+                system[i][j] = add(system[i][j], damping)
 
     def _sliding(self, velocity: Vec) -> Vec:
-        return velocity - self.rise * (dot(self.rise, velocity) * self.inverse)
+        # Returns the part of the velocity along the surface.
+        return velocity - self.rise * (dot(self.rise, velocity) * self.inverse_square)
 
 
 def jaw_tips(
     arm: ArmName, params: ContactParams, jpos: Vec, jvel: Vec, dt: float
 ) -> tuple[TipContact, ...]:
-    """Return both jaw tips at `jpos` (7, rad and m) and `jvel` over the coming `dt` (s)."""
+    """Return the contacts of both jaw tips with the tissue in the coming `dt` (s)."""
 
-    def touch(tip: instrument.InstrumentPoint) -> TipContact:
+    def find_contact(tip: instrument.InstrumentPoint) -> TipContact:
         # Computes the contact of one tip: a damped Hertz contact with dry friction.
-        surface, velocity = scene.tissue_surface(arm, tip.at), tip.velocity(jvel)
+        surface, velocity = scene.tissue_surface(arm, tip.position), tip.velocity(jvel)
         rise = surface.rise
         closing = -dot(rise, velocity)
         depth = jnp.maximum(surface.depth + closing * dt, 0.0)
         root = jnp.sqrt(depth)
         k = (_HERTZ * params.tissue_modulus) * jnp.sqrt(params.tip_radius)  # N/m^1.5
-        normal = spring_law(k * depth * root, 1.5 * k * root, params.damping, closing, dt)
-        steep = dot(rise, rise)
-        inverse = 1.0 / steep
-        sliding = jnp.maximum(dot(velocity, velocity) - closing * closing * inverse, 0.0)
-        level = params.friction * normal.force
-        drag = level * jnp.sqrt(steep / (sliding + CREEP_M_S**2))
-        return TipContact(tip, rise, surface.vessel, normal, drag, inverse, velocity)
+        normal = damped_spring(k * depth * root, 1.5 * k * root, params.damping, closing, dt)
+        square = dot(rise, rise)
+        inverse_square = 1.0 / square
+        # The square of the sliding speed is that of the speed minus that of the normal speed.
+        sliding = jnp.maximum(dot(velocity, velocity) - closing * closing * inverse_square, 0.0)
+        coulomb = params.friction * normal.force
+        drag = coulomb * jnp.sqrt(square / (sliding + CREEP_M_S**2))
+        return TipContact(tip, rise, surface.vessel, normal, drag, inverse_square, velocity)
 
-    return tuple(map(touch, instrument.jaw_tips(arm, jpos)))
+    return tuple(map(find_contact, instrument.jaw_tips(arm, jpos)))
 
 
-def contact_forces(contacts: tuple[TipContact, ...], gained: Vec) -> Touch:
-    """Return the forces of the tissue in a step. gained: speed gains of the joints, rad/s, m/s."""
-    forces = [tip.after(gained) for tip in contacts]
+def contact_forces(contacts: tuple[TipContact, ...], speed_gains: Vec) -> Touch:
+    """Return the forces of tissue and vessel in a step. speed_gains: of joints, rad/s and m/s."""
+    forces = [tip.force(speed_gains) for tip in contacts]
     total = forces[0] + forces[1]
     on_vessel = [
         force.map(lambda x, tip=tip: jnp.where(tip.vessel, x, 0.0))
         for tip, force in zip(contacts, forces, strict=True)
     ]
-    return Touch(total, norm(total), norm(on_vessel[0] + on_vessel[1]), total[0] * 0.0)
+    tissue, vessel = norm(total), norm(on_vessel[0] + on_vessel[1])
+    # `_ArmTick.move` adds the force of the other instrument. Here it is a 0 of the same type.
+    return Touch(force=total, tissue=tissue, vessel=vessel, instrument=total[0] * 0.0)
 
 
-# --- instruments against each other ---
-
-
-class Meeting(NamedTuple):
+class InstrumentContact(NamedTuple):
     """The contact of two instruments at their nearest points, in the coming step."""
 
-    ways: Sequence[Vec]  # 7 per arm: separation speed of the points per unit speed of each joint
-    normal: Law
-    apart: Sequence[Vec]  # 3 each, direction of the force in frame 0 of each arm, a unit vector
+    separation_rows: Sequence[Vec]  # 7 per arm: separation speed of the points per joint speed
+    normal: NormalForce
+    directions: Sequence[Vec]  # unit vector of the force on each arm, in frame 0 of this arm
 
-    def solved(self, gained: Sequence[Vec], yielding: Sequence[Vec]) -> Scalar:
+    def force(self, speed_gains: Sequence[Vec], gains_per_newton: Sequence[Vec]) -> Scalar:
         """Return the force in the step in N, at least 0.
 
-        gained: speed gains of each arm's joints under `normal.force`. yielding: gains per N.
+        speed_gains: of each arm's joints under `normal.force`. gains_per_newton: additional gains
+        for each newton of additional force.
         """
-        gain = dot(self.ways[0], gained[0]) + dot(self.ways[1], gained[1])
-        yield_speed = dot(self.ways[0], yielding[0]) + dot(self.ways[1], yielding[1])
+        first, second = self.separation_rows
+        separation = dot(first, speed_gains[0]) + dot(second, speed_gains[1])
+        yielding = dot(first, gains_per_newton[0]) + dot(second, gains_per_newton[1])
         rate = self.normal.rate
-        return jnp.maximum(self.normal.force - rate * gain / (1.0 + rate * yield_speed), 0.0)
+        return jnp.maximum(self.normal.force - rate * separation / (1.0 + rate * yielding), 0.0)
 
 
-def instruments_meeting(
+def find_instrument_contact(
     arms: Sequence[ArmName], params: ContactParams, jpos: PerArm[Vec], jvel: PerArm[Vec], dt: float
-) -> Meeting:
-    """Return the contact of two instruments in the coming `dt` (s). jpos, jvel: 7 per arm."""
+) -> InstrumentContact:
+    """Return the contact of two instruments where they overlap most, in the coming `dt` (s)."""
     lines = tuple(map(instrument.instrument_line, arms, jpos))
-    pairs = itertools.starmap(_nearest, itertools.product(*map(_pieces, arms, lines)))
-    best = functools.reduce(lambda a, b: where(b.depth > a.depth, b, a), pairs)
-    apart = best.away * (1.0 / jnp.maximum(best.distance, 1e-9))
-    joint_speeds, directions = [], []
+    pairs = itertools.starmap(_nearest_points, itertools.product(*map(_pieces, arms, lines)))
+    pair = functools.reduce(lambda a, b: where(b.depth > a.depth, b, a), pairs)
+    # The lower bound avoids a division by zero if the axes intersect.
+    unit_separation = pair.separation * (1.0 / jnp.maximum(pair.distance, 1e-9))
+    separation_rows, directions = [], []
     for i, sign in enumerate((1.0, -1.0)):
         origin, rotation = scene.frame0_in_world(arms[i])
         inverse_rotation = transpose(rotation)
-        at = matvec(inverse_rotation, best.at[i] - origin)
-        direction = matvec(inverse_rotation, apart * sign)
-        point = instrument.point_on(arms[i], lines[i], at, best.beyond[i])
-        joint_speeds.append(point.along(direction))
+        at = matvec(inverse_rotation, pair.points[i] - origin)
+        direction = matvec(inverse_rotation, unit_separation * sign)
+        point = instrument.line_point(arms[i], lines[i], at, pair.jaw_shares[i])
+        separation_rows.append(point.project_on_joints(direction))
         directions.append(direction)
-    closing = -(dot(joint_speeds[0], jvel[0]) + dot(joint_speeds[1], jvel[1]))
-    depth = jnp.maximum(best.depth + closing * dt, 0.0)
+    closing = -(dot(separation_rows[0], jvel[0]) + dot(separation_rows[1], jvel[1]))
+    depth = jnp.maximum(pair.depth + closing * dt, 0.0)
     k = params.instrument_stiffness
-    slope = jnp.where(depth > 0.0, k, 0.0)
-    normal = spring_law(k * depth, slope, params.instrument_damping, closing, dt)
-    return Meeting(joint_speeds, normal, directions)
+    stiffness = jnp.where(depth > 0.0, k, 0.0)
+    normal = damped_spring(k * depth, stiffness, params.instrument_damping, closing, dt)
+    return InstrumentContact(separation_rows, normal, directions)
 
 
 class _Piece(NamedTuple):
     """A straight piece of an instrument, in the world."""
 
     begin: Vec  # m
-    way: Vec  # m, vector to its end
+    axis: Vec  # m, vector from begin to end
     radius: float  # m
-    jaws: bool
+    is_jaws: bool  # False: the piece is the shaft
 
 
 class _Pair(NamedTuple):
@@ -208,9 +217,9 @@ class _Pair(NamedTuple):
 
     depth: Scalar  # m, overlap of the pieces; negative: their distance
     distance: Scalar  # m, distance between their axes
-    away: Vec  # m, vector from the axis of the second to the axis of the first
-    at: tuple[Vec, Vec]  # m, the point on each axis, world
-    beyond: tuple[Scalar, Scalar]  # for each, 0 on a shaft; on jaws the fraction from wrist to end
+    separation: Vec  # m, vector from the axis of the second to the axis of the first
+    points: tuple[Vec, Vec]  # m, the point on each axis, world
+    jaw_shares: tuple[Scalar, Scalar]  # place of each point from wrist to end; 0 on a shaft
 
 
 def _pieces(arm: ArmName, line: instrument.InstrumentLine) -> tuple[_Piece, _Piece]:
@@ -223,19 +232,22 @@ def _pieces(arm: ArmName, line: instrument.InstrumentLine) -> tuple[_Piece, _Pie
     )
 
 
-def _nearest(first: _Piece, second: _Piece) -> _Pair:
-    """Return the nearest points (C. Ericson, Real-Time Collision Detection, 2005, 5.1.9)."""
-    between = first.begin - second.begin
-    a, b, e = dot(first.way, first.way), dot(first.way, second.way), dot(second.way, second.way)
-    c, f = dot(first.way, between), dot(second.way, between)
+def _nearest_points(first: _Piece, second: _Piece) -> _Pair:
+    """Return the nearest points of two axes; C. Ericson, Real-Time Collision Detection, 5.1.9."""
+    r = first.begin - second.begin
+    d1, d2 = first.axis, second.axis
+    a, b, e = dot(d1, d1), dot(d1, d2), dot(d2, d2)
+    c, f = dot(d1, r), dot(d2, r)
+    # The lower bound avoids a division by zero if the axes are parallel.
     s = _clamp_share((b * f - c * e) / jnp.maximum(a * e - b * b, 1e-12))
     t = _clamp_share((b * s + f) / e)
     s = _clamp_share((b * t - c) / a)
-    points = first.begin + first.way * s, second.begin + second.way * t
-    away = points[0] - points[1]
-    distance = norm(away)
-    beyond = s if first.jaws else s * 0.0, t if second.jaws else t * 0.0
-    return _Pair(first.radius + second.radius - distance, distance, away, points, beyond)
+    points = first.begin + d1 * s, second.begin + d2 * t
+    separation = points[0] - points[1]
+    distance = norm(separation)
+    jaw_shares = s if first.is_jaws else s * 0.0, t if second.is_jaws else t * 0.0
+    depth = first.radius + second.radius - distance
+    return _Pair(depth, distance, separation, points, jaw_shares)
 
 
 def _clamp_share(x: Scalar) -> Scalar:

@@ -33,8 +33,8 @@ class Coupling:
     # Motion of each joint, divided by its motion with a drum as drawn. Factors 1 add no operations.
     gain: Vec = AS_DRAWN
 
-    def motors(self, joints: Vec) -> Vec:
-        """Return T x: motor angles (or speeds) from joint angles (or speeds)."""
+    def to_motors(self, joints: Vec) -> Vec:
+        """Return T x: motor angles (or speeds) from joint positions (or speeds)."""
         joints = joints.map(_divide, self.gain)
         insertion = dot(self.rows[Z], joints)
         return Vec(
@@ -42,34 +42,39 @@ class Coupling:
             for i in range(N)
         )
 
-    def joints(self, motors: Vec) -> Vec:
-        """Return T^-1 x: joint angles (or speeds) from motor angles (or speeds)."""
-        angles = []
+    def to_joints(self, motors: Vec) -> Vec:
+        """Return T^-1 x: joint positions (or speeds) from motor angles (or speeds)."""
+        joints = []
+        # `rows` is lower triangular, so each joint follows from the joints before it.
         for i in range(N):
-            rest = sub(motors[i], mul(self.ratio[i], motors[Z]))
+            remainder = sub(motors[i], mul(self.ratio[i], motors[Z]))
             for j in range(i):
-                rest = sub(rest, mul(self.rows[i][j], angles[j]))
-            angles.append(rest * (1.0 / self.rows[i][i]))
-        return Vec(angles).map(mul, self.gain)
+                remainder = sub(remainder, mul(self.rows[i][j], joints[j]))
+            joints.append(remainder * (1.0 / self.rows[i][i]))
+        return Vec(joints).map(mul, self.gain)
 
-    def loads(self, forces: Vec) -> Vec:
-        """Return T^T f: joint torques (N m, N) from motor torques (N m)."""
-        insertion = forces[Z]
+    def joint_loads(self, torques: Vec) -> Vec:
+        """Return T^T f: loads of the joints (N m; insertion N) from motor torques f (N m)."""
+        insertion = torques[Z]
         for i in range(N):
-            insertion = add(insertion, mul(self.ratio[i], forces[i]))
-        effective = [insertion if i == Z else forces[i] for i in range(N)]
-        columns = zip(*self.rows, strict=True)
-        torques = Vec(dot(Vec(column), Vec(effective)) for column in columns)
-        return torques.map(_divide, self.gain)
+            insertion = add(insertion, mul(self.ratio[i], torques[i]))
+        effective = torques.replace(Z, insertion)
+        loads = Vec(dot(Vec(column), effective) for column in zip(*self.rows, strict=True))
+        return loads.map(_divide, self.gain)
 
-    def carried(self, loads: Vec) -> Vec:
-        """Return T^-T f: motor torques (N m) that balance `loads` (N m, N) on the joints."""
+    def motor_torques(self, loads: Vec) -> Vec:
+        """Return T^-T f: motor torques (N m) that balance loads f (N m; insertion N) on joints."""
         drawn, loads = dataclasses.replace(self, gain=AS_DRAWN), loads.map(mul, self.gain)
-        columns = [drawn.joints(Vec(float(i == j) for j in range(N))) for i in range(N)]
-        return Vec(dot(column, loads) for column in columns)
+        torques = []
+        for i in range(N):
+            unit = Vec(float(i == j) for j in range(N))
+            # Column i of T^-1 is row i of T^-T.
+            torques.append(dot(drawn.to_joints(unit), loads))
+        return Vec(torques)
 
     def congruence(self, weights: Vec) -> list[list[Scalar]]:
-        """Return T^T diag(w) T with the lower triangle filled (entry [i][j] with j <= i)."""
+        """Return T^T diag(weights) T, symmetric; entries [i][j] with j > i are 0 instead."""
+        # T = R rows, where R adds multiples of the insertion's row; inner = R^T diag(weights) R.
         inner: list[list[Scalar]] = [[0.0] * N for _ in range(N)]
         for i in range(N):
             inner[i][i] = weights[i]
@@ -77,6 +82,7 @@ class Coupling:
                 shared = mul(self.ratio[i], weights[i])
                 inner[i][Z] = shared
                 inner[Z][Z] = add(inner[Z][Z], mul(self.ratio[i], shared))
+        # outer = rows^T inner rows
         outer: list[list[Scalar]] = [[0.0] * N for _ in range(N)]
         for i in range(N):
             for j in range(i + 1):
@@ -90,16 +96,19 @@ class Coupling:
 
 
 def _divide(a: Scalar, b: Scalar) -> Scalar:
+    # A constant 1 adds no operation to the tick.
     return a if type(b) in (int, float) and b == 1 else a / b
 
 
 def _terms(rows: Sequence[Vec], i: int, j: int) -> list[tuple[int, int, float]]:
-    """Return the terms of inner[i][j] in the lower half of rows^T inner rows.
+    """Return the terms of the entry inner[i][j] in the lower half of rows^T inner rows.
 
-    A term is (row, column, factor): entry [row][column] contains factor times inner[i][j].
+    A term is (row, column, factor): entry [row][column] contains factor times inner[i][j]. `inner`
+    is symmetric, so inner[j][i] is the same entry.
     """
+    places = [(i, j)] if i == j else [(i, j), (j, i)]
     factors: dict[tuple[int, int], float] = {}
-    for a, b in ((i, j),) if i == j else ((i, j), (j, i)):
+    for a, b in places:
         for row in range(N):
             for column in range(row + 1):
                 factor = rows[a][row] * rows[b][column]
@@ -112,15 +121,12 @@ def arm_coupling(arm: ArmName, tool: str, software: str) -> Coupling:
     """Return the coupling of an arm with a tool. `software` sets the sign of the first jaw."""
     matrix = transmission.motor_matrix(arm, tool, software)
     ratio = tuple(matrix[i][Z] / matrix[Z][Z] if i > Z else 0.0 for i in range(N))
-    rows = tuple(
-        Vec(
-            _clean(matrix[i][j] - ratio[i] * matrix[Z][j], matrix[i][j]) if i > Z else matrix[i][j]
-            for j in range(N)
-        )
-        for i in range(N)
-    )
-    return Coupling(rows=rows, ratio=ratio)
+    rows = [Vec(matrix[i]) for i in range(Z + 1)]
+    for i in range(Z + 1, N):
+        remainder = Vec(matrix[i]) - Vec(matrix[Z]) * ratio[i]
+        rows.append(remainder.map(_drop_rounding_error, matrix[i]))
+    return Coupling(rows=tuple(rows), ratio=ratio)
 
 
-def _clean(value: float, scale: float) -> float:
-    return 0.0 if abs(value) <= 1e-9 * abs(scale) else value
+def _drop_rounding_error(difference: float, minuend: float) -> float:
+    return 0.0 if abs(difference) <= 1e-9 * abs(minuend) else difference

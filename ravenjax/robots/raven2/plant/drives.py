@@ -61,6 +61,7 @@ def coulomb_damping(level: Scalar, drive: Scalar, inertia_rate: Scalar) -> Scala
     speed at the end of the step without friction, same unit. inertia_rate: inertia divided by the
     step, plus all other implicit damping, N m s/rad (insertion: N s/m).
     """
+    # If friction is greater than the force, the lower bound of this excess stops the joint.
     excess = jnp.maximum(jnp.abs(drive) - level, 0.0)
     return level * inertia_rate / jnp.maximum(excess, inertia_rate * CREEP)
 
@@ -102,20 +103,20 @@ class Linear:
     force: Scalar  # N m (motor coordinates) at zero stretch rate
     damping: Scalar  # N m s/rad, stiffness of the coming step included
 
-    def carried(self, arm: float, rate: Scalar) -> Scalar:
-        """Return the cable's force in the step, N. rate: stretch rate (rad/s) at its end."""
+    def tension(self, arm: float, rate: Scalar) -> Scalar:
+        """Return the tension difference, N. arm: lever, m/rad. rate: stretch rate, rad/s."""
         return (self.force + self.damping * rate) * (1.0 / arm)
 
 
 def cable_tension(stiffness: Scalar, damping: Scalar, delta: Scalar, rate: Scalar) -> Scalar:
-    """Return gamma (N) at stretch `delta` (m) and `rate` (m/s)."""
+    """Return the tension difference gamma (N) at stretch `delta` (m) and `rate` (m/s)."""
     return 2.0 * stiffness * _sinh(delta) + 2.0 * damping * rate
 
 
 def linearise_cable(
     arm: float, stiffness: Scalar, damping: Scalar, stretch: Scalar, dt: float
 ) -> Linear:
-    """Return force and implicit damping over `dt` (s). arm: lever (m/rad); stretch: rad."""
+    """Return a cable's law over the coming `dt` (s). arm: lever, m/rad. stretch: rad."""
     delta = arm * stretch
     slope = 2.0 * stiffness * _cosh(delta)
     force = (2.0 * arm) * stiffness * _sinh(delta)
@@ -158,7 +159,7 @@ class ActuatorParams:
 
 
 @record
-class Eliminated:
+class EliminatedMotor:
     """The effect of one motor and its cable on the equations of the links in this step."""
 
     momentum: Scalar  # N m, drive and inertia over the step
@@ -192,20 +193,21 @@ def eliminate_motor(
     speed: Scalar,
     link_speed: Scalar,
     cable: Linear,
-) -> Eliminated:
-    """Return one motor's equation of motion, solved for the speed of its link.
+) -> EliminatedMotor:
+    """Return the motor's speed and the cable's force as functions of the link's speed.
 
-    inertia_rate: Im/dt. speed, link_speed: rad/s of motor angle, at the start of the step.
+    inertia_rate: Im/dt, N m s/rad. viscous, coulomb: friction, N m s/rad and N m. drive: torque, N
+    m. speed, link_speed: of motor and link, rad/s of motor angle, at the start of the step.
     """
     coupling = mul(reaction_scale, cable.damping)
-    push = inertia_rate * speed + drive - mul(reaction_scale, cable.force)
-    rate = add(inertia_rate, viscous)
-    friction = coulomb_damping(coulomb, push + coupling * link_speed, rate + coupling)
-    resistance = rate + friction
+    momentum = inertia_rate * speed + drive - mul(reaction_scale, cable.force)
+    viscous_rate = add(inertia_rate, viscous)
+    friction = coulomb_damping(coulomb, momentum + coupling * link_speed, viscous_rate + coupling)
+    resistance = viscous_rate + friction
     inverse = 1.0 / (resistance + coupling)
-    stretch_rate = (push - resistance * link_speed) * inverse
-    return Eliminated(
-        momentum=push,
+    stretch_rate = (momentum - resistance * link_speed) * inverse
+    return EliminatedMotor(
+        momentum=momentum,
         coupling=coupling,
         inverse=inverse,
         resistance=resistance,
@@ -237,15 +239,16 @@ def step_brakes(
     Returns the new state, and the dry friction that the brakes add to motors 1-3 (N m).
     """
     commanded = as_int(commanded)
-    pending = jnp.where(commanded != state.engaged, state.pending_ticks + 1, 0)
-    delay = jnp.where(commanded != 0, params.engage_ticks, params.release_ticks)
-    switches = pending > delay
+    pending_ticks = jnp.where(commanded != state.engaged, state.pending_ticks + 1, 0)
+    delay_ticks = jnp.where(commanded != 0, params.engage_ticks, params.release_ticks)
+    switches = pending_ticks > delay_ticks
     engaged = jnp.where(switches, commanded, state.engaged)
-    state = BrakeState(as_int(engaged), as_int(jnp.where(switches, 0, pending)))
+    state = BrakeState(as_int(engaged), as_int(jnp.where(switches, 0, pending_ticks)))
     return state, jnp.where(engaged != 0, params.holding_torque, 0.0)
 
 
-_MARGIN = (math.radians(2.5), math.radians(2.5), 2e-3)  # rad, rad, m
+# Distance of the stops of joints 1-3 from the soft limits; rad, rad, m
+_MARGIN = (math.radians(2.5), math.radians(2.5), 2e-3)
 SETTLING_S = 5e-3  # s, damping over stiffness
 
 
@@ -258,12 +261,14 @@ class StopParams:
 
 
 def stop_params(tool: str) -> StopParams:
-    """Return the hard stops of an arm with that tool."""
+    """Return the hard stops of an arm with that tool: positions and stiffnesses."""
     instrument = find_tool(tool)
-    low, high = limits.POSITIONING_LOWER, limits.POSITIONING_UPPER
+    # The lower soft limit of the shoulder is its stop.
+    lower = Vec(limits.POSITIONING_LOWER) - (0.0, *_MARGIN[1:])
+    upper = Vec(limits.POSITIONING_UPPER) + _MARGIN
     return StopParams(
-        lower=Vec((*(Vec(low) - (0.0, *_MARGIN[1:])), *instrument.hard_min)),
-        upper=Vec((*(Vec(high) + _MARGIN), *instrument.hard_max)),
+        lower=Vec((*lower, *instrument.hard_min)),
+        upper=Vec((*upper, *instrument.hard_max)),
         stiffness=Vec((1e5, 1e5, 1e6, 20.0, 20.0, 20.0, 20.0)),
     )
 
@@ -276,6 +281,8 @@ def stop_force(
     The force is that of a step `dt` (s) at the present speed. The derivative is the loss of force
     per gain of speed (N m s/rad; insertion N s/m). Both are 0 within the joint's range.
     """
-    beyond = jnp.maximum(jpos - params.upper[i], 0.0) + jnp.minimum(jpos - params.lower[i], 0.0)
-    damping = jnp.where(beyond != 0.0, params.stiffness[i] * (dt + SETTLING_S), 0.0)
-    return -params.stiffness[i] * beyond - damping * jvel, damping
+    above = jnp.maximum(jpos - params.upper[i], 0.0)
+    below = jnp.minimum(jpos - params.lower[i], 0.0)
+    penetration = above + below
+    damping = jnp.where(penetration != 0.0, params.stiffness[i] * (dt + SETTLING_S), 0.0)
+    return -params.stiffness[i] * penetration - damping * jvel, damping

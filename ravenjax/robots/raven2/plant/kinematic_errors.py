@@ -65,14 +65,15 @@ because it would only turn the frame. The jaws have none, because they do not mo
 
 
 def no_errors() -> KinematicErrors:
-    """Return zero errors."""
-    zero = Vec.full(7, 0.0)
-    return KinematicErrors(1.0, zero, zero, built_links.LinkErrors(*(0.0,) * 7), np.int32(0))
+    """Return zero errors of joints, ratios and links, with scale 1 and without registration."""
+    zeros, link_errors = Vec.full(7, 0.0), built_links.LinkErrors(*Vec.full(7, 0.0))
+    return KinematicErrors(1.0, zeros, zeros, link_errors, registered=np.int32(0))
 
 
 def is_exact(errors: KinematicErrors) -> bool:
-    """Return whether all errors are 0 in all runs, so that the code needs no errors."""
+    """Return whether all errors are 0 in all runs, so that the tick need not compute them."""
     numbers = tree.tree_leaves((errors.joint_offset, errors.ratio_error, errors.links))
+    # Only a number that is the same in all runs is a Python number.
     return all(type(number) in (int, float) and number == 0 for number in numbers)
 
 
@@ -88,10 +89,12 @@ def true_joints(errors: KinematicErrors, reported: Vec) -> Vec:
 
 def register_frame(arm: str, errors: KinematicErrors) -> Registration | None:
     """Return the registration of the arm's frame 0; None: without errors or not registered."""
-    if is_exact(errors) or (isinstance(errors.registered, np.integer) and not errors.registered):
+    # Only a number that is the same in all runs is a NumPy integer.
+    never_registered = isinstance(errors.registered, np.integer) and not errors.registered
+    if is_exact(errors) or never_registered:
         return None
-    true = [_tip(arm, true_joints(errors, pose), errors) for pose in POSES]
-    return where(errors.registered != 0, fit_registration(arm, true), _no_motion())
+    true_tips = [_tip(arm, true_joints(errors, pose), errors) for pose in POSES]
+    return where(errors.registered != 0, fit_registration(arm, true_tips), _no_motion())
 
 
 def true_tip(arm: str, errors: KinematicErrors, frame: Registration | None, jpos: Vec) -> Vec:
@@ -106,8 +109,6 @@ def _tip(arm: str, jpos: Vec, errors: KinematicErrors) -> Vec:
     links = tree.map_leaves(lambda error: mul(errors.scale, error), errors.links)
     return built_links.tip_position(arm, jpos, links)
 
-
-# --- registration ---
 
 STEPS = 4
 """Gauss-Newton steps. With 20 degrees of rotation, the fourth changes no bit of a float32."""
@@ -135,20 +136,19 @@ def in_registered_frame(frame: Registration, point: Vec) -> Vec:
     return matvec(frame.rotation, point) + frame.translation
 
 
-def fit_registration(arm: str, true: list[Vec]) -> Registration:
-    """Return the registration from true tips (m) at POSES."""
-    reported, solve = _solve_registration(arm)
+def fit_registration(arm: str, true_tips: list[Vec]) -> Registration:
+    """Return the rigid motion that moves true tips (m) at POSES onto the reported tips."""
+    reported_tips, fit_matrix = _linear_fit(arm)
     frame = _no_motion()
     for _ in range(STEPS):
-        residual = Vec(
-            x
-            for p, r in zip(true, reported, strict=True)
-            for x in Vec(r) - in_registered_frame(frame, p)
-        )
-        correction = Vec(dot(Vec(row), residual) for row in solve)
-        turn = mapping.matrix_from_quat(Vec((*(Vec(correction[:3]) * 0.5), 1.0)))
-        translation = matvec(turn, frame.translation) + correction[3:]
-        frame = Registration(matmul(turn, frame.rotation), translation)
+        residuals = []
+        for true, reported in zip(true_tips, reported_tips, strict=True):
+            residuals.extend(Vec(reported) - in_registered_frame(frame, true))
+        correction = Vec(dot(Vec(row), Vec(residuals)) for row in fit_matrix)
+        # Half the rotation vector and 1 are the quaternion of a small rotation.
+        rotation = mapping.matrix_from_quat(Vec((*(Vec(correction[:3]) * 0.5), 1.0)))
+        translation = matvec(rotation, frame.translation) + correction[3:]
+        frame = Registration(matmul(rotation, frame.rotation), translation)
     return frame
 
 
@@ -159,16 +159,18 @@ def _no_motion() -> Registration:
 
 
 @functools.cache
-def _solve_registration(arm: str) -> tuple[list[list[float]], list[list[float]]]:
+def _linear_fit(arm: str) -> tuple[list[list[float]], list[list[float]]]:
     """Return the reported tips (m) at POSES, and the matrix [6, 3 * poses] that turns residuals of
     tips into the rotation (rad) and translation (m) of the least-squares fit.
     """
-    with run_eagerly():  # a trace may call this function
+    # JAX may be tracing the tick when it calls this function, but the tips must be plain numbers.
+    with run_eagerly():
         tips = np.array([kinematics.forward_pose(arm, pose).position for pose in POSES])
     design = np.zeros((len(tips), 3, 6))
     for rows, (x, y, z) in zip(design, tips, strict=True):
-        rows[:, :3] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]  # rotation x tip
+        # The cross product of a small rotation and the tip is the tip's displacement.
+        rows[:, :3] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
         rows[:, 3:] = np.eye(3)
-    # LAPACK's last digits depend on the CPU.
-    solve = np.linalg.pinv(design.reshape(-1, 6)).round(12)
-    return tips.tolist(), solve.tolist()
+    # The matrix is rounded, because LAPACK's last digits depend on the CPU.
+    fit_matrix = np.linalg.pinv(design.reshape(-1, 6)).round(12)
+    return tips.tolist(), fit_matrix.tolist()

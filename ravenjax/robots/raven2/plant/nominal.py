@@ -45,8 +45,6 @@ INSERTION = 2
 # Diagonal of M at the home pose (kg m2; insertion kg), both arms; unit inertia for the jaws.
 INERTIA = (0.21635879, 0.10039008, 0.407, 6.5508e-7, 1.13110e-6, 1.0, 1.0)
 INTEGRAL_RATE = 0.25  # 1/s, ki / kp of the insertion
-
-
 UM_PER_M = 1e6
 
 
@@ -60,7 +58,7 @@ class TargetParams:
 
 
 @record
-class Clean:
+class Command:
     """The operator's command to one arm in this tick, before any fault."""
 
     delta_um: Vec  # 3, um, int32: ITP-frame increment, or position in frame 0 (absolute)
@@ -108,9 +106,9 @@ class NominalOutput:
 def params(
     setup: RavenSetup, arm: ArmName, parameter_set: str = parameter_sets.DEFAULT
 ) -> NominalParams:
-    """Return the gains, as the module derives them. parameter_set: one of `parameter_sets.Name`."""
+    """Return the default parameters for a robot of that set, one of `parameter_sets.Name`."""
     values = parameter_sets.parameter_set(parameter_sets.nominal_set(parameter_set))
-    # As in the software, the first arm's tool limits the joints of every arm
+    # As in the software, the first arm's tool limits the joints of every arm.
     allowed = limits.soft_limits(setup.tools[0], setup.software)
     motor = values.actuators
     gain = motor.torque_per_count / transmission.TORQUE_PER_COUNT * motor.gain
@@ -122,9 +120,11 @@ def params(
     kp, kd = (inertia_ratio * Vec(gains[name]) * gain for name in ("kp", "kd"))
     kv = inertia_ratio * (motor.viscous + reaction_share * values.link_viscous / square)
     kc = inertia_ratio * (motor.coulomb + reaction_share * values.link_coulomb / ratio) / ratio
+    # A jaw is a double integrator without friction, so its kd contains the viscous friction.
+    jaw_friction = Vec((*Vec.full(LAGRANGE, 0.0), *kv[LAGRANGE:]))
     return NominalParams(
         kp=kp,
-        kd=kd + (*(0.0,) * LAGRANGE, *kv[LAGRANGE:]),
+        kd=kd + jaw_friction,
         ki=INTEGRAL_RATE * kp[INSERTION],
         kv=Vec(kv[:LAGRANGE]),
         kc=Vec(kc[:LAGRANGE]),
@@ -145,22 +145,23 @@ def step(
     arm: ArmName,
     params: NominalParams,
     state: NominalState,
-    clean: Clean,
+    command: Command,
     measured: Vec,
 ) -> tuple[NominalState, NominalOutput]:
     """Compute one tick (1 ms). While the pedal is up, the model stands still.
 
-    clean: command before faults. measured: joints that the control software measures (rad, m). The
-    measured pose is a little below the desired pose, because of gravity. Each time the pedal is
-    lifted, the measured pose becomes the robot's desired pose, so the robot sinks. With
-    `params.resync` the model follows the robot, and clutching causes no distance between them.
+    measured: joints that the control software measures (rad, m). The measured pose is a little
+    below the desired pose, because of gravity. Each time the pedal is lifted, the measured pose
+    becomes the robot's desired pose, so the robot sinks. With `params.resync` the model follows the
+    robot while the pedal is up, and clutching causes no distance between them.
     """
-    follows_robot = (params.resync != 0) & (clean.engaged == 0)
+    follows_robot = (params.resync != 0) & (command.engaged == 0)
     state = replace(state, jpos=where(follows_robot, measured, state.jpos))
-    target = step_target(setup, arm, params.target, state.target, clean, state.jpos)
+    target = step_target(setup, arm, params.target, state.target, command, state.jpos)
     tracking = replace(track_target(setup, arm, params, state, target.jpos_d), target=target)
     at_rest = replace(state, jvel=state.jvel * 0.0, target=target)
-    state = where(clean.engaged != 0, tracking, at_rest)
+    state = where(command.engaged != 0, tracking, at_rest)
+    # The target keeps its types, which are integers in part.
     state = replace(cast_to_real(setup, replace(state, target=None)), target=state.target)
     return state, NominalOutput(
         jpos=state.jpos,
@@ -172,7 +173,7 @@ def step(
 def track_target(
     setup: RavenSetup, arm: ArmName, params: NominalParams, state: NominalState, jpos_d: Vec
 ) -> NominalState:
-    """Compute one tick of the dynamics with the desired joints `jpos_d` (rad, m)."""
+    """Return the state after one linearly implicit step (1 ms) toward joints `jpos_d` (rad, m)."""
     dt = TICK_S
     jpos, jvel = state.jpos, state.jvel
     error = jpos_d - jpos
@@ -184,7 +185,7 @@ def track_target(
     mass, bias = link_dynamics.mass_matrix_and_bias(
         arm, locked, link_speeds, Vec.full(3, 0.0), params.mass_scale
     )
-
+    # Lower triangle and right side of the equations of the speed gains of joints 1-5
     system, right = [], []
     for i in range(LAGRANGE):
         row = [mul(1.0 / dt, mass[i][j]) for j in range(i + 1)]
@@ -205,9 +206,6 @@ def track_target(
     return replace(state, jpos=jpos + jvel * dt, jvel=jvel, integral=integral)
 
 
-# --- target ---
-
-
 def init_target(arm: ArmName, jpos: Vec) -> TargetState:
     """Return the target whose pose is that of the joints `jpos`."""
     pose = kinematics.forward_pose(arm, jpos)
@@ -224,45 +222,46 @@ def step_target(
     arm: ArmName,
     params: TargetParams,
     state: TargetState,
-    clean: Clean,
+    command: Command,
     jpos: Vec,
 ) -> TargetState:
     """Return the target after the command of one tick. jpos: joints of the model, rad and m."""
-    engaged = clean.engaged != 0
-    position_um, quat, grasp_mrad = _commanded_pose(setup, arm, state, clean)
+    engaged = command.engaged != 0
+    position_um, quat, grasp_mrad = _commanded_pose(setup, arm, state, command)
     pose = kinematics.Pose(
         position=position_um.map(lambda p: p.astype(setup.precision.real) / UM_PER_M),
         rotation=mapping.matrix_from_quat(quat),
     )
     grasp_rad = grasp_mrad.astype(setup.precision.real) / 1000.0
     solution = kinematics.inverse_joints(arm, pose, grasp_rad, jpos)
-    allowed, clamped = _clamp(setup, params, solution.jpos, solution.yaw)
-    reachable = solution.status != -1
-
-    jpos_d = where(engaged & reachable, allowed, where(engaged, state.jpos_d, jpos))
+    clamped_jpos, at_limit = _clamp(setup, params, solution.jpos, solution.yaw)
+    reachable = solution.status != kinematics.REJECTED
+    # Desired joints remain if they have no solution, and are the model's while the pedal is up.
+    jpos_d = where(engaged & reachable, clamped_jpos, where(engaged, state.jpos_d, jpos))
     target = TargetState(position_um, quat, grasp_mrad, jpos_d)
     opening = where(engaged, grasp_mrad, state.grasp_mrad)
+    # At a limit and while the pedal is up, the desired pose is that of the desired joints.
     at_joints = replace(init_target(arm, jpos_d), grasp_mrad=opening)
-    return where(~engaged | (reachable & clamped), at_joints, target)
+    return where(~engaged | (reachable & at_limit), at_joints, target)
 
 
 def _commanded_pose(
-    setup: RavenSetup, arm: ArmName, state: TargetState, clean: Clean
+    setup: RavenSetup, arm: ArmName, state: TargetState, command: Command
 ) -> tuple[Vec, Vec, Scalar]:
-    # Returns position, orientation and jaw opening that the operator commands.
+    # Returns position (um), orientation and jaw opening (mrad) that the operator commands.
     if setup.console == "absolute":
-        return clean.delta_um, clean.quat, clean.grasp_mrad
+        return command.delta_um, command.quat, command.grasp_mrad
     gain, lowest, highest = stored.jaw_commands(setup.software)
-    position_um = state.position_um + mapping.position_from_itp(arm, clean.delta_um)
-    quat = mapping.quat_mul(mapping.quat_from_itp(arm, clean.quat), state.quat)
+    position_um = state.position_um + mapping.position_from_itp(arm, command.delta_um)
+    quat = mapping.quat_mul(mapping.quat_from_itp(arm, command.quat), state.quat)
     square = quat[0] * quat[0] + quat[1] * quat[1] + quat[2] * quat[2] + quat[3] * quat[3]
-    grasp = jnp.minimum(jnp.maximum(state.grasp_mrad - gain * clean.grasp_mrad, lowest), highest)
+    grasp = jnp.minimum(jnp.maximum(state.grasp_mrad - gain * command.grasp_mrad, lowest), highest)
     # One Newton step of 1/sqrt in each tick keeps the length of the quaternion at 1.
     return position_um, quat * (1.5 - 0.5 * square), as_int(grasp)
 
 
 def _clamp(setup: RavenSetup, params: TargetParams, jpos: Vec, yaw: Scalar) -> tuple[Vec, Scalar]:
-    """Return joints clamped to their limits, and whether any joint is at a limit."""
+    """Return joints with joints 1-5 clamped, and whether one of them or the yaw is at a limit."""
     angles, at_limit = list(jpos), False
     for i, (low, high) in enumerate(zip(params.lower, params.upper, strict=True)):
         at_limit = at_limit | (jpos[i] <= low) | (jpos[i] >= high)

@@ -6,7 +6,7 @@ models/raven2/mechanics.toml has their numbers, with units and sources.
 import dataclasses
 import functools
 import tomllib
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple, get_args
 
 from ravenjax.bundled import resources
 from ravenjax.errors import UserError, describe_unknown_name
@@ -34,27 +34,21 @@ class ParameterSet(NamedTuple):
 
 @functools.cache
 def parameter_set(name: str) -> ParameterSet:
-    """Return the set of that name. Raises UserError, which lists the names."""
+    """Return the parameter set of that name. Raises UserError, which lists the names."""
     if name not in get_args(Name):
         raise UserError(describe_unknown_name("parameter set", name, get_args(Name)))
-    file = _file()
+    file = tomllib.loads(resources.find_model("raven2/mechanics.toml").read_text(encoding="utf-8"))
     rows = dict(file["published" if name in PUBLISHED else name])
     if name in PUBLISHED:
-        # A set differs from the base in shoulder, elbow and insertion only.
+        # A published set differs from the table `published` in shoulder, elbow and insertion only.
         for key, factors in file["factors"][name].items():
-            first = [x * factor for x, factor in zip(rows[key], factors, strict=False)]
-            rows[key] = first + rows[key][3:]
-        for key, first in file["inputs"].get(name, {}).items():
-            rows[key] = first + rows[key][3:]
+            positioning = [x * factor for x, factor in zip(rows[key][:3], factors, strict=True)]
+            rows[key] = positioning + rows[key][3:]
+        for key, positioning in file["inputs"].get(name, {}).items():
+            rows[key] = positioning + rows[key][3:]
     numbers = {key: Vec(row) for key, row in rows.items()}
     motors = [numbers.pop(field.name) for field in dataclasses.fields(ActuatorParams)]
     return ParameterSet(ActuatorParams(*motors), **numbers)
-
-
-@functools.cache
-def _file() -> dict[str, Any]:
-    path = resources.find_model("raven2/mechanics.toml")
-    return tomllib.loads(path.read_text(encoding="utf-8"))
 
 
 def nominal_set(name: str) -> str:
@@ -65,7 +59,7 @@ def nominal_set(name: str) -> str:
     return name if name == DEFAULT else "traj3"
 
 
-def tells_tension(name: str) -> bool:
+def has_realistic_tension(name: str) -> bool:
     """Return whether cable forces of this set are realistic, so that they agree with statics.
 
     Only realistic forces can be compared with a cable's strength. In the published sets, a motor

@@ -123,24 +123,21 @@ def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> Pl
 
     jpos0: joints that the software reports (rad, m), from which kinematic errors move the links.
     """
-    geometry, errors = _coupling(setup, arm, params), params.kinematic_errors
+    coupling, errors = _coupling(setup, arm, params), params.kinematic_errors
     dtype, jpos0 = setup.precision.real, cast_to_real(setup, jpos0)
-    links = kinematic_errors.true_joints(errors, jpos0)
+    true_jpos = kinematic_errors.true_joints(errors, jpos0)
     no_speed = Vec.full(N, 0.0)
     _, gravity_load = link_dynamics.mass_matrix_and_bias(
-        arm, links, no_speed, params.gravity, params.mass_scale
+        arm, true_jpos, no_speed, params.gravity, params.mass_scale
     )
     zeros = cast_to_real(setup, no_speed)
-    carried = geometry.carried(gravity_load)
-    stretch = Vec(
-        drives.resting_stretch(
-            transmission.CABLE_PER_MOTOR[i],
-            params.cable_stiffness[i] * params.cable_stiffness_scale,
-            carried[i],
-        )
-        for i in range(N)
-    )
-    angles = _nominal_coupling(setup, arm).motors(jpos0) + stretch
+    torques = coupling.motor_torques(gravity_load)
+    stretches = []
+    for i, lever in enumerate(transmission.CABLE_PER_MOTOR):
+        stiffness = params.cable_stiffness[i] * params.cable_stiffness_scale
+        stretches.append(drives.resting_stretch(lever, stiffness, torques[i]))
+    stretch = Vec(stretches)
+    angles = _nominal_coupling(setup, arm).to_motors(jpos0) + stretch
     motors = tuple(map(drives.at_angle, angles))
     fractions = Vec(motor.fraction * transmission.ENCODER_RAD for motor in motors)
     zero = jnp.int32(0)
@@ -152,7 +149,7 @@ def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> Pl
         brakes=drives.BrakeState(jnp.int32(1), zero),
         intact=cast_to_real(setup, Vec.full(N, 1.0)) if setup.cables == "break" else None,
         tick=zero,
-        jpos_ref=cast(links - geometry.joints(fractions - stretch), dtype),
+        jpos_ref=cast(true_jpos - coupling.to_joints(fractions - stretch), dtype),
         count_ref=Vec(motor.count for motor in motors),
         frame=cast(kinematic_errors.register_frame(arm, errors), dtype),
     )
@@ -195,21 +192,21 @@ def step_all(
     left, right = ticks
     for _ in range(setup.substeps):
         jpos, jvel = (left.jpos(), right.jpos()), (left.state.jvel, right.state.jvel)
-        meeting = contact.instruments_meeting(arms, touched, jpos, jvel, left.dt)
-        ways, pushed = meeting.ways, meeting.normal.force
-        systems = [arm.equations(ways[i] * pushed) for i, arm in enumerate(ticks)]
-        speed_per_force = [arm.solve(systems[i][0], ways[i]) for i, arm in enumerate(ticks)]
+        touching = contact.find_instrument_contact(arms, touched, jpos, jvel, left.dt)
+        rows, present_force = touching.separation_rows, touching.normal.force
+        systems = [arm.equations(rows[i] * present_force) for i, arm in enumerate(ticks)]
+        gains_per_newton = [arm.solve(systems[i][0], rows[i]) for i, arm in enumerate(ticks)]
         speed_gains = [arm.solve(*system) for arm, system in zip(ticks, systems, strict=True)]
-        force = meeting.solved(speed_gains, speed_per_force)
+        force = touching.force(speed_gains, gains_per_newton)
         for i, arm in enumerate(ticks):
-            speeds = speed_gains[i] + speed_per_force[i] * (force - pushed)
-            arm.move(speeds, (meeting.apart[i], force))
+            corrected_gains = speed_gains[i] + gains_per_newton[i] * (force - present_force)
+            arm.move(corrected_gains, (touching.directions[i], force))
     return left.end(), right.end()
 
 
 @dataclasses.dataclass
 class _ArmTick:
-    """A tick of one arm, substep by substep."""
+    """A tick of one arm, substep by substep. touched: contact parameters; None: no contact."""
 
     setup: RavenSetup
     arm: ArmName
@@ -223,20 +220,21 @@ class _ArmTick:
         self.dt = TICK_S / setup.substeps
         brakes, self._holding = drives.step_brakes(params.brakes, state.brakes, self.signal.brakes)
         self._brakes = cast(brakes, "int32")
-        self._drive = _drive(setup, self.arm, params, state, self.signal)
-        self._geometry = _coupling(setup, self.arm, params)
-        self._carried: list[Vec] = []
+        self._torques = _commanded_torques(setup, self.arm, params, state, self.signal)
+        self._coupling = _coupling(setup, self.arm, params)
+        # One entry per substep: magnitudes of the cables' tension differences, contact forces
+        self._tensions: list[Vec] = []
         self._touches: list[contact.Touch] = []
 
     def jpos(self) -> Vec:
         """Joints, rad and m."""
-        return _jpos(self._geometry, self.state, self.setup.precision.real)
+        return _jpos(self._coupling, self.state, self.setup.precision.real)
 
     def equations(self, pushed: Vec | None = None) -> tuple[tuple[Vec, ...], Vec]:
-        """Return a 7x7 system (its lower triangle) and its right side (N m, N).
+        """Return a 7x7 system (its lower triangle) and its right side (N m; insertion N).
 
         The solution contains the speed gains of the joints in the coming substep. pushed: load of
-        the other instrument on the joints.
+        the other instrument on the joints, N m; insertion N.
         """
         params, state, signal, dt = self.params, self.state, self.signal, self.dt
         motor = params.actuators
@@ -244,19 +242,16 @@ class _ArmTick:
         self._links = jpos, jvel, params.gravity, params.mass_scale
         mass, bias = link_dynamics.mass_matrix_and_bias(self.arm, *self._links)
         friction = signal.friction_scale.map(mul, params.friction_scale)
-        self._link_speed = self._geometry.motors(jvel)
+        # rad/s of motor angle, as the gains of link speed in `move`
+        self._link_speed = self._coupling.to_motors(jvel)
         scale = _cable_scale(state, signal.cable_scale)
-        self._springs = [
-            drives.linearise_cable(
-                transmission.CABLE_PER_MOTOR[i],
-                _stiffness(params, i, scale[i]),
-                mul(scale[i], params.cable_damping[i]),
-                state.stretch[i],
-                dt,
-            )
-            for i in range(N)
-        ]
-        self._solved = []
+        self._springs: list[drives.Linear] = []
+        for i, lever in enumerate(transmission.CABLE_PER_MOTOR):
+            stiffness = _stiffness(params, i, scale[i])
+            damping = mul(scale[i], params.cable_damping[i])
+            spring = drives.linearise_cable(lever, stiffness, damping, state.stretch[i], dt)
+            self._springs.append(spring)
+        self._solved: list[drives.EliminatedMotor] = []
         for i in range(N):
             coulomb = motor.coulomb[i] * friction[i]
             self._solved.append(
@@ -265,20 +260,20 @@ class _ArmTick:
                     viscous=motor.viscous[i] * friction[i],
                     coulomb=coulomb + self._holding if i < POSITIONING else coulomb,
                     reaction_scale=motor.reaction_scale[i],
-                    drive=self._drive[i],
+                    drive=self._torques[i],
                     speed=state.mvel[i],
                     link_speed=self._link_speed[i],
                     cable=self._springs[i],
                 )
             )
-        system = self._geometry.congruence(Vec(item.stiffening for item in self._solved))
-        loads = self._geometry.loads(Vec(item.force for item in self._solved))
+        system = self._coupling.congruence(Vec(motor.stiffening for motor in self._solved))
+        loads = self._coupling.joint_loads(Vec(motor.force for motor in self._solved))
         self._tips = ()
         if self.touched is not None:
             self._tips = contact.jaw_tips(self.arm, self.touched, jpos, jvel, dt)
-            for contact_point in self._tips:
-                contact_point.stiffen(system)
-                loads = loads + contact_point.tip.along(contact_point.force())
+            for tip_contact in self._tips:
+                tip_contact.add_damping(system)
+                loads = loads + tip_contact.tip.project_on_joints(tip_contact.present_force())
         if pushed is not None:
             loads = loads + pushed
         right = []
@@ -303,32 +298,32 @@ class _ArmTick:
             return link_dynamics.solve_by_mjx(self.arm, self.dt, system, right, *self._links)
         return solve_spd(system, right)
 
-    def move(self, gained: Vec, pressed: tuple[Vec, Scalar] | None = None) -> None:
-        """Compute one substep. gained: speed gains of the joints, rad/s and m/s.
+    def move(self, speed_gains: Vec, pressed: tuple[Vec, Scalar] | None = None) -> None:
+        """Set the state at the end of one substep. speed_gains: of the joints, rad/s and m/s.
 
         pressed: direction and magnitude (N) of the other instrument's force.
         """
         state = self.state
         if self._tips:
-            touch = contact.contact_forces(self._tips, gained)
+            touch = contact.contact_forces(self._tips, speed_gains)
             if pressed is not None:
                 direction, force = pressed
                 touch = replace(touch, force=touch.force + direction * force, instrument=force)
             self._touches.append(touch)
-        motor_gains = self._geometry.motors(gained)
-        mvel, stretch, motors, carried = [], [], [], []
-        for i, item in enumerate(self._solved):
-            link_speed = self._link_speed[i] + motor_gains[i]
-            speed = (item.momentum + item.coupling * link_speed) * item.inverse
-            rate = item.stretch_rate - item.resistance * item.inverse * motor_gains[i]
+        link_gains = self._coupling.to_motors(speed_gains)
+        mvel, stretch, motors, tensions = [], [], [], []
+        for i, motor in enumerate(self._solved):
+            link_speed = self._link_speed[i] + link_gains[i]
+            speed = (motor.momentum + motor.coupling * link_speed) * motor.inverse
+            rate = motor.stretch_rate - motor.resistance * motor.inverse * link_gains[i]
             mvel.append(speed)
             stretch.append(state.stretch[i] + self.dt * rate)
             motors.append(drives.advance_angle(state.motors[i], self.dt * speed))
-            carried.append(self._springs[i].carried(transmission.CABLE_PER_MOTOR[i], rate))
+            tensions.append(self._springs[i].tension(transmission.CABLE_PER_MOTOR[i], rate))
         intact = state.intact
         if intact is not None:
-            overloaded = Vec(carried).map(
-                lambda force, strength: jnp.abs(force) > strength, self.params.cable_strength
+            overloaded = Vec(tensions).map(
+                lambda tension, strength: jnp.abs(tension) > strength, self.params.cable_strength
             )
             intact = intact.map(lambda whole, over: jnp.where(over, 0.0, whole), overloaded)
         self.state = replace(
@@ -336,13 +331,13 @@ class _ArmTick:
             motors=tuple(motors),
             stretch=Vec(stretch),
             mvel=Vec(mvel),
-            jvel=state.jvel + gained,
+            jvel=state.jvel + speed_gains,
             intact=intact,
         )
-        self._carried.append(Vec(carried).map(jnp.abs))
+        self._tensions.append(Vec(tensions).map(jnp.abs))
 
     def end(self) -> tuple[PlantState, PlantOutput]:
-        """Return the state after the tick, and its outputs."""
+        """Return the state after the tick, and outputs; contact forces are means of substeps."""
         dtype, state = self.setup.precision.real, self.state
         state = replace(
             state,
@@ -354,44 +349,34 @@ class _ArmTick:
             tick=state.tick + 1,
         )
         out = observe_robot(self.setup, self.arm, self.params, state, self.signal.cable_scale)
-        carried = reduce(lambda a, b: a.map(jnp.maximum, b), self._carried)
+        carried = reduce(lambda a, b: a.map(jnp.maximum, b), self._tensions)
         touch = self._touches[0] if self._touches else None
         if len(self._touches) > 1:
             share = 1.0 / len(self._touches)
-            touch = tree.map_leaves(
-                lambda *parts: reduce(lambda a, b: a + b, parts) * share, *self._touches
-            )
+            touch = tree.map_leaves(lambda *forces: reduce(add, forces) * share, *self._touches)
         return state, replace(out, carried=carried, touch=touch)
 
 
 def observe_robot(
     setup: RavenSetup, arm: ArmName, params: PlantParams, state: PlantState, scale: Vec = _ONES
 ) -> PlantOutput:
-    """Return the outputs of a state. scale: `PlantSignal.cable_scale`."""
+    """Return the outputs of a state, with noise of encoders. scale: `PlantSignal.cable_scale`."""
     scale = _cable_scale(state, scale)
-    tension = Vec(
-        drives.cable_tension(
-            _stiffness(params, i, scale[i]),
-            0.0,
-            transmission.CABLE_PER_MOTOR[i] * state.stretch[i],
-            0.0,
-        )
-        for i in range(N)
-    )
-    dtype = setup.precision.real
+    tensions = []
+    for i, lever in enumerate(transmission.CABLE_PER_MOTOR):
+        stiffness, stretch = _stiffness(params, i, scale[i]), lever * state.stretch[i]
+        # The static tension has no damping.
+        tensions.append(drives.cable_tension(stiffness, 0.0, stretch, 0.0))
+    tension, dtype = Vec(tensions), setup.precision.real
     signs = transmission.encoder_signs(arm, _tool(setup, arm), setup.software)
     turned = Vec(drives.angle_in_radians(motor, dtype) for motor in state.motors)
     counts = Vec(motor.count for motor in state.motors) + state.count_ref
     if setup.noise:
-        errors = (
-            params.encoder_noise
-            * counter_random.random_normal(params.noise_key, state.tick, _channel(arm, i))
-            for i in range(N)
-        )
-        counts = Vec(
-            count + as_int(jnp.floor(error + 0.5))
-            for count, error in zip(counts, errors, strict=True)
-        )
+        noisy_counts = []
+        for i, count in enumerate(counts):
+            draw = counter_random.random_normal(params.noise_key, state.tick, _channel(arm, i))
+            noisy_counts.append(count + as_int(jnp.floor(params.encoder_noise * draw + 0.5)))
+        counts = Vec(noisy_counts)
     return PlantOutput(
         enc_val=counts.map(lambda count, sign: mul(int(sign), count), signs),
         jpos=_jpos(_coupling(setup, arm, params), state, dtype),
@@ -416,8 +401,8 @@ def true_tips(
 ) -> PerArm[Vec]:
     """Return the true tip of each arm, m in registered frame 0."""
     return tuple(
-        kinematic_errors.true_tip(arm, own.kinematic_errors, state.frame, out.jpos)
-        for arm, own, state, out in zip(setup.arms, params, states, robots, strict=True)
+        kinematic_errors.true_tip(arm, plant.kinematic_errors, state.frame, out.jpos)
+        for arm, plant, state, out in zip(setup.arms, params, states, robots, strict=True)
     )
 
 
@@ -427,16 +412,17 @@ def _cable_scale(state: PlantState, cable_scale: Vec) -> Vec:
 
 
 def _stiffness(params: PlantParams, i: int, scale: Scalar) -> Scalar:
+    # Returns the stiffness of cable i in N/m. scale: remaining share.
     return mul(scale, params.cable_stiffness[i] * params.cable_stiffness_scale)
 
 
-def _drive(
+def _commanded_torques(
     setup: RavenSetup, arm: ArmName, params: PlantParams, state: PlantState, signal: PlantSignal
 ) -> Vec:
-    """Return the motor torques that the DAC command causes, N m after the gearbox."""
+    """Return the motor torques (7, N m after the gearbox) that the DAC command causes."""
     motor = params.actuators
     signs = transmission.tau_signs(arm, _tool(setup, arm), setup.software)
-    drive = []
+    torques = []
     for i in range(N):
         per_count = motor.torque_per_count[i] * motor.gain[i] * params.motor_constant_scale
         command = mul(float(signs[i]), signal.current_cmd[i].astype(setup.precision.real))
@@ -446,19 +432,20 @@ def _drive(
         )
         if setup.noise:
             channel = _channel(arm, TORQUE_CHANNEL + i)
-            torque = torque + params.torque_noise * counter_random.random_normal(
-                params.noise_key, state.tick, channel
-            )
-        drive.append(torque)
-    return Vec(drive)
+            draw = counter_random.random_normal(params.noise_key, state.tick, channel)
+            torque = torque + params.torque_noise * draw
+        torques.append(torque)
+    return Vec(torques)
 
 
-def _jpos(geometry: Coupling, state: PlantState, dtype: str) -> Vec:
+def _jpos(coupling: Coupling, state: PlantState, dtype: str) -> Vec:
+    # Returns the joints at the present motor angles and cable stretches.
     turned = Vec(drives.angle_in_radians(motor, dtype) for motor in state.motors)
-    return state.jpos_ref + geometry.joints(turned - state.stretch)
+    return state.jpos_ref + coupling.to_joints(turned - state.stretch)
 
 
 def _coupling(setup: RavenSetup, arm: ArmName, params: PlantParams) -> Coupling:
+    # Returns the coupling of the built arm, whose drums differ from the drawings.
     errors = params.kinematic_errors
     gain = Vec(add(1.0, mul(errors.scale, error)) for error in errors.ratio_error)
     return dataclasses.replace(_nominal_coupling(setup, arm), gain=gain)

@@ -41,11 +41,11 @@ class Outputs:
 
 @dataclasses.dataclass(frozen=True)
 class TransitionCode:
-    """Programs of one set of options by name, with the types of their records."""
+    """The programs of one set of options, with the types of their records."""
 
-    transitions: dict[str, StateTransition]
-    kinds: dict[str, RecordKind]
-    arithmetic: str = "compiled"
+    transitions: dict[str, StateTransition]  # by name, see `software_code`
+    kinds: dict[str, RecordKind]  # of params, state and signals
+    arithmetic: str = "compiled"  # one of ARITHMETICS
 
     @functools.cached_property
     def machine(self) -> Compiled | Interpreted:
@@ -65,10 +65,11 @@ def software_code(
 ) -> TransitionCode:
     """Return the programs of a setup. params, state: types of the parameters and of the state.
 
-    Transition "cycle" computes one millisecond; "receive" reads a packet before a cycle's last one.
+    Program "cycle" computes one millisecond with its last packet. If several packets arrive in a
+    millisecond, program "receive" processes each of the earlier packets before.
     """
-    entering = row_kind(setup)
-    shapes = params.shapes(), state.shapes(), entering.shapes()
+    inputs_kind = row_kind(setup)
+    shapes = params.shapes(), state.shapes(), inputs_kind.shapes()
 
     def receive(params, state, inputs: control.Inputs):
         return control.receive_packet(setup, params, state, inputs.packet)
@@ -77,9 +78,10 @@ def software_code(
     with traced.x64_context(setup):
         cycle, (_, signals) = traced.trace_function(run_cycle, *shapes, functions="library")
         reception, _ = traced.trace_function(receive, *shapes, functions="library")
+    layouts = params.layout, state.layout, inputs_kind.layout
     transitions = {
-        name: StateTransition(program, params.layout, state.layout, entering.layout)
-        for name, program in (("cycle", cycle), ("receive", reception))
+        "cycle": StateTransition(cycle, *layouts),
+        "receive": StateTransition(reception, *layouts),
     }
     kinds = {"params": params, "state": state, "signals": RecordKind.of(signals)}
     return TransitionCode(transitions, kinds, arithmetic)

@@ -182,10 +182,11 @@ class ControlSoftware:
         """
         row, arms = self._row, len(self.setup.arms)
         counts = checked.parse_counts("encoders", encoders, (arms, 7))
-        bytes_in = checked.per_board("pins", pins, 255, (arms,))
+        pin_bytes = checked.per_board("pins", pins, 255, (arms,))
         flags = checked.per_board("read_ok", read_ok, 1, (arms,))
-        *earlier, last = self._packets(packet)
-        row.enc_val[0], row.pins[0], row.read_ok[0] = counts, bytes_in, flags
+        *earlier, last = self._parse_packets(packet)
+        # All arguments are checked, so from here on the state may change.
+        row.enc_val[0], row.pins[0], row.read_ok[0] = counts, pin_bytes, flags
         self._receive_all(earlier)
         row.enter(last)
         self._cycle()
@@ -220,17 +221,18 @@ class ControlSoftware:
         )
         earlier_packets: dict[int, list[Datagram | Packet | None]] = {}
         for cycle, packet in enumerate(packets):
-            *earlier, last = self._packets(packet)
+            *earlier, last = self._parse_packets(packet)
             rows.enter(last, cycle)
             if earlier:
                 earlier_packets[cycle] = earlier
         out = aligned_buffer(cycles, self.code.kinds["signals"].layout.bytes)
+        # One call computes all cycles up to the next cycle in which several packets arrive.
         begin = 0
-        for cycle in (*earlier_packets, cycles):
-            memory = Memory(self._fixed, self._state, rows.bytes[begin:cycle], out[begin:cycle])
+        for end in (*earlier_packets, cycles):
+            memory = Memory(self._fixed, self._state, rows.bytes[begin:end], out[begin:end])
             self.code.machine.bind("cycle", memory)()
-            self._receive_all(earlier_packets.get(cycle, ()))
-            begin = cycle
+            self._receive_all(earlier_packets.get(end, ()))
+            begin = end
         signals: control.ControlSignals = self.code.kinds["signals"].columns(out)
         dac = [np.stack(arm.current_cmd_written, axis=-1) for arm in signals.arms]
         return Outputs(np.stack(dac, axis=1), signals.pins_out, signals)
@@ -255,12 +257,13 @@ class ControlSoftware:
             self._row.enter(packet)
             self._receive()
 
-    def _packets(self, given: Any) -> list[Datagram | Packet | None]:
+    def _parse_packets(self, given: Any) -> list[Datagram | Packet | None]:
+        # Returns the packets of a cycle, at least one entry; None: no packet.
         packets = given if isinstance(given, list | tuple) else [given]
-        return [self._packet(packet) for packet in packets] or [None]
+        return [self._parse_packet(packet) for packet in packets] or [None]
 
-    def _packet(self, given: bytes | Packet | None) -> Datagram | Packet | None:
-        # Checks one packet. Returns a datagram unchanged, and the numbers of a `Packet`.
+    def _parse_packet(self, given: bytes | Packet | None) -> Datagram | Packet | None:
+        # Returns a datagram unchanged, and a `Packet` with checked numbers.
         if given is None:
             return None
         if isinstance(given, Packet):
@@ -301,7 +304,6 @@ def _encoders_at(
     setup: RavenSetup, params: control.ControlParams, jpos: Sequence[Sequence[float]]
 ) -> list[list[int]]:
     """Return the counts [arms, 7] nearest to joints [arms, 7], rad and m."""
-
     counts = []
     for arm, tool, estimator, joints in zip(
         setup.arms, setup.tools, params.estimator, jpos, strict=True
@@ -326,7 +328,7 @@ def _at_measured_pose(
     """
     poses = tuple(arm.pos for arm in after.cartesian)
     joints, motors = control.columns_of(signals.arms, "jpos", "mpos").values()
-    with_fields = control.changed_arms
+    with_fields = control.replace_fields
     accumulated = with_fields(after.teleoperation.arms, pose=poses)
     return replace(
         state,

@@ -12,21 +12,21 @@ from ravenjax.engines.cpu.transition import RecordKind
 from ravenjax.numbers import Vec, tree
 from ravenjax.robots.raven2.arms import ARMS
 from ravenjax.robots.raven2.console import packet as packets
-from ravenjax.robots.raven2.console.packet import MOVES, SIZE_BYTES, TURNS, U_STRUCT, Packet
+from ravenjax.robots.raven2.console.packet import DELTAS, QUATS, SIZE_BYTES, U_STRUCT, Packet
 from ravenjax.robots.raven2.loop.control import Inputs
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import usb
 
 
 def row_type(setup: RavenSetup) -> np.dtype:
-    """Return the type of one row.
+    """Return the NumPy type of one row: the fields of a datagram, and the other inputs of a cycle.
 
-    Quaternions have the floating-point type in which they are evaluated. In the original software
-    that is the type in the datagram.
+    Quaternions have the floating-point type in which they are evaluated. With the precision of the
+    original software, the datagram has the same type.
     """
     arms, wide = len(setup.arms), np.dtype(setup.precision.wide)
     fields: list[Any] = [
-        (name, wide if name in TURNS else dtype, *shape) for name, dtype, *shape in U_STRUCT.descr
+        (name, wide if name in QUATS else dtype, *shape) for name, dtype, *shape in U_STRUCT.descr
     ]
     row: list[Any] = [
         ("size", "<i4"),  # before the packet, which aligns the quaternions
@@ -36,22 +36,22 @@ def row_type(setup: RavenSetup) -> np.dtype:
         ("pins", "<i4", arms),
         ("read_ok", "<i4", arms),
     ]
-    plain = np.dtype(row)
-    return np.dtype([*row, ("padding", "u1", -plain.itemsize % 8)])
+    # Rows are padded to whole multiples of 8 bytes, so that each row is aligned.
+    return np.dtype([*row, ("padding", "u1", -np.dtype(row).itemsize % 8)])
 
 
 def row_kind(setup: RavenSetup) -> RecordKind:
-    """Return the record of a row, and the offsets of its numbers."""
+    """Return the record `Inputs` that compiled code reads from a row, with each number's offset."""
     row, slots = row_type(setup), [ARMS.index(arm) for arm in setup.arms]
-    offset_of = _places(row)
+    offset_of = _byte_offsets(row)
     packet = offset_of["packet"]
     offsets = Inputs(
         Packet(
             received=offset_of["received"],
             size=offset_of["size"],
             sequence=packet["sequence"],
-            delta=tuple(Vec(packet[name][slot] for name in MOVES) for slot in slots),
-            quat=tuple(Vec(packet[name][slot] for name in TURNS) for slot in slots),
+            delta=tuple(Vec(packet[name][slot] for name in DELTAS) for slot in slots),
+            quat=tuple(Vec(packet[name][slot] for name in QUATS) for slot in slots),
             grasp=tuple(packet["grasp"][slots]),
             surgeon_mode=packet["surgeon_mode"],
         ),
@@ -65,10 +65,12 @@ def row_kind(setup: RavenSetup) -> RecordKind:
     return RecordKind(record, BufferLayout(types, offsets_in_row, row.itemsize))
 
 
-def _places(dtype: np.dtype, start: int = 0) -> Any:
+def _byte_offsets(dtype: np.dtype, start: int = 0) -> Any:
     # Returns the byte offset of each number of a NumPy type, as nested dicts of arrays.
     if dtype.fields:
-        return {name: _places(field[0], start + field[1]) for name, field in dtype.fields.items()}
+        return {
+            name: _byte_offsets(field[0], start + field[1]) for name, field in dtype.fields.items()
+        }
     index = np.arange(np.prod(dtype.shape, dtype=int)).reshape(dtype.shape)
     return start + dtype.base.itemsize * index
 
@@ -84,8 +86,8 @@ class InputRows:
         self.pins: np.ndarray = rows["pins"]  # [cycles, arms]
         self.read_ok: np.ndarray = rows["read_ok"]  # [cycles, arms]
         self._packets, self._received, self._sizes = rows["packet"], rows["received"], rows["size"]
-        self._still = np.zeros((), self._packets.dtype)
-        self._still["Qw"] = 1.0
+        self._no_packet = np.zeros((), self._packets.dtype)
+        self._no_packet["Qw"] = 1.0
 
     def enter(self, packet: bytes | bytearray | memoryview | Packet | None, cycle: int = 0) -> None:
         """Write the packet of a cycle: a datagram of any length, a checked packet, or none.
@@ -93,10 +95,10 @@ class InputRows:
         The missing bytes of a short datagram become 0, and the software drops such a datagram.
         """
         if packet is None:
-            self._packets[cycle] = self._still
+            self._packets[cycle] = self._no_packet
             self._received[cycle], self._sizes[cycle] = 0, SIZE_BYTES[self.setup.console]
         elif isinstance(packet, Packet):
-            self._packets[cycle] = self._still
+            self._packets[cycle] = self._no_packet
             packets.fill_fields(self._packets[cycle], packet, self.setup.arms)
             self._received[cycle], self._sizes[cycle] = packet.received, packet.size
         else:

@@ -1,3 +1,1 @@
-"""Computes the stages of the control software and the PLC, one file per stage. Signals have the
-names of raven2's source code.
-"""
+"""Computes the stages of the control software, and the PLC. Signals have raven2's names."""

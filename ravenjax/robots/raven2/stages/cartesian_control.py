@@ -23,7 +23,7 @@ from ravenjax.stages import check
 
 
 @record
-class Arm:
+class ArmState:
     """One arm's poses and joint targets."""
 
     pos: stored_pose.StoredPose  # pose measured in the last cycle
@@ -34,7 +34,7 @@ class Arm:
     joint_limit: check.CheckHistory
 
 
-State = PerArm[Arm]
+State = PerArm[ArmState]
 
 
 @describe_fields
@@ -58,16 +58,16 @@ def init(setup: RavenSetup, jpos: PerArm[Vec]) -> State:
     """Return the state of a robot at rest at `jpos`, with this pose as the desired one."""
     to_stored = np.dtype(setup.precision.narrow).type
 
-    def at_rest(i: int, arm: ArmName) -> Arm:
+    def rest_arm(i: int, arm: ArmName) -> ArmState:
         joints = Vec(to_stored(float(j)) for j in jpos[i])
         pose = measure_pose(setup, arm, joints)
-        return Arm(pose, pose, joints, check.init(setup), check.init(setup))
+        return ArmState(pose, pose, joints, check.init(setup), check.init(setup))
 
-    return per_arm(setup, at_rest)
+    return per_arm(setup, rest_arm)
 
 
 def measure_pose(setup: RavenSetup, arm: ArmName, jpos: Vec) -> stored_pose.StoredPose:
-    """Return the pose of the tip at measured joints, as stored. Its yaw is that of rounded jaws."""
+    """Return the pose of the tip at measured joints, as stored. `jpos` are stored joints, too."""
     pose = select_evaluation(setup).forward(arm, widen_numbers(setup, jpos), _yaw(setup, jpos))
     return stored_pose.store_pose(setup, pose, to_int32((jpos[5] + jpos[6]) * 1000.0))
 
@@ -76,7 +76,8 @@ def _yaw(setup: RavenSetup, jpos: Vec) -> Scalar:
     return widen_numbers(setup, jpos[6] - jpos[5]) * 0.5
 
 
-def _reference(setup: RavenSetup, jpos: Vec) -> Vec:
+def _closed_joints(setup: RavenSetup, jpos: Vec) -> Vec:
+    # Returns the joints with closed jaws, which have the same yaw.
     yaw = _yaw(setup, jpos)
     return Vec((*widen_numbers(setup, Vec(jpos[:5])), -yaw, yaw))
 
@@ -94,56 +95,55 @@ def solve_inverse(
     active: Scalar,
     jpos: PerArm[Vec],
 ) -> tuple[State, Scalar]:
-    """Return the state with the joints of the desired poses, and whether a target was clamped.
+    """Return the state with the joints of the desired poses, and whether a joint is at a limit.
 
-    active: whether inverse kinematics runs, bool. jpos: measured joints, rad and m.
+    active: whether inverse kinematics runs, bool. jpos: measured joints, rad and m. If an arm has
+    no solution, the arms after it are not solved either.
     """
     forward, inverse, *_ = select_evaluation(setup)
     solving = active
-    clamped = []
+    at_limits = []
     arms = []
     for i, arm in enumerate(setup.arms):
         old = state[i]
         opening = widen_numbers(setup, old.pos_d.grasp_mrad) / 1000.0
         target = stored_pose.load_pose(setup, old.pos_d)
-        ik = inverse(arm, target, opening, _reference(setup, jpos[i]))
+        ik = inverse(arm, target, opening, _closed_joints(setup, jpos[i]))
         accepted = ik.status != REJECTED
         rejected = solving & ~accepted
         solved = solving & accepted
-        inside, outside, margin = _clamp(setup, params, ik.jpos, ik.yaw)
-        limited = solved & outside
+        clamped, reaches_limit, margin = _clamp(setup, params, ik.jpos, ik.yaw)
+        at_limit = solved & reaches_limit
 
+        # Defaults bind the values of this arm, because the loop goes on before the call.
         def clamped_pose(
-            old: Arm = old, inside: Vec = inside, arm: ArmName = arm
+            old: ArmState = old, clamped: Vec = clamped, arm: ArmName = arm
         ) -> stored_pose.StoredPose:
-            # Returns the pose of the clamped joints, as stored.
-            return stored_pose.store_pose(
-                setup, forward(arm, inside, inside[5]), old.pos_d.grasp_mrad
-            )
+            pose = forward(arm, clamped, clamped[5])
+            return stored_pose.store_pose(setup, pose, old.pos_d.grasp_mrad)
 
-        targets = narrow_numbers(setup, Vec((*inside[:5], *ik.jpos[5:])))
+        targets = narrow_numbers(setup, Vec((*clamped[:5], *ik.jpos[5:])))
         reject_margin = jnp.where(solving, cast_to_real(setup, COST_LIMIT - ik.cost), np.inf)
         limit_margin = jnp.where(solved, cast_to_real(setup, margin), np.inf)
         arms.append(
-            Arm(
-                old.pos,
-                if_rarely(limited, clamped_pose, old.pos_d),
-                where(solved, targets, old.jpos_d),
-                check.update_check(old.ik_reject, tick, rejected, reject_margin),
-                check.update_check(old.joint_limit, tick, limited, limit_margin),
+            ArmState(
+                pos=old.pos,
+                pos_d=if_rarely(at_limit, clamped_pose, old.pos_d),
+                jpos_d=where(solved, targets, old.jpos_d),
+                ik_reject=check.update_check(old.ik_reject, tick, rejected, reject_margin),
+                joint_limit=check.update_check(old.joint_limit, tick, at_limit, limit_margin),
             )
         )
-        clamped.append(limited)
+        at_limits.append(at_limit)
         solving = solved
-    return tuple(arms), reduce(or_, clamped)
+    return tuple(arms), reduce(or_, at_limits)
 
 
 def _clamp(
     setup: RavenSetup, params: CartesianParams, jpos: Vec, yaw: Scalar
 ) -> tuple[Vec, Scalar, Scalar]:
-    """Return joints 1-5 and the yaw clamped to limits, whether any is at a limit, and a margin.
-
-    The margin is the smallest distance to a limit, as a share of the joint's range.
+    """Return joints 1-5 and the jaws' yaw clamped to limits, whether any is at a limit, and a
+    margin: the smallest distance of a joint to a limit, as a share of the joint's range.
     """
     values, at_limit, margins = [], [], []
     _, lowest_yaw = joint_limits(setup)

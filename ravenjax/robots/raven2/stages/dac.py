@@ -15,11 +15,12 @@ def step(
     setup: RavenSetup, arm: ArmName, tool: str, tau_d: Vec, otherwise: Vec, enabled: Scalar
 ) -> Vec:
     """Return DAC counts (7 int32) of capstan torques (N m) if `enabled`, else `otherwise`."""
-    amps = stored.amps_per_torque(arm, tool, setup.software)
-    return tau_d.map(
-        lambda tau, amp, counts, rest: _stored(to_int32(tau * amp * counts), enabled, rest),
-        *(amps, transmission.COUNTS_PER_AMP, otherwise),
-    )
+    amps_per_torque = stored.amps_per_torque(arm, tool, setup.software)
+
+    def to_counts(tau: Scalar, per_torque: float, per_amp: float, rest: Scalar) -> Scalar:
+        return _stored(to_int32(tau * per_torque * per_amp), enabled, rest)
+
+    return tau_d.map(to_counts, amps_per_torque, transmission.COUNTS_PER_AMP, otherwise)
 
 
 def stored_counts(counts: Vec, enabled: Scalar, otherwise: Vec) -> Vec:
@@ -27,5 +28,5 @@ def stored_counts(counts: Vec, enabled: Scalar, otherwise: Vec) -> Vec:
     return counts.map(lambda count, rest: _stored(count, enabled, rest), otherwise)
 
 
-def _stored(value: Scalar, enabled: Scalar, otherwise: Scalar) -> Scalar:
-    return jnp.where(enabled, jnp.minimum(jnp.maximum(value, LOWEST), HIGHEST), otherwise)
+def _stored(count: Scalar, enabled: Scalar, otherwise: Scalar) -> Scalar:
+    return jnp.where(enabled, jnp.minimum(jnp.maximum(count, LOWEST), HIGHEST), otherwise)

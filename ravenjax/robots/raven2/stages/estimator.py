@@ -55,14 +55,13 @@ def step(
     state: EstimatorState,
     enc_val: Vec,
 ) -> tuple[EstimatorState, Vec, Vec]:
-    """Process one sample of one arm. Return the state, mpos (rad) and mvel (rad/s)."""
+    """Return the state after one sample of one arm, mpos (7, rad) and mvel (7, rad/s)."""
     signs = transmission.encoder_signs(arm, tool, setup.software)
     counts = narrow_numbers(setup, enc_val) * signs
-    angle = narrow_numbers(
-        setup,
-        RAD_PER_COUNT * widen_numbers(setup, counts - narrow_numbers(setup, params.enc_offset)),
-    )
+    offset = narrow_numbers(setup, params.enc_offset)
+    angle = narrow_numbers(setup, RAD_PER_COUNT * widen_numbers(setup, counts - offset))
     started = state.started != 0
+    # The first sample fills the histories.
     histories = [where(started, old, angle) for old in (*state.inputs, *state.outputs)]
     if setup.software == "raven2":
         (previous,) = histories
@@ -72,7 +71,7 @@ def step(
     for gain, history in zip((*LOW_PASS_INPUT[1:], *LOW_PASS_OUTPUT), histories, strict=True):
         position = position + history * gain
     velocity = (position - histories[3]) / stored.PERIOD
-    # The three newest inputs come before the outputs
+    # The first three histories are inputs, the others outputs; the oldest of each is dropped.
     inputs, outputs = (angle, *histories[:2]), (position, *histories[3:5])
     return EstimatorState(state.started | 1, inputs, outputs), position, velocity
 
@@ -83,7 +82,8 @@ def joint_positions(setup: RavenSetup, arm: ArmName, tool: str, mpos: Vec) -> Ve
     As in the original, products with a reciprocal ratio, and sums, are computed in the wide type.
     Products of a coupling constant and a joint have the narrow type. Each joint is rounded once.
     """
-    inverse_ratio, kappa = stored.TR.map(lambda ratio: 1.0 / ratio), stored.wrist_coupling(tool)
+    inverse_ratio = stored.TR.map(lambda ratio: 1.0 / ratio)
+    jaw_per_wrist = stored.wrist_coupling(tool)
     signs = transmission.coupling_signs(arm, tool, setup.software)
     motor = widen_numbers(setup, mpos)
     insertion_motion = motor[2] / stored.GB_RATIO
@@ -103,11 +103,10 @@ def joint_positions(setup: RavenSetup, arm: ArmName, tool: str, mpos: Vec) -> Ve
         - widen_numbers(setup, stored.C02 * shoulder)
         - widen_numbers(setup, stored.C12 * elbow)
     )
-    roll = rounded(tool_joint(3))
-    wrist = rounded(tool_joint(4))
+    roll, wrist = rounded(tool_joint(3)), rounded(tool_joint(4))
     grasp1, grasp2 = tool_joint(5), tool_joint(6)
-    if kappa:
-        bend = widen_numbers(setup, kappa * wrist)
+    if jaw_per_wrist:
+        bend = widen_numbers(setup, jaw_per_wrist * wrist)
         grasp1, grasp2 = grasp1 - bend, grasp2 + bend
     return Vec((shoulder, elbow, insertion, roll, wrist, rounded(grasp1), rounded(grasp2)))
 

@@ -53,16 +53,16 @@ def init(setup: RavenSetup, arm: ArmName, tool: str, jpos: Vec) -> MotorControlS
 
 
 def motor_targets(setup: RavenSetup, arm: ArmName, tool: str, jpos_d: Vec, mpos: Vec) -> Vec:
-    """Return desired motor positions (rad).
+    """Return desired motor positions (rad) of joints `jpos_d` (rad, m) and measured motors `mpos`.
 
     As in the original, contributions of joints are computed in the narrow type. The contribution of
     the *measured* insertion motor to the tool motors is computed in the wide type.
     """
-    ratio, kappa = stored.TR, stored.wrist_coupling(tool)
+    ratio, jaw_per_wrist = stored.TR, stored.wrist_coupling(tool)
     signs = transmission.coupling_signs(arm, tool, setup.software)
     shoulder, elbow, insertion, roll, wrist, grasp1, grasp2 = jpos_d
-    if kappa:
-        bend = kappa * wrist
+    if jaw_per_wrist:
+        bend = jaw_per_wrist * wrist
         grasp1, grasp2 = grasp1 + bend, grasp2 - bend
     insertion_motion = widen_numbers(setup, mpos[2]) / stored.GB_RATIO
 
@@ -77,10 +77,7 @@ def motor_targets(setup: RavenSetup, arm: ArmName, tool: str, jpos_d: Vec, mpos:
             ratio[0] * shoulder,
             ratio[1] * (elbow + stored.C01 * shoulder),
             ratio[2] * (insertion + stored.C02 * shoulder + stored.C12 * elbow),
-            tool_motor(3, roll),
-            tool_motor(4, wrist),
-            tool_motor(5, grasp1),
-            tool_motor(6, grasp2),
+            *map(tool_motor, range(3, 7), (roll, wrist, grasp1, grasp2)),
         )
     )
 
@@ -99,13 +96,13 @@ def motor_torques(
 ) -> MotorControlState:
     """Return the state with the capstan torques of one arm.
 
-    The PID acts in pedal-down, also during a soft E-stop, which only sets the DAC to zero. Gravity
-    torque is added if `active` (run level 2 and above). Otherwise all values remain unchanged.
+    The PID acts if `pedal_down`, also during a soft E-stop, which only sets the DAC to zero.
+    raven2 adds the gravity torque. Below run level 2 (not `active`), values remain unchanged.
     """
     error = mpos_d - mpos
     integral = where(pedal_down, state.integral + error * stored.PERIOD, state.integral)
-    law = params.kp * error + params.kd * (params.mvel_d - mvel) + params.ki * integral
-    tau = law.map(lambda t: jnp.where(pedal_down, t, 0.0))
+    pid = params.kp * error + params.kd * (params.mvel_d - mvel) + params.ki * integral
+    tau = pid.map(lambda torque: jnp.where(pedal_down, torque, 0.0))
     tau_g = state.tau_g
     if setup.software == "raven2":
         gravity = gravity_torques(setup, arm, jpos)

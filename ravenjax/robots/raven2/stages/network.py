@@ -1,9 +1,8 @@
-"""Decides which datagrams the robot accepts, by size and sequence number (raven2:
-network_layer.cpp).
+"""Decides which datagrams the robot accepts, by size and sequence number.
 
-The sequence number is unsigned in the datagram. In this module it is an int32 whose bits are
-compared as unsigned. The datagram contains a checksum that is not verified. A datagram longer than
-the structure is cut and accepted; a shorter one is dropped.
+Source: raven2 network_layer.cpp. The sequence number is unsigned in the datagram. In this module it
+is an int32 whose bits are compared as unsigned. The datagram contains a checksum that is not
+verified. A datagram longer than the structure is cut and accepted; a shorter one is dropped.
 """
 
 import numpy as np
@@ -15,13 +14,12 @@ from ravenjax.stages import check
 from ravenjax.stages.check import CheckHistory
 
 RESET_GAP = 1000
-"""A sequence number that is lower by more than this restarts the stream; raven2: network_layer.cpp.
-"""
+"""A sequence number that is lower by more than this number restarts the stream of packets."""
 
 
 @record
 class NetworkState:
-    last: Scalar  # int32, sequence number of the stream's present position
+    last: Scalar  # int32, sequence number that the next packet must follow
     size: CheckHistory  # margin: bytes above the size of the structure
     zero: CheckHistory  # trips on sequence number 0, which is reserved
     skip: CheckHistory  # trips on a gap: this packet is lost as well
@@ -43,20 +41,24 @@ def _below(a: Scalar, b: Scalar) -> Scalar:
 def step(
     setup: RavenSetup, state: NetworkState, tick: Scalar, packet: Packet
 ) -> tuple[NetworkState, Scalar]:
-    """Return the state after a packet, and whether the packet is accepted."""
+    """Return the state after a packet, and whether the packet is accepted: complete and in order.
+
+    Other packets are dropped, but a greater or a much lower number becomes the last number.
+    """
     received = packet.received != 0
     extra_bytes = packet.size - SIZE_BYTES[setup.console]
     too_short = received & (extra_bytes < 0)
     number, last = packet.sequence, state.last
     complete = received & (extra_bytes >= 0)
+    # Number 0 is reserved.
     zero = complete & (number == 0)
     numbered = complete & (number != 0)
     accepted = numbered & (number == last + 1)
     skip = numbered & _below(last + 1, number)
     duplicate = numbered & (number == last)
-    # `accepted`: 0xFFFFFFFF is followed by 0, which is dropped
+    # After 0xFFFFFFFF the next number is 0, which is dropped. Number 1 is then accepted.
     behind = numbered & _below(number, last) & ~accepted
-    far_behind = (_below(RESET_GAP, last)) & _below(number, last - RESET_GAP)
+    far_behind = _below(RESET_GAP, last) & _below(number, last - RESET_GAP)
     reset = behind & far_behind
     new_last = jnp.where(accepted | skip | reset, number, last)
     margin = jnp.where(received, cast_to_real(setup, extra_bytes), np.inf)

@@ -47,10 +47,9 @@ class OverdriveParams:
 class OverdriveState:
     counter: Scalar  # int32, samples over the limit, one counter for all joints and arms
     instant: check.CheckHistory  # margin: counts below the instant limit
-    clip: (
-        check.CheckHistory
-    )  # trips in a tick that clips a command; margin: counts below the joint limit
-    hard: check.CheckHistory  # the shared counter tripped; margin: samples left
+    # trips in a tick that clips a command; margin: counts below the joint limit
+    clip: check.CheckHistory
+    hard: check.CheckHistory  # trips by the shared counter; margin: samples left
 
 
 def params(
@@ -77,6 +76,7 @@ def step(
 ) -> tuple[OverdriveState, PerArm[Vec], Scalar]:
     """Return the state, the commands to write, and whether to raise the soft E-stop."""
     fork = setup.software == "fork2015"
+    # The fork clips at every run level, so the condition is true for all numbers.
     regulated = (runlevel == runlevel) if fork else (runlevel >= 1)
     soft = regulated if fork else regulated & (params.policy == SOFT_REGULATION)
     hard = None if fork else regulated & (params.policy == HARD_REGULATION)
@@ -126,8 +126,8 @@ def _count_sample(
 ) -> tuple[Scalar, Scalar]:
     """Return the shared counter after the sample of one joint, and whether the sample trips.
 
-    instant, over: sample above the instant limit, and above the joint's limit. hard: whether the
-    policy is hard_regulation.
+    instant, over: bool, the command is above the instant limit, or only above the joint's limit.
+    hard: bool, the policy is hard_regulation.
     """
     counts = over & hard
     trip = counts & (counter > HARD_SAMPLES)

@@ -55,7 +55,7 @@ class PlcState:
     runlevel: Scalar  # 0..3, int32
     watchdog: tuple[Scalar, ...]  # watchdog pin of each board at the last tick, int32
     quiet_ticks: tuple[Scalar, ...]  # ms since the last edge of each watchdog pin, int32
-    alive_ticks: Scalar  # ms in E-STOP with a watchdog that has edges, int32
+    alive_ticks: Scalar  # ms in E-STOP in which start may be pressed, int32
     trip_cause: Scalar  # CAUSE_* of the first trip since start was pressed, latched; int32
     watchdog_lost: check.CheckHistory  # trips by the watchdog; margin: ms left, negative: tripped
 
@@ -108,18 +108,16 @@ def step(
     pedal = (common_pins >> PIN_FP) & 1
     ready = (common_pins >> PIN_READY) & 1
     watchdog = tuple((pins >> PIN_WATCHDOG) & 1 for pins in signal.output_pins)
-
     quiet_ticks = tuple(
         jnp.where(pin != pin_before, 0, ticks + 1)
         for pin, pin_before, ticks in zip(watchdog, state.watchdog, state.quiet_ticks, strict=True)
     )
     margin = params.watchdog_ticks - reduce(jnp.maximum, quiet_ticks)
-    button = signal.estop_button
-    lost = margin < 0
+    estop_button = signal.estop_button
+    watchdog_lost = margin < 0
     stopped = state.runlevel == E_STOP
-    may_start = stopped & ~lost & ~button
+    may_start = stopped & ~watchdog_lost & ~estop_button
     alive_ticks = jnp.where(may_start, state.alive_ticks + 1, 0)
-
     untripped = state.trip_cause == CAUSE_NONE
     pressed = signal.start_button & may_start
     start = pressed | (untripped & (params.auto_start != 0) & (alive_ticks > params.start_ticks))
@@ -127,11 +125,11 @@ def step(
     after_init = jnp.where(ready != 0, PEDAL_UP, INIT)
     in_operation = jnp.where((pedal & ready) != 0, PEDAL_DOWN, PEDAL_UP)
     powered = jnp.where(state.runlevel == INIT, after_init, in_operation)
-    runlevel = as_int(jnp.where(stopped, after_stop, jnp.where(lost | button, E_STOP, powered)))
-
+    trips = watchdog_lost | estop_button
+    runlevel = as_int(jnp.where(stopped, after_stop, jnp.where(trips, E_STOP, powered)))
     watched = ~stopped & untripped
-    tripped_now = watched & (lost | button)
-    cause = jnp.where(button, CAUSE_BUTTON, CAUSE_WATCHDOG)
+    tripped_now = watched & trips
+    cause = jnp.where(estop_button, CAUSE_BUTTON, CAUSE_WATCHDOG)
     latched = jnp.where(pressed, CAUSE_NONE, state.trip_cause)
     state = PlcState(
         tick=state.tick + 1,
@@ -143,7 +141,7 @@ def step(
         watchdog_lost=check.update_check(
             state.watchdog_lost,
             state.tick,
-            tripped_now & ~button,
+            tripped_now & ~estop_button,
             jnp.where(watched, cast_to_real(setup, margin), jnp.inf),
         ),
     )

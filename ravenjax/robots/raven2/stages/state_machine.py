@@ -48,17 +48,12 @@ def params(setup: RavenSetup) -> StateMachineParams:
 def init(setup: RavenSetup, runlevel: int) -> StateMachineState:
     """Return the state of a homed robot at `runlevel`."""
     ready = runlevel > E_STOP
-    sublevel = 3 if ready else 0
     zero, no_trips = np.int32(0), check.init(setup)
+    levels = np.int32(runlevel), np.int32(3 if ready else 0)
+    initialized, soft_estopped = np.int32(ready), zero
+    mismatches, settling = zero, zero
     return StateMachineState(
-        np.int32(runlevel),
-        np.int32(sublevel),
-        np.int32(ready),
-        zero,
-        zero,
-        zero,
-        no_trips,
-        no_trips,
+        *levels, initialized, soft_estopped, mismatches, settling, no_trips, no_trips
     )
 
 
@@ -71,7 +66,7 @@ def desired_runlevel(
 
 
 def adopt_level(state: StateMachineState, tick: Scalar, desired: Scalar) -> StateMachineState:
-    """Return the state, with the desired run level in its fourth cycle since the last change."""
+    """Return the state, whose run level becomes `desired` after MISMATCHES cycles that differ."""
     mismatch = desired != state.runlevel
     count = state.mismatches + as_int(mismatch)
     changed = mismatch & (count >= MISMATCHES)
@@ -91,13 +86,14 @@ def adopt_level(state: StateMachineState, tick: Scalar, desired: Scalar) -> Stat
 def advance_sublevel(
     setup: RavenSetup, state: StateMachineState
 ) -> tuple[StateMachineState, Scalar]:
-    """Return the state with the next sublevel, and whether desired poses follow measured poses."""
+    """Return the state with the next sublevel, and whether desired poses become measured poses."""
     level, sublevel = state.runlevel, state.sublevel
     in_init = level == INIT
     start = in_init & (sublevel == 0)
     prepare = in_init & (sublevel == 1)
     settle = in_init & (sublevel == 2)
-    if setup.software == "fork2015":  # falls through from sublevel 0 into 1
+    if setup.software == "fork2015":
+        # The fork's `switch` falls through from sublevel 0 into sublevel 1 in the same cycle.
         start, prepare = start & False, prepare | start
     settling = state.settling + as_int(settle)
     settled = settling >= SETTLING_CYCLES
@@ -109,9 +105,8 @@ def advance_sublevel(
     )
     follows_measured = settle | (prepare & (state.initialized == 0))
     settling = jnp.where(settled, 0, settling)
-    return replace(
-        state, sublevel=next_sublevel, initialized=ready, settling=settling
-    ), follows_measured
+    state = replace(state, sublevel=next_sublevel, initialized=ready, settling=settling)
+    return state, follows_measured
 
 
 def raise_soft_estop(state: StateMachineState, tick: Scalar, tripped: Scalar) -> StateMachineState:

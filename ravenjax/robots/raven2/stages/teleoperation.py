@@ -1,5 +1,4 @@
-"""Teleoperation: adds up the packets' increments to the desired pose (raven2: local_io.cpp,
-mapping.cpp).
+"""Adds up the packets' increments to the desired pose (raven2: local_io.cpp, mapping.cpp).
 
 Increments are added to an accumulated pose at every run level. In pedal-down, the desired pose
 becomes the accumulated pose whenever the update flag is set. If the desired pose is set by the
@@ -26,6 +25,9 @@ GRASP_RESET_MRAD = 785
 NO_PACKET_SEQUENCE = 111
 """last_seq before the first packet; raven2: local_io.cpp."""
 
+TIMEOUT_TICKS = 5000
+"""Cycles without an update after which the console has timed out; raven2: local_io.cpp."""
+
 
 @describe_fields
 @record
@@ -33,7 +35,7 @@ class TeleoperationParams:
     grasp_gain: Scalar  # raven2: local_io.cpp
     grasp_min_mrad: Scalar
     grasp_max_mrad: Scalar
-    timeout_ticks: Scalar  # raven2: local_io.cpp
+    timeout_ticks: Scalar
 
 
 @record
@@ -56,7 +58,8 @@ class TeleoperationState:
 
 def params(setup: RavenSetup) -> TeleoperationParams:
     """Return the original's values. Jaw: raven2 gain 1, -10..90 deg; fork gain 2, -30..90 deg."""
-    return TeleoperationParams(*map(np.int32, (*stored.jaw_commands(setup.software), 5000)))
+    gain, lowest_mrad, highest_mrad = map(np.int32, stored.jaw_commands(setup.software))
+    return TeleoperationParams(gain, lowest_mrad, highest_mrad, np.int32(TIMEOUT_TICKS))
 
 
 def init(setup: RavenSetup, poses: PerArm[StoredPose]) -> TeleoperationState:
@@ -82,7 +85,7 @@ def accumulate_increments(
     accepted: Scalar,
     packet: Packet,
 ) -> TeleoperationState:
-    """Return the state after an accepted packet, whose increments are added.
+    """Return the state after a packet. If it is `accepted` (bool), its increments are added.
 
     A packet of an absolute console sets the poses instead.
     """
@@ -102,9 +105,8 @@ def accumulate_increments(
             lambda p, row: jnp.where((row[0] + row[1] + row[2]) * 0.0 == 0.0, p, INT32_MIN),
             increment,
         )
-        quaternion = mapping.quat_mul(
-            select_evaluation(setup).quat_from_matrix(increment), old.quaternion
-        )
+        rotation_quat = select_evaluation(setup).quat_from_matrix(increment)
+        quaternion = mapping.quat_mul(rotation_quat, old.quaternion)
         opening = old.pose.grasp_mrad - params.grasp_gain * packet.grasp[i]
         opening = jnp.where(
             opening > params.grasp_max_mrad,
@@ -146,6 +148,7 @@ def hand_over(
     desired = per_arm(setup, lambda i, _: where(update_desired, state.arms[i].pose, desired[i]))
     state = replace(
         state,
+        # The flag is cleared; the result is an int32 like the flag.
         updated=state.updated & 0,
         age_ticks=jnp.where(timed_out, 0, age),
         surgeon_mode=jnp.where(timed_out, 0, state.surgeon_mode),
@@ -162,14 +165,13 @@ def reset_origin(
     A reset counts as an update.
     """
 
-    def restarted(i: int, _: ArmName) -> Accumulator:
-        # Returns one arm's accumulated pose, restarted from the desired pose.
+    def restart(i: int, _: ArmName) -> Accumulator:
+        # Returns one arm's accumulated pose: if `reset`, the desired pose. The accumulated opening
+        # of the jaws remains, unless it differs much from the desired opening.
         old, new = state.arms[i], desired[i]
         reset_jaw = jnp.abs(old.pose.grasp_mrad - new.grasp_mrad) > GRASP_RESET_MRAD
         opening = jnp.where(reset_jaw, new.grasp_mrad, old.pose.grasp_mrad)
-        restart = Accumulator(
-            StoredPose(new.position_um, new.rotation, opening), _quaternion(setup, new)
-        )
-        return where(reset, restart, old)
+        pose = StoredPose(new.position_um, new.rotation, opening)
+        return where(reset, Accumulator(pose, _quaternion(setup, new)), old)
 
-    return replace(state, arms=per_arm(setup, restarted), updated=state.updated | as_int(reset))
+    return replace(state, arms=per_arm(setup, restart), updated=state.updated | as_int(reset))

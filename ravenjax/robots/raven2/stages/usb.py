@@ -1,9 +1,8 @@
-"""Simulates USB transfers between control software and boards (raven2: get_USB_packet.cpp,
-put_USB_packet.cpp).
+"""Simulates USB transfers between control software and boards.
 
-The software ignores failed transfers. After a failed read it uses the last delivered values again.
-After a failed write the board keeps the last written values. DAC commands and output pins are in
-one message.
+Source: raven2 get_USB_packet.cpp, put_USB_packet.cpp. The software ignores failed transfers. After
+a failed read it uses the last delivered values again. After a failed write the board keeps the last
+written values. DAC commands and output pins are in one message.
 """
 
 from typing import TypeVar
@@ -41,9 +40,9 @@ def init(setup: RavenSetup) -> UsbIn:
 def transfer_values(held: AnyUsb, message: AnyUsb, ok: PerArm[Scalar]) -> AnyUsb:
     """Return the values on the receiving side after this cycle.
 
-    A board whose transfer succeeded (ok: int32 1) has the message's values, others keep theirs.
+    ok: int32 flag of each board, 1 if its transfer succeeded: the message then replaces `held`.
     """
     succeeded = tuple(flag != 0 for flag in ok)
     new, old = vars(message), vars(held)
-    columns = (tuple(map(where, succeeded, new[name], old[name])) for name in new)
-    return type(held)(*columns)
+    fields = (tuple(map(where, succeeded, new[name], old[name])) for name in new)
+    return type(held)(*fields)

@@ -1,6 +1,4 @@
-"""Computes the output pins to the PLC, with the watchdog's square wave (raven2:
-update_atmel_io.cpp).
-"""
+"""Computes the output pins to the PLC, with the watchdog's wave (raven2: update_atmel_io.cpp)."""
 
 from ravenjax.numbers import Scalar, as_int, jnp
 from ravenjax.robots.raven2.run_levels import PIN_FP, PIN_READY, PIN_WATCHDOG
@@ -18,9 +16,10 @@ def step(
 ) -> tuple[Scalar, Scalar]:
     """Return the counter after one cycle, and the output byte to the PLC (int32).
 
-    counter: int32, cycles since the wave's period began.
+    counter: int32, cycles since the wave's period began. All other arguments: int32.
     """
     off = soft_estopped != 0
+    # While the soft E-stop is on, the counter runs on and the pin stays low.
     restart = ~off & (counter >= PERIOD_CYCLES)
     high = ~off & (counter <= HIGH_CYCLES)
     pedal = (runlevel > 1) & (surgeon_mode != 0)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import ravenjax as rj
-from ravenjax.robots.raven2.c_library.library import make_library, members_of
+from ravenjax.robots.raven2.c_library.library import make_library, struct_members
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
@@ -21,7 +21,7 @@ def test_members_lie_where_code_finds_them(tmp_path):
     for part, kinds in (("control", software.code.kinds), ("robot", robot.code.kinds)):
         for what in ("params", "state", "signals"):
             first = 0
-            for member in members_of(kinds[what], ["gold"], {}):
+            for member in struct_members(kinds[what], ["gold"], {}):
                 struct = f"raven_{part}_{what}"
                 asks += f'  printf("%zu\\n", offsetof({struct}, {member.name}));\n'
                 expected.append(kinds[what].layout.offsets[first])

@@ -25,7 +25,7 @@ def packets(setup, motion, scale):
     params = replace(operator.params(setup, motion.start_jpos), scale=scale)
 
     def one(k):
-        return operator.make_packet(setup, params, table, operator.row_by_row(k))
+        return operator.make_packet(setup, params, table, operator.row_timing(k))
 
     return jax.tree.map(
         np.asarray, jax.jit(jax.vmap(one))(jnp.arange(len(motion), dtype=jnp.int32))
@@ -120,12 +120,12 @@ def test_what_hands_do_beyond_the_plan_is_sent_once_and_adds_up(motion):
     setup = make_setup(precision=REFERENCE)
     with jax.enable_x64(True):
         table = tuple(jnp.asarray(column) for column in motion.table().T)
-        params = operator.params(setup, motion.start_jpos)
-        hands, total, rng = operator.at_plan(setup), np.zeros((2, 3)), np.random.default_rng(4)
+        params, hands = operator.params(setup, motion.start_jpos), operator.hands_on_plan(setup)
+        total, rng = np.zeros((2, 3)), np.random.default_rng(4)
         for k in range(300, 330):
             stray = rng.uniform(-50.0, 50.0, (2, 3))
-            hands = operator.with_stray_motion(hands, vectors(*stray))
-            timing = operator.row_by_row(k)
+            hands = operator.add_hand_motion(hands, vectors(*stray))
+            timing = operator.row_timing(k)
             total += numbers(operator.make_packet(setup, params, table, timing, hands).delta)
             hands = operator.mark_sent(hands, jnp.bool_(True))
         begun = np.trunc(motion.position_um[299].astype(np.float32).astype(float) * 0.1)

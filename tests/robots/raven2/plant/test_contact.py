@@ -37,15 +37,15 @@ def at_depth(depth_m: float, jaws: float = 0.0, roll: float = 0.0) -> np.ndarray
     jpos = np.array([*HOME_JPOS[:3], roll, HOME_JPOS[4], jaws, jaws], float)
     for _ in range(20):
         tip, _ = instrument.jaw_tips("gold", numbers(jpos))
-        surface = scene.tissue_surface("gold", tip.at)
-        jpos[2] += (depth_m - float(surface.depth)) / -float(tip.along(surface.rise)[2])
+        surface = scene.tissue_surface("gold", tip.position)
+        jpos[2] += (depth_m - float(surface.depth)) / -float(tip.project_on_joints(surface.rise)[2])
     return jpos
 
 
 @quickly.jit
 def felt(touched, jpos, jvel):
-    one, other = contact.jaw_tips("gold", touched, Vec(jpos), Vec(jvel), 1e-3)
-    return [(c.force(), c.rise, c.normal, c.drag, c.velocity, c.vessel) for c in (one, other)]
+    tips = contact.jaw_tips("gold", touched, Vec(jpos), Vec(jvel), 1e-3)
+    return [(c.present_force(), c.rise, c.normal, c.drag, c.velocity, c.vessel) for c in tips]
 
 
 def tip_contact(jpos, jvel=(0.0,) * N):
@@ -140,12 +140,8 @@ def begun(arms, jpos, jvel, change=lambda p: p):
         state = robot.init(one, arm, own, numbers(q))
         state = replace(state, brakes=replace(state.brakes, engaged=jnp.int32(0)), jvel=numbers(v))
         params.append(own)
-        states.append(
-            replace(
-                state,
-                mvel=numbers(arm_coupling(arm, "r_grasper", "raven2").motors(Vec(map(float, v)))),
-            )
-        )
+        coupling = arm_coupling(arm, "r_grasper", "raven2")
+        states.append(replace(state, mvel=numbers(coupling.to_motors(Vec(map(float, v))))))
     return tuple(params), tuple(states)
 
 
@@ -175,11 +171,11 @@ def stored(arm: ArmName, jpos: np.ndarray) -> np.ndarray:
 
     @quickly.jit
     def deep(q):
-        return jax.vmap(
-            lambda row: jnp.stack(
-                [scene.tissue_surface(arm, t.at).depth for t in instrument.jaw_tips(arm, Vec(row))]
-            )
-        )(q)
+        def depths(row):
+            tips = instrument.jaw_tips(arm, Vec(row))
+            return jnp.stack([scene.tissue_surface(arm, tip.position).depth for tip in tips])
+
+        return jax.vmap(depths)(q)
 
     return 0.4 * HERTZ * (np.maximum(np.asarray(deep(jnp.asarray(jpos))), 0.0) ** 2.5).sum(axis=1)
 
@@ -208,7 +204,7 @@ def test_pressed_with_a_known_motor_torque_the_arm_comes_to_rest_where_statics_s
         jpos, force = columns(out.jpos)[-1], columns(out.touch.force)[-1]
         assert np.abs(columns(out.jvel)[-1]).max() < 0.05 and np.linalg.norm(force) > 0.1
         tips = instrument.jaw_tips("gold", numbers(jpos))
-        surfaces = [scene.tissue_surface("gold", tip.at) for tip in tips]
+        surfaces = [scene.tissue_surface("gold", tip.position) for tip in tips]
         each = [
             HERTZ * max(float(s.depth), 0.0) ** 1.5 * np.array([*map(float, s.rise)])
             for s in surfaces
@@ -225,7 +221,8 @@ def test_pressed_with_a_known_motor_torque_the_arm_comes_to_rest_where_statics_s
             a * t
             for a, t in zip(transmission.CABLE_PER_MOTOR, columns(out.tension)[-1], strict=True)
         )
-        pulled = np.array([*map(float, arm_coupling("gold", "r_grasper", "raven2").loads(torque))])
+        coupling = arm_coupling("gold", "r_grasper", "raven2")
+        pulled = np.array([*map(float, coupling.joint_loads(torque))])
         np.testing.assert_allclose(pulled, -load, rtol=5e-2, atol=3e-2 * np.abs(load[:3]).max())
         counts = held.actuators.torque_per_count[2] * 15
         carried = (

@@ -30,9 +30,9 @@ def smooth_targets(ticks: int) -> np.ndarray:
     return np.array(HOME_JPOS) + ramp * amplitude * np.sin(2 * np.pi * frequency * time)
 
 
-def clean(delta_um=(0, 0, 0), quat=STILL, grasp=0, engaged=1, setup=SETUP) -> nominal.Clean:
+def clean(delta_um=(0, 0, 0), quat=STILL, grasp=0, engaged=1, setup=SETUP) -> nominal.Command:
     dtype = setup.precision.real
-    return nominal.Clean(
+    return nominal.Command(
         delta_um=Vec(jnp.int32(x) for x in delta_um),
         quat=Vec(jnp.asarray(x, dtype) for x in quat),
         grasp_mrad=jnp.int32(grasp),
@@ -96,9 +96,7 @@ def test_the_equation_of_motion_is_the_stated_one() -> None:
     assert (np.abs(ours - np.array(exact)).max(axis=0) < 0.005 * travel).all()
 
 
-def run(
-    setup: RavenSetup, commands: list[nominal.Clean], start=HOME_JPOS, measured=HOME_JPOS, resync=0
-):
+def run(setup: RavenSetup, commands: list, start=HOME_JPOS, measured=HOME_JPOS, resync=0):
     params = replace(nominal.params(setup, "gold"), resync=np.int32(resync))
     begin = nominal.init(setup, "gold", params, start)
     state = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.result_type(leaf)), begin)

@@ -24,11 +24,11 @@ def test_the_split_coupling_is_the_motor_matrix(arm, tool, software) -> None:
     split = arm_coupling(arm, tool, software)
     rng = np.random.default_rng(1)
     x, weights = rng.normal(size=7), rng.uniform(0.1, 2.0, 7)
-    np.testing.assert_allclose(split.motors(Vec(x)), matrix @ x, rtol=1e-12, atol=1e-9)
+    np.testing.assert_allclose(split.to_motors(Vec(x)), matrix @ x, rtol=1e-12, atol=1e-9)
     np.testing.assert_allclose(
-        split.joints(Vec(x)), np.linalg.solve(matrix, x), rtol=1e-9, atol=1e-12
+        split.to_joints(Vec(x)), np.linalg.solve(matrix, x), rtol=1e-9, atol=1e-12
     )
-    np.testing.assert_allclose(split.loads(Vec(x)), matrix.T @ x, rtol=1e-12, atol=1e-9)
+    np.testing.assert_allclose(split.joint_loads(Vec(x)), matrix.T @ x, rtol=1e-12, atol=1e-9)
     expected = matrix.T @ np.diag(weights) @ matrix
     np.testing.assert_allclose(
         np.tril(split.congruence(Vec(weights))), np.tril(expected), rtol=1e-9, atol=1e-9

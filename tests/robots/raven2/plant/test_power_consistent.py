@@ -57,7 +57,7 @@ def test_a_load_on_the_joint_is_balanced_by_its_torque_through_the_gear() -> Non
         sign = transmission.tau_signs("gold", "r_grasper", "raven2")[joint]
         shaft = int(sign) * counts * TORQUE_PER_COUNT / transmission.GEARBOX[joint]
         pull = Vec.full(N, 0.0).replace(joint, -shaft)
-        load = arm_coupling("gold", "r_grasper", "raven2").loads(pull)
+        load = arm_coupling("gold", "r_grasper", "raven2").joint_loads(pull)
         command = constant([0, counts, 0, 0, 0, 0, 0], 400)
         _, balanced = simulate(setup(), command, free, external_torque=load)
         _, unbalanced = simulate(setup(), command, free)
