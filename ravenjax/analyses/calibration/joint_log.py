@@ -38,7 +38,7 @@ from ravenjax.analyses.calibration.position_loop import Controller
 from ravenjax.bundled import resources
 from ravenjax.errors import UserError
 from ravenjax.numbers.vec import Vec
-from ravenjax.robots.raven2.arms import ARMS, JOINTS, LINEAR, ArmName
+from ravenjax.robots.raven2.arms import ARMS, JOINTS, SLIDING_JOINTS, ArmName
 from ravenjax.robots.raven2.geometry import limits, transmission
 from ravenjax.robots.raven2.run_levels import PEDAL_DOWN
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -53,7 +53,7 @@ from ravenjax.store.motion.summary import list_names
 UNITS = {"deg_s": np.pi / 180.0, "deg": np.pi / 180.0, "mm": 1e-3, "": 1.0}
 """Factors to rad and m, by the end of a column's name."""
 *HOLD, BEYOND = np.array([*resources.read_tables(__file__, "joint_log.toml").values()]) * [
-    1.0 if joint in LINEAR else UNITS["deg"] for joint in JOINTS
+    1.0 if joint in SLIDING_JOINTS else UNITS["deg"] for joint in JOINTS
 ]
 """Smallest and largest position of each joint of a Raven-II, and the accepted distance beyond
 these; rad and m.
@@ -261,7 +261,8 @@ def _require_possible(samples: Samples, name: str, joints: np.ndarray):
         return
     row, joint = np.argwhere(outside)[0]
     word, value = JOINTS[joint], joints[row, joint]
-    unit, other, factor = ("m", "mm", 1e-3) if word in LINEAR else ("rad", "deg", UNITS["deg"])
+    slides = word in SLIDING_JOINTS
+    unit, other, factor = ("m", "mm", 1e-3) if slides else ("rad", "deg", UNITS["deg"])
     low, high = (end[joint] for end in HOLD)
     column, advice = f"{name}_{word}", ""
     units = (

@@ -113,10 +113,10 @@ def _file_values(config: RavenConfig) -> dict[str, Any]:
     if config.campaign.kinematic_errors == "measured":
         values["plant.kinematic_errors.registered"] = np.int32(1)
     if config.reaction is not None:
-        reaction = config.reaction.model_dump()
-        reaction["action"] = np.int32(ACTIONS.index(reaction["action"]))
-        reaction["correct_speed"] = reaction.pop("correct_mm_s") / 1e3  # m/s
-        values |= {f"reaction.{name}": value for name, value in reaction.items()}
+        numbers = config.reaction.model_dump()
+        numbers["action"] = np.int32(ACTIONS.index(numbers["action"]))
+        numbers["correct_speed"] = numbers.pop("correct_mm_s") / 1e3  # m/s
+        values |= {f"reaction.{name}": number for name, number in numbers.items()}
     if config.hand is not None:
         values |= {f"hand.{name}": value for name, value in config.hand.model_dump().items()}
     for joint, limits in config.limits.si().items():

@@ -17,7 +17,6 @@ JAW_LENGTH = 0.020
 SHAFT_RADIUS = 0.00425  # m; PROVENANCE.md: 8.5 mm thick
 # m, radius of wrist and jaws: about half the width of the drawn ones
 JAW_RADIUS = 0.003
-
 _NO_MOTION = Vec.full(3, 0.0)
 
 
