@@ -39,6 +39,7 @@ export function reason({ link, phase, owner, view, level, live, pressed, down, i
     return since in SINCE ? `${SINCE[since]}. ${again}` : again;
   }
   if (view === "replay" && !down) return `Hold ${pedal}: the robot repeats the motion that you tried.`;
+  if (!down && warned) return "The pedal is up: the robot holds still.";
   if (!down) return touch ? "Hold PEDAL, or drag a pad: the robot moves only while you do." : "Hold SPACE: the robot moves only while the pedal is down.";
   if (view === "virtual") return "The robot rests: only the virtual one follows your hands.";
   if (!live) return "The pedal is down; the robot starts to follow in a moment: wait.";
