@@ -72,9 +72,7 @@ class DepthLine:
         self._rest = nodes.add_label(f"{root}/rest", **STYLES["rests"][arm])
 
     def show(self, tip: np.ndarray, real_tip: np.ndarray, is_virtual: bool) -> None:
-        """Follow the tip that the hand moves. Names the virtual robot and the real one, which rests
-        meanwhile. Tips: world, m.
-        """
+        """Follow the tip that the hand moves, and name a real robot that rests. Tips: world, m."""
         self._letter.position, self._rest.position = tip + STYLES["above_tip"], real_tip
         self._letter.text = self._name + " virtual" * is_virtual
         self._rest.visible = is_virtual
