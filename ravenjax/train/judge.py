@@ -75,8 +75,9 @@ Number = Annotated[float | None, BeforeValidator(_number_or_none)]
 
 @pydantic.dataclasses.dataclass(frozen=True, kw_only=True)
 class HazardRow:
-    """One row of hazards.csv. Strings from a file are converted. Times are ms since the session
-    began, None if the event never happened. Distances are None if they were not measured.
+    """One row of hazards.csv. Strings from a file are converted. Times are ms since the session's
+    time began, without pauses. They are None if the event never happened, and distances are None if
+    they were not measured.
     """
 
     session: Text
@@ -86,6 +87,7 @@ class HazardRow:
     seed: Text
     cue: Text  # on, off
     blinded: Flag
+    # From 1 in the order of activation, as in the debrief.
     number: int
     hazard: Text  # id in the library
     title: Text
@@ -145,6 +147,7 @@ class HazardRow:
 
 COLUMNS = tuple(field.name for field in dataclasses.fields(HazardRow))
 """Columns of hazards.csv, in order."""
+TIMES: list[str] = _NAMES["times"]
 
 
 class Episode:
@@ -691,7 +694,9 @@ class Judge:
         self._operator_left = self._operator_left and not pedal_down
 
     def rows(self, **identity: Any) -> list[Json]:
-        """Return a row of hazards.csv for each hazard. identity: `reader.session_columns`."""
+        """Return a row for each hazard, with its number in session.json and times in ticks; see
+        `reader.number_hazards`. identity: `reader.session_columns`.
+        """
         episodes = (*self._ended_episodes, self._episode)
         rows = [identity | episode.row() for episode in episodes if episode]
         return [{column: row.get(column) for column in COLUMNS} for row in rows]

@@ -365,7 +365,8 @@ def _conclude(
     # The import is here because jinja and scipy are slow to import.
     from ravenjax.train.debrief import page as debrief
 
-    rows = session.judge.rows(**reader.session_columns(description.read_session(options.folder)))
+    shared = reader.session_columns(description.read_session(options.folder))
+    rows = reader.number_hazards(session.judge.rows(**shared), session.started or 0)
     text = reader.as_csv(COLUMNS, rows)
     (options.folder / reader.TABLE).write_text(text, encoding="utf-8", newline="")
     (options.folder / COMMANDS).write_text("".join(session.command_lines), encoding="utf-8")

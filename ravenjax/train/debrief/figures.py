@@ -64,14 +64,13 @@ def session_charts(
     course: Recording, hazards: Sequence[HazardRow], limits: Mapping[str, float], blinded: bool
 ) -> list[Chart]:
     """Return the charts of the whole session over s, with lines at hazards and responses."""
-    began_ms = course.ms[0]
-    time = (course.ms - began_ms) / 1000
+    time = course.ms / 1000
     moments: list[Moment] = []
-    starts = [(row.struck_ms, row) for row in hazards if row.struck_ms is not None]
-    for number, (struck_ms, row) in enumerate(starts, 1):
-        moments.append(("strike", (struck_ms - began_ms) / 1000, str(number)))
+    for row in hazards:
+        if row.struck_ms is not None:
+            moments.append(("strike", row.struck_ms / 1000, str(row.number)))
         if row.response_ms is not None:
-            moments.append(("response", (row.response_ms - began_ms) / 1000, ""))
+            moments.append(("response", row.response_ms / 1000, ""))
     axis = ChartAxis("s into the session", 0.0, float(time[-1]), unit="s")
     arms = course.layout.arms
     progress = _curve("progress", "series7", time, course["progress"])
@@ -198,9 +197,9 @@ def player_data(course: Recording, header: Json, hazards: Sequence[HazardRow]) -
     bases, arms = header.get("bases") or {}, course.layout.arms
     if any(arm not in bases for arm in arms):
         return None
-    first, last = course.ms[0], course.ms[-1]
-    interval = max(INTERVAL_MS, int(last - first) // MAX_PICTURES)
-    times = [np.arange(first, last, interval), [last]]
+    last = course.ms[-1]
+    interval = max(INTERVAL_MS, int(last) // MAX_PICTURES)
+    times = [np.arange(0, last, interval), [last]]
     marks: list[Moment] = []
     for row in hazards:
         if row.struck_ms is not None:
@@ -214,12 +213,12 @@ def player_data(course: Recording, header: Json, hazards: Sequence[HazardRow]) -
     rows = rows[rows < len(course.ms)]
     blinded = bool(header.get("blinded"))
     return {
-        "ms": (course.ms[rows] - first).astype(int).tolist(),
+        "ms": course.ms[rows].astype(int).tolist(),
         **{name: course[name][rows].astype(int).tolist() for name in ("pedal", "target")},
         "arms": {arm: _arm_positions(course, arm, bases[arm], rows, blinded) for arm in arms},
         "task": header.get("task") or {},
         "tissue": TISSUE,
-        "marks": [{"ms": ms - first, "kind": kind, "text": text} for kind, ms, text in marks],
+        "marks": marks,
     }
 
 

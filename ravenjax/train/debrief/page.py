@@ -69,7 +69,6 @@ def write_debrief(folder: Path) -> Path:
         blinded=blinded,
         has_table=has_table,
         recording=recording,
-        began_ms=recording.began_ms if recording else 0.0,
         trouble=reading_error,
         charts=charts,
         learning=figures.learning_charts(attempts),

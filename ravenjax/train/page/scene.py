@@ -65,14 +65,17 @@ class DepthLine:
 
     def __init__(self, server: viser.ViserServer, arm: ArmName):
         root = f"/plumb/{arm}"
-        nodes = server.scene
+        nodes, self._name = server.scene, STYLES["letters"][arm]["text"]
         self._line = nodes.add_line_segments(f"{root}/line", _NO_SEGMENT, **STYLES["plumb"])
         self._spot = nodes.add_cylinder(f"{root}/spot", **STYLES["spot"])
         self._letter = nodes.add_label(f"{root}/letter", **STYLES["letters"][arm])
+        self._rest = nodes.add_label(f"{root}/rest", **STYLES["rests"][arm])
 
-    def show(self, tip: np.ndarray) -> None:
-        """Follow the tip, world, m."""
-        self._letter.position = tip + STYLES["above_tip"]
+    def show(self, tip: np.ndarray, real_tip: np.ndarray, is_virtual: bool) -> None:
+        """Follow the tip that the hand moves, and name a real robot that rests. Tips: world, m."""
+        self._letter.position, self._rest.position = tip + STYLES["above_tip"], real_tip
+        self._letter.text = self._name + " virtual" * is_virtual
+        self._rest.visible = is_virtual
         foot = np.array([*tip[:2], tissue_height(*tip[:2])])
         self._line.visible = self._spot.visible = bool(
             np.all(np.abs(tip[:2]) < scene.TISSUE_HALF[:2])
@@ -314,7 +317,9 @@ class Scene:
             is_felt = frame.number("cue_on") != 0
             for arm in self._arms:
                 origin, turn = self._frames[arm]
-                tip = tips[arm] = origin + turn @ frame[f"{arm}/tip"]
+                tip = origin + turn @ frame[f"{arm}/tip"]
+                driven = "virtual_tip" if is_virtual else "tip"
+                tips[arm] = origin + turn @ frame[f"{arm}/{driven}"]
                 if arm in self._ghosts:
                     _point(
                         self._forces[arm],
@@ -329,7 +334,7 @@ class Scene:
                         self._ghosts[arm].show(frame, "model_jpos")
                 contact = turn @ frame[f"{arm}/contact"]
                 _point(self._contacts[arm], self._deeper_jaw(frame, arm), CONTACT_M_PER_N * contact)
-                self._depth_lines[arm].show(tip)
+                self._depth_lines[arm].show(tips[arm], tip, is_virtual)
             self._task.show(int(frame.number("target")), tips)
         self._server.flush()
 

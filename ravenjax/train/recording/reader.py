@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import io
+import math
 import statistics
 from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
@@ -23,7 +24,7 @@ from ravenjax.store.files import without_formula
 from ravenjax.store.logs import mcap_records
 from ravenjax.store.logs.session import description
 from ravenjax.store.logs.session import log as session_log
-from ravenjax.train.judge import COLUMNS, HazardRow
+from ravenjax.train.judge import COLUMNS, TIMES, HazardRow
 from ravenjax.train.protocol import FrameLayout, Json
 from ravenjax.train.robot import ARMS
 
@@ -93,8 +94,8 @@ class Recording(session_log.SessionLog):
 
     @cached_property
     def ms(self) -> np.ndarray:
-        """Time of each row in ms since the session began, [T]."""
-        return self["session_tick"].astype(float)
+        """Time of each row in ms since the session's time began, [T]; below 0 before it."""
+        return self["session_tick"].astype(float) - self.began_ms
 
     @cached_property
     def began_ms(self) -> float:
@@ -106,7 +107,7 @@ class Recording(session_log.SessionLog):
         """Return a recording of the rows in which the session's time ran, from its beginning on."""
         # In a pause, rows have the time of the row that follows. The last row always counts.
         advances = np.diff(self.ms, append=self.ms[-1:] + 1) > 0
-        kept = np.flatnonzero(advances & (self.ms >= self.began_ms))
+        kept = np.flatnonzero(advances & (self.ms >= 0))
         # A slice avoids a copy of the rows if there was no pause.
         has_pause = kept[-1] - kept[0] != len(kept) - 1
         selection = kept if has_pause else slice(kept[0], kept[-1] + 1)
@@ -153,8 +154,8 @@ def read_recording(path: Path, channels: Collection[str] = ()) -> Recording:
 
 
 def read_table(folder: Path) -> list[HazardRow]:
-    """Return the hazards of a session's folder in the order of their activation. The list is empty
-    if the folder has no hazards.csv. Raises StoreError if the file is damaged or lacks a column.
+    """Return the hazards in a session's folder, in the order of the file. The list is empty if the
+    folder has no hazards.csv. Raises StoreError if the file is damaged or lacks a column.
     """
     path = Path(folder) / TABLE
     try:
@@ -172,7 +173,7 @@ def read_table(folder: Path) -> list[HazardRow]:
             " `ravenjax train` writes"
         )
     try:
-        rows = _ROWS.validate_python(lines)
+        return _ROWS.validate_python(lines)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         number, column = first["loc"][:2]
@@ -181,7 +182,6 @@ def read_table(folder: Path) -> list[HazardRow]:
         raise StoreError(
             f"{path}: line {int(number) + 2}: {column} is {first['input']!r}, {expected}"
         ) from None
-    return sorted(rows, key=lambda row: (row.struck_ms is None, row.struck_ms or 0.0, row.number))
 
 
 def from_recording(recording: Recording, header: Json) -> list[HazardRow]:
@@ -198,7 +198,18 @@ def from_recording(recording: Recording, header: Json) -> list[HazardRow]:
             case "hazard_row" if rows:
                 rows[-1] |= event["row"]
     empty: Json = dict.fromkeys(COLUMNS) | session_columns(header)
-    return [HazardRow(**(empty | row)) for row in rows]
+    return [HazardRow(**(empty | row)) for row in number_hazards(rows, recording.began_ms)]
+
+
+def number_hazards(rows: list[Json], began_ms: float) -> list[Json]:
+    """Return the rows of `Judge.rows` as in hazards.csv and the debrief: in the order of their
+    activation, numbered from 1, with times since tick `began_ms`, when the session's time began.
+    """
+    rows.sort(key=lambda row: row.get("struck_ms") or math.inf)
+    for number, row in enumerate(rows, 1):
+        row["number"] = number
+        row |= {name: row[name] - began_ms for name in TIMES if row.get(name) is not None}
+    return rows
 
 
 def session_columns(header: Json) -> Json:

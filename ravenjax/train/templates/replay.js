@@ -59,12 +59,16 @@
       pen.stroke();
       pen.setLineDash([]);
     };
-    const ring = (at, radius, colour, fill) => {
+    /** fill: "": none. */
+    const ring = (at, radius, colour, fill = "", diamond = false) => {
+      const [x, y] = seen(at, width, height);
       pen.beginPath();
-      pen.arc(...seen(at, width, height), radius, 0, 7);
-      Object.assign(pen, { strokeStyle: colour, fillStyle: colour, lineWidth: 2 });
+      if (diamond) for (const [dx, dy] of [[0, -1], [1, 0], [0, 1], [-1, 0]]) pen.lineTo(x + 1.2 * radius * dx, y + 1.2 * radius * dy);
+      else pen.arc(x, y, radius, 0, 7);
+      pen.closePath();
+      Object.assign(pen, { strokeStyle: colour, fillStyle: fill, lineWidth: 2 });
       if (fill) pen.fill();
-      else pen.stroke();
+      pen.stroke();
     };
     const shown = picture(now);
     tissue(line);
@@ -76,7 +80,7 @@
       line(tip.slice(from, shown + 1), COLOURS[arm], 1.5, arm === "green" ? [4, 3] : []);
       line([tip[shown], [tip[shown][0], tip[shown][1], surface(tip[shown])]], "rgba(255,255,255,0.6)", 1, [2, 3]);
       if (model) ring(model[shown], 12, COLOURS.model);
-      ring(tip[shown], 9, COLOURS[arm], true);
+      ring(tip[shown], 9, "#0d1116", COLOURS[arm], arm === "green");
       Object.assign(pen, { fillStyle: "#0d1116", font: "800 12px system-ui, sans-serif", textAlign: "center" });
       const [x, y] = seen(tip[shown], width, height);
       pen.fillText(LETTERS[arm], x, y + 4);
@@ -115,10 +119,10 @@
     const placed = (at) => at.map((c) => PER_M * c);
     if (path.length) line(path.map(placed), COLOURS.done, 1.5);
     for (const { number, at } of [...targets, ...pegs]) {
-      if (number === target) ring(placed(at), 10, COLOURS.goal);
+      if (number === target) ring(placed(at), 10, COLOURS.goal, `${COLOURS.goal}50`);
       else if (pegs.length || Math.abs(number - target) < 3) ring(placed(at), 3, COLOURS.done);
     }
-    if (path.length && target >= 0) ring(placed(path[target % (path.length - 1)]), 8, COLOURS.goal);
+    if (path.length && target >= 0) ring(placed(path[target % (path.length - 1)]), 8, COLOURS.goal, `${COLOURS.goal}50`);
   }
 
   function look(ms) {
@@ -165,7 +169,7 @@
     [turn, up] = [turn + way[0], Math.max(-1.57, Math.min(1.57, up + way[1]))];
     draw();
   });
-  for (const { ms, kind, text } of told.marks) {
+  for (const [kind, ms, text] of told.marks) {
     const button = document.createElement("button");
     Object.assign(button, { type: "button", className: kind, textContent: `${(ms / 1000).toFixed(1)} s ${text}` });
     button.addEventListener("click", () => look(kind === "strike" ? ms - 200 : ms));

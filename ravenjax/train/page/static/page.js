@@ -196,7 +196,7 @@ function draw() {
   const down = latest.number("pedal") === 1;
   coach.frame({ phase, started: panels.started, down, blocked }, scope);
   if (panels.role !== "operator" || drill.on) $("why").hidden = true;
-  else why.frame({ ...panels.state, link: root.dataset.link, level: latest.number("runlevel"), live: latest.number("live") === 1, pressed: input.pedal, down });
+  else why.frame({ ...panels.state, warned, link: root.dataset.link, level: latest.number("runlevel"), live: latest.number("live") === 1, pressed: input.pedal, down });
   if (panels.shown && panels.shown !== "stopped") $("why").hidden = true; // the banner says it
   probe.drawn();
 }
@@ -220,7 +220,10 @@ function counted() {
 // --- buttons ---
 
 for (const button of /** @type {NodeListOf<HTMLButtonElement>} */ (document.querySelectorAll("[data-operator]")))
-  button.addEventListener("click", () => send({ type: "operator", do: button.dataset.operator }));
+  button.addEventListener("click", () => {
+    send({ type: "operator", do: button.dataset.operator });
+    if (root.classList.contains("all")) $("more").click(); // it covers the pedal, which comes next
+  });
 $("convert").addEventListener("click", () => {
   send({ type: "operator", do: "note", text: "convert" });
   if (root.dataset.link === "up") panels.converted();

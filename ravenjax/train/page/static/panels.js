@@ -5,9 +5,10 @@ import { LETTERS } from "./plots.js";
 
 /** The element of an id; the page's HTML decides its kind. @type {(id: string) => any} */
 const $ = (id) => document.getElementById(id);
+/** Words for each kind of event. name: of the event's hazard. */
 export const WORDS = {
-  hazard_armed: (e) => `hazard ${e.number} armed`,
-  hazard_struck: (e) => `hazard ${e.number} became active`,
+  hazard_armed: (e, name) => `armed: ${name}`,
+  hazard_struck: (e, name) => `became active: ${name}`,
   knowable: (e) => `first sign: ${e.by}`,
   cue: (e) => (e.number < 0 ? "cue without a hazard" : `cue on ${e.arm}`),
   stopped: (e) => `stopped by the check ${e.check}`,
@@ -18,7 +19,7 @@ export const WORDS = {
     e.halted_ms ? `loss of motion: out of pedal-down for ${lasting(e.halted_ms)}` : `loss of motion: ${e.arm} arm, ${Number(e.mm).toFixed(1)} mm`,
   false_report: (e) => `false report: ${e.arm} arm, ${Number(e.mm).toFixed(1)} mm`,
   response: (e) => `response: ${e.what}${e.ok ? "" : ", not the right one"}`,
-  hazard_over: (e) => `hazard ${e.number}: ${e.outcome}`,
+  hazard_over: (e, name) => `${e.outcome}: ${name}`,
   alarm: (e) => `alarm${e.virtual ? " of the virtual robot" : ""}: ${e.check}`,
   phase: (e) => e.phase,
   view: (e) => `view: ${e.view}`,
@@ -27,7 +28,7 @@ export const WORDS = {
   refused: (e) => (e.why ? `refused: ${e.why}` : ""), // empty: the reason no longer holds
   rearm: (e) => `pedal must be lifted first: ${e.why}`,
   started: (e) => `time runs: ${e.by}`,
-  interrupted: (e) => `hazard ${e.number} interrupted by ${e.by}, not scored`,
+  interrupted: (e, name) => `interrupted by ${e.by}, not scored: ${name}`,
   console: (e) => `console ${e.alive ? `alive${e.source ? ` (${e.source})` : ""}` : "silent"}`,
   runlevel: (e) => `runlevel ${e.runlevel}`,
   note: (e) => `“${e.text}”`,
@@ -156,7 +157,8 @@ export class Panels {
     if (event.kind === "level") set("level-words", levelWords(event));
     if (event.kind === "owner") set("console-note", "");
     if (!$("log") || this.role !== "instructor") return;
-    const said = WORDS[event.kind]?.(event);
+    const hazard = this.header.hazards?.find(({ number }) => number === event.number);
+    const said = WORDS[event.kind]?.(event, hazard?.title || hazard?.hazard || "the hazard");
     if (said) {
       const item = element("li", "", this.time(event.tick), element("span", "", said));
       if (event.kind === "overrun") {

@@ -158,7 +158,7 @@ export class Scope {
   instrument(see, arm) {
     const { pen } = this;
     const { x, y } = see;
-    const [tip, colour, striped] = [this.tip(arm), COLOURS[arm], arm === "green"];
+    const [tip, colour, striped] = [this.tip(arm), this.virtual ? COLOURS.model : COLOURS[arm], arm === "green"];
     if (!tip) return;
     pen.lineCap = "butt";
     pen.strokeStyle = "rgba(200,210,220,0.28)";
@@ -220,7 +220,7 @@ export class Scope {
       for (const [dx, dy] of [[0, -11], [11, 0], [0, 11], [-11, 0]]) pen.lineTo(inside + dx, above + dy);
       pen.closePath();
     } else pen.arc(inside, above, 9, 0, 7);
-    pen.fillStyle = COLOURS[arm] + (crowded ? "90" : "");
+    pen.fillStyle = (this.virtual ? COLOURS.model : COLOURS[arm]) + (crowded ? "90" : "");
     pen.fill();
     pen.strokeStyle = away ? "#fff" : "#0d1116";
     pen.lineWidth = away ? 2.5 : 1.5;

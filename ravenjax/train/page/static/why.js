@@ -19,8 +19,8 @@ const SINCE = {
   link: "No reports of the robot arrived",
 };
 
-/** The line, "" while the robot moves. level: run level; since: why the pedal must be lifted; rate: messages that this page sends, per second. */
-export function reason({ link, phase, owner, view, level, live, pressed, down, idle, since, silences, rate, check }, touch = coarse()) {
+/** The line, "" while the robot moves. level: run level; since: why the pedal must be lifted; rate: messages that this page sends, per second; warned: the field shows a cue or an alarm. */
+export function reason({ link, phase, owner, view, level, live, pressed, down, idle, warned = false, since, silences, rate, check }, touch = coarse()) {
   const pedal = touch ? "PEDAL" : "SPACE";
   if (link === "down") return "No connection: the robot holds still until the session answers.";
   if (phase === "over") return "The session is over.";
@@ -39,10 +39,11 @@ export function reason({ link, phase, owner, view, level, live, pressed, down, i
     return since in SINCE ? `${SINCE[since]}. ${again}` : again;
   }
   if (view === "replay" && !down) return `Hold ${pedal}: the robot repeats the motion that you tried.`;
+  if (!down && warned) return "The pedal is up: the robot holds still.";
   if (!down) return touch ? "Hold PEDAL, or drag a pad: the robot moves only while you do." : "Hold SPACE: the robot moves only while the pedal is down.";
   if (view === "virtual") return "The robot rests: only the virtual one follows your hands.";
   if (!live) return "The pedal is down; the robot starts to follow in a moment: wait.";
-  if (idle && view === "real") return touch ? "The pedal is down: drag a pad to move." : "The pedal is down: move with A D W S R F; / shows all keys.";
+  if (idle && view === "real" && !warned) return touch ? "The pedal is down: drag a pad to move." : "The pedal is down: move with A D W S R F; / shows all keys.";
   return "";
 }
 

@@ -27,6 +27,7 @@ test("one line says why the robot does not move, and what to do", () => {
     [{ down: false, pressed: false, view: "replay" }, /repeats the motion/],
     [{ view: "virtual" }, /robot rests/],
     [{ live: false }, /starts to follow/],
+    [{ down: false, pressed: false, warned: true }, /^The pedal is up/],
     [{ idle: true }, /move with A D W S R F/],
   ])
     assert.match(told(change), words);
