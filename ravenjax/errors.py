@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import os
 import reprlib
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, get_args
@@ -34,6 +35,13 @@ def format_value(value: object) -> str:
     # A repr may raise anything. The caller still needs the error message.
     except Exception:
         return f"<{type(value).__name__}>"
+
+
+def require_utf8(*names: str) -> None:
+    """Raise UserError for an argument, or a path, that is not valid UTF-8."""
+    for name in names:
+        if name.encode(errors="replace") != os.fsencode(name):
+            raise UserError(f"{name!r}: the name is not UTF-8; rename the file or folder")
 
 
 def list_lines(lines: Sequence[str], most: int = 8) -> str:

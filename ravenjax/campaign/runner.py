@@ -22,7 +22,7 @@ from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.plan import Plan, make_plan
 from ravenjax.campaign.progress import OnProgress, Progress, ProgressFile
 from ravenjax.engines.interface import Engine
-from ravenjax.errors import StoreError
+from ravenjax.errors import StoreError, require_utf8
 from ravenjax.store import files, manifest, parts, schema
 from ravenjax.store.access import lock
 from ravenjax.store.folder import ResultFolder, Results
@@ -57,6 +57,7 @@ def run_campaign(
                 config, folder, engine, on_progress=on_progress, executor=executor, shard=shard
             )
         )
+    require_utf8(str(out.absolute()))
     plan = make_plan(config)
     interruption.check_interruption()
     ticks = plan.runs * plan.program.ticks

@@ -49,7 +49,7 @@ def main(tokens: list[str] | None = None) -> int:
     An error that the user can correct prints one message and gives exit code 2.
     """
     from ravenjax import consent
-    from ravenjax.errors import StoreError, UserError
+    from ravenjax.errors import StoreError, UserError, require_utf8
 
     # Nearly all objects of a command live until its end, so collections find little.
     gc.set_threshold(100_000, 50, 100)
@@ -60,9 +60,7 @@ def main(tokens: list[str] | None = None) -> int:
     # Without a home folder, matplotlib would print where it stores its fonts.
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     try:
-        for text in (*words, os.getcwd()):
-            if text.encode(errors="replace") != os.fsencode(text):
-                raise UserError(f"{text!r}: the name is not UTF-8; rename the file or folder")
+        require_utf8(*words, os.getcwd())
         with consent.given_for(*trusted):
             code = app(
                 [word for word in words if word != "--trust"],

@@ -25,7 +25,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from ravenjax import robots
 from ravenjax.bundled import resources
-from ravenjax.errors import StoreError
+from ravenjax.errors import StoreError, require_utf8
 from ravenjax.outcomes.events import Rules
 from ravenjax.outcomes.verdict import LIMIT_MM, PUBLISHED_CUE_MM
 from ravenjax.store import schema
@@ -201,6 +201,7 @@ def read_manifest(folder: Path) -> Manifest:
     Raises StoreError if it is missing, damaged, or newer than this reader.
     """
     path = folder / FILE
+    require_utf8(str(path.absolute()))
     missing = (
         f"{folder}: is not a result folder, because it has no {FILE}. Name the folder of the option"
         " --out of `ravenjax run`."

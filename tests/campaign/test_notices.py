@@ -21,6 +21,8 @@ FAULT: dict[str, Any] = {
 SILENT = {"plant.encoder_noise": 0, "plant.torque_noise": 0}
 TWICE = {"name": "a", "kind": "steps", "threshold": [1, 1]}
 POLICY = {"control.overdrive.policy": 0}
+MODE = {"site": "packet_header", "channel": "surgeon_mode", "effect": "overwrite"}
+SCALE = {"site": "console", "channel": "scale", "effect": "overwrite"}
 OWN_MASS = {"name": "a", "parameters": {"plant.mass_scale": 3}}
 MASS = {"site": "parameter", "channel": "plant.gold.mass_scale", "effect": "scale", "value": 2}
 
@@ -59,6 +61,10 @@ def of(fault: dict[str, Any] | None = None, more: tuple = (), **sections: Any) -
         ({"effect": "scale", "value": 1}, {}, "fault[0].value: changes"),
         ({"site": "torque_scale", "effect": "overwrite", "value": 1}, {}, "fault[0].value: change"),
         ({"site": "encoder", "effect": "drift", "value": 0.01}, {}, "fault[0].value: changes"),
+        ({**MODE, "value": 1}, {}, "fault[0].value: changes"),
+        ({**MODE, "value": 0, "start_ms": 20}, {}, "fault[0].value: changes"),
+        ({**MODE, "channel": "size", "value": 124}, {}, "fault[0].value: changes"),
+        ({**SCALE, "value": 0.3}, {"operator": {"scale": 0.3}}, "fault[0].value: changes"),
         ({"site": "jvel"}, {}, "fault[0].site: nothing in the robot reads this"),
         ({"start_ms": 100}, {}, "the fault ends before the robot is in pedal-down"),
         ({"start_ms": {"uniform": [1990, 2900]}}, {}, "the fault does not begin before"),
@@ -93,6 +99,10 @@ def test_what_cannot_act_is_noted(fault, sections, said):
 
 def test_the_same_fault_or_hazard_twice_is_noted():
     assert "fault[1].site: the run has the same fault twice" in of(more=(FAULT,))
+    for channel, copies in (("shoulder", False), ("elbow", True)):
+        pair = FAULT, {**FAULT, "channel": channel, "value": 9000}
+        groups = [{"name": str(k), "fault": faults} for k, faults in enumerate((pair, pair[::-1]))]
+        assert ("1 of 2 runs have the same inputs" in of(group=groups)) is copies
     assert "group[0].hazards: C09 is listed twice" in of(
         group=[{"name": "a", "hazards": ["C09", "C09"]}]
     )
@@ -117,7 +127,7 @@ def test_windows_that_open_again_are_compared_pair_by_pair():
 
 
 def test_what_acts_is_not_noted():
-    assert of() == "" == of(MASS)
+    assert of() == "" == of(MASS) == of({**MODE, "value": 0}) == of({**SCALE, "value": 0.3})
     assert (
         of({"start_ms": 1000, "duration_ms": "end"}, reaction={}, haptics={"threshold_mm": 2}) == ""
     )

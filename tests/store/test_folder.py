@@ -2,11 +2,15 @@
 nothing lost.
 """
 
+import os
+
 import pytest
 import synthetic_results as synthetic
 
-from ravenjax.errors import StoreError
-from ravenjax.store import schema
+from ravenjax.campaign import loading
+from ravenjax.campaign.runner import run_campaign
+from ravenjax.errors import StoreError, UserError
+from ravenjax.store import manifest, schema
 from ravenjax.store.folder import ResultFolder, read_all
 
 RUNS = 100
@@ -71,3 +75,19 @@ def test_folder_of_another_campaign_is_refused_with_what_differs(tmp_path, chang
     message = str(caught.value)
     assert told in message and "100 of 100 runs" in message and f"rm -r {tmp_path}" in message
     assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
+
+
+def test_a_folder_whose_name_is_not_utf8_is_refused(tmp_path):
+    folder = tmp_path / os.fsdecode(b"lab\xff")
+    folder.mkdir()
+    (folder / "gate.py").write_text("def step(params, state, view):\n    return state, 0.0\n")
+    tables = {"campaign": {"name": "x", "duration_s": 0.1}, "group": [{"name": "free"}]}
+    check = {"name": "gate", "file": str(folder / "gate.py"), "at": "usb_out", "acts": "stop"}
+    for act in (
+        lambda: loading.from_dict({**tables, "check": [check]}),
+        lambda: loading.from_dict({**tables, "operator": {"file": str(folder / "log.csv")}}),
+        lambda: run_campaign(loading.from_dict(tables), folder / "out"),
+        lambda: manifest.read_manifest(folder),
+    ):
+        with pytest.raises(UserError, match="not UTF-8; rename the file or folder"):
+            act()

@@ -43,7 +43,7 @@ def _site(name: str, table: dict[str, Any]) -> Site:
     channels = tuple(
         Channel(
             *(channel, path, group["kind"], unit),
-            *(_FIELDS.get(group.get("field")), group.get("usual")),
+            *(_FIELDS.get(group.get("field")), group.get("usual"), tuple(group.get("pedal", ()))),
         )
         for group in table.pop("channels")
         for channel, unit, path in _channels(group)
