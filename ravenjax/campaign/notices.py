@@ -15,6 +15,7 @@ from ravenjax.campaign.file import bounds, location, semantics
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import SAMPLED, Group
 from ravenjax.campaign.plan import Plan
+from ravenjax.errors import suggest_unit
 from ravenjax.numbers import paths
 from ravenjax.store.motion.summary import list_names
 from ravenjax.vocabulary.effects import EFFECT_CODES, RANDOM, TRIGGER_CODES
@@ -22,6 +23,8 @@ from ravenjax.vocabulary.sites import PARAMETER, Channel
 
 MOST_COMPARED = 2**20
 """Largest number of runs among which equal runs are searched. For more runs it takes seconds."""
+LONG_S, SHORT_MS, SHORT_MM = 600, 10, 0.001
+"""Longest run, shortest time and shortest distance whose unit is not doubted."""
 PEDAL_TICKS = 16
 """Ticks before and after a change of the run level in which the pedal's signals may differ."""
 NAMED = 4
@@ -54,7 +57,8 @@ def of_config(config: CampaignConfig) -> Iterator[str]:
         ("outcomes.large_jump_mm", config.outcomes.large_jump_mm, 0.0),
         *((f"detector[{number}].threshold", values, least) for number, values in of_tip),
     ):
-        for value in np.ravel(values):
+        for value in np.ravel(values).tolist():
+            unit = suggest_unit("_mm", value, least, largest)
             if value >= largest:
                 yield (
                     f"{key}: {value:g} mm is never reached: two positions of the tip are at most"
@@ -63,8 +67,16 @@ def of_config(config: CampaignConfig) -> Iterator[str]:
             elif value <= lowest:
                 yield (
                     f"{key}: {value:g} mm is always exceeded: without a fault the moving tip is"
-                    f" already {lowest:g} mm away from the nominal model"
+                    f" already {lowest:g} mm away from the nominal model{unit}"
                 )
+    for key, value, low, high in (
+        ("campaign.duration_s", config.campaign.duration_s, 0.0, LONG_S),
+        ("campaign.observe_ms", config.campaign.observe_ms, SHORT_MS, np.inf),
+        ("outcomes.jump_step_mm", config.outcomes.jump_step_mm, SHORT_MM, np.inf),
+        ("outcomes.large_jump_mm", config.outcomes.large_jump_mm, SHORT_MM, np.inf),
+    ):
+        if value and not low <= value <= high and (unit := suggest_unit(key, value, low, high)):
+            yield f"{key}: got {value:g}{unit}"
     for kind, parts in (("detector", config.detector), ("check", config.check)):
         for number, part in enumerate(parts):
             key = f"{kind}[{number}]"

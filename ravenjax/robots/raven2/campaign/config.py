@@ -16,7 +16,7 @@ from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import ALL, Fault, Group, Run
 from ravenjax.campaign.file.location import Complaint
-from ravenjax.errors import UserError
+from ravenjax.errors import UserError, suggest_unit
 from ravenjax.parts import part
 from ravenjax.robots.raven2.campaign.sections import (
     Hand,
@@ -40,6 +40,8 @@ HEALTHY_MM = 0.1
 """Below the distance of any fault-free moving robot from its nominal model (0.6 to 1.8 mm)."""
 REACH_MM = 429.0
 """Longest distance between two tip positions within the hard stops of joints 1 to 3."""
+FASTEST_MS = 80.0
+"""Shorter than any person's reaction to touch."""
 _REACTION = resources.read_tables(__file__, "reaction.toml")
 READ_BY: dict[str, list[str]] = _REACTION["read_by"]
 """Parameter of a reaction -> the actions that use the parameter."""
@@ -179,11 +181,7 @@ class RavenConfig(CampaignConfig):
             for key, angle in section.model_dump(exclude_none=True).items():
                 largest = float(np.max(np.abs(angle)))
                 if key.endswith("_deg") and 0 < largest <= math.pi:
-                    yield (
-                        (name, key),
-                        f"got {angle} degrees. If this is meant in radians, write"
-                        f" {np.round(np.degrees(angle), 2).tolist()} degrees",
-                    )
+                    yield (name, key), f"got {angle} degrees{suggest_unit(key, angle)}"
         axes = {path: axis for _, table in self.parameter_tables() for path, axis in table.items()}
         errors = [path for path in axes if ".kinematic_errors." in path]
         if self.campaign.kinematic_errors == "none" and all(p.endswith(".scale") for p in errors):
@@ -200,6 +198,10 @@ class RavenConfig(CampaignConfig):
                 for path in errors
                 if path.endswith(".scale") and axes[path].values == (0,)
             )
+        delay_ms = 250.0 if self.reaction is None else self.reaction.delay_ms
+        if 0 < delay_ms < FASTEST_MS:
+            unit = suggest_unit("delay_ms", delay_ms, FASTEST_MS)
+            yield ("reaction", "delay_ms"), f"got {delay_ms:g}, faster than any person{unit}"
         if self.operator.motion == "still" and self.operator.seed:
             yield ("operator", "seed"), "motion 'still' is the same for every seed"
         if self.operator.place == "home" and self.operator.offset_mm is not None:
