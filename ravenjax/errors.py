@@ -93,7 +93,7 @@ def suggest_unit(key: str, value: Any, low: float = -math.inf, high: float = mat
     """
     unit, factor = _UNITS.get(key.rpartition("_")[2], ("", 0.0))
     several = isinstance(value, list | tuple)
-    numbers = value if several else [value]
+    numbers: list[Any] = [*value] if several else [value]
     known = unit and all(isinstance(x, int | float) and not isinstance(x, bool) for x in numbers)
     if not known or not all(low <= x * factor <= high for x in numbers):
         return ""

@@ -168,6 +168,7 @@ def make_manifest(plan: Plan, engine: Engine) -> manifest.Manifest:
         limit_mm=config.outcomes.limit_mm,
         code_hash=manifest.code_hash(config.robot),
         engine=engine.name,
+        settings=compile_cache.engine_settings(engine.name),
         device=f"{engine.device} ({'+'.join(setup.arms)})",
     )
 

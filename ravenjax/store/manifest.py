@@ -89,6 +89,8 @@ class Manifest(BaseModel):
     engine: str
     device: str  # device that computed the runs, as text
     versions: dict[str, str] = Field(default_factory=lambda: package_versions())
+    # XLA_FLAGS, and settings of JAX, for an engine whose code depends on these.
+    settings: dict[str, str] = Field(default_factory=dict)
     # sha256 of the source files on which outcomes depend.
     code_hash: str = Field(default_factory=lambda: code_hash())
     started: str = Field(default_factory=lambda: utc_now())
@@ -154,7 +156,10 @@ class Manifest(BaseModel):
     def _identity(self) -> Nested:
         # Returns what must be equal for a campaign to continue in the folder.
         fields = self.model_dump(
-            include={"config", "config_hash", "seed", "engine", "device", "versions", "shard"}
+            include={
+                *("config", "config_hash", "seed", "engine", "device", "versions", "settings"),
+                "shard",
+            }
         )
         config = by_content(self.config, self.operator)
         return fields | {"code": self.code_hash[:16], "config": config}

@@ -65,6 +65,7 @@ def test_damaged_manifest_is_named_and_parts_survive_without_it(tmp_path, text):
         ({"engine": "mjx"}, 'engine: "xla" here, "mjx" requested'),
         ({"code_hash": "f" * 64}, "code: "),
         ({"versions": {"jax": "0.1"}}, "versions.jax: "),
+        ({"settings": {"XLA_FLAGS": "--a=b"}}, 'settings.XLA_FLAGS: absent here, "--a=b"'),
     ],
 )
 def test_folder_of_another_campaign_is_refused_with_what_differs(tmp_path, changes, told):

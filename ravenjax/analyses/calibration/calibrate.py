@@ -155,7 +155,7 @@ class LoggedRobot:
         # a joint at rest against an integral of the same size.
         integrals = [
             Unknown("integral", ("integral",), joint, plant.actuators.coulomb[joint], False)
-            for joint in self.log.joints
+            for joint in sorted({one.joint for one in unknowns if one.joint is not None})
             if self.controller.ki[joint] > 0.0
         ]
         every, k = (*unknowns, *integrals), len(unknowns)
