@@ -5,11 +5,13 @@ the report show them as notices. `of_config` examines the sections of the file. 
 examines the parameters and faults of each run.
 """
 
+import operator
 from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
 
+from ravenjax.bundled import resources
 from ravenjax.campaign.faults import design, span, table
 from ravenjax.campaign.file import bounds, location, semantics
 from ravenjax.campaign.file.config import CampaignConfig
@@ -23,8 +25,8 @@ from ravenjax.vocabulary.sites import PARAMETER, Channel
 
 MOST_COMPARED = 2**20
 """Largest number of runs among which equal runs are searched. For more runs it takes seconds."""
-LONG_S, SHORT_MS, SHORT_MM = 600, 10, 0.001
-"""Longest run, shortest time and shortest distance whose unit is not doubted."""
+PLAUSIBLE = resources.read_tables(__file__, "notices.toml")["plausible"]
+"""Ranges of some keys. A value outside has probably another unit."""
 PEDAL_TICKS = 16
 """Ticks before and after a change of the run level in which the pedal's signals may differ."""
 NAMED = 4
@@ -69,13 +71,9 @@ def of_config(config: CampaignConfig) -> Iterator[str]:
                     f"{key}: {value:g} mm is always exceeded: without a fault the moving tip is"
                     f" already {lowest:g} mm away from the nominal model{unit}"
                 )
-    for key, value, low, high in (
-        ("campaign.duration_s", config.campaign.duration_s, 0.0, LONG_S),
-        ("campaign.observe_ms", config.campaign.observe_ms, SHORT_MS, np.inf),
-        ("outcomes.jump_step_mm", config.outcomes.jump_step_mm, SHORT_MM, np.inf),
-        ("outcomes.large_jump_mm", config.outcomes.large_jump_mm, SHORT_MM, np.inf),
-    ):
-        if value and not low <= value <= high and (unit := suggest_unit(key, value, low, high)):
+    for key, (low, high) in PLAUSIBLE.items():
+        value = operator.attrgetter(key)(config) or low
+        if not low <= value <= high and (unit := suggest_unit(key, value, low, high)):
             yield f"{key}: got {value:g}{unit}"
     for kind, parts in (("detector", config.detector), ("check", config.check)):
         for number, part in enumerate(parts):

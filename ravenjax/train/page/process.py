@@ -5,9 +5,7 @@ sends frames and events to the browser windows.
 import asyncio
 import contextlib
 import dataclasses
-import functools
 import gzip
-import http.client
 import io
 import json
 import logging
@@ -142,28 +140,17 @@ Handler = Callable[[ServerConnection], Awaitable[None]]
 
 
 class PageConnection(ServerConnection):
-    """A connection that also answers requests other than GET, on which the library hangs up."""
+    """A connection that refuses other methods than GET. The library hangs up without an answer."""
 
-    _is_get, _received = False, b""
-
-    def __init__(self, answer: Callable[[str, Request], Response], *arguments: Any, **keys: Any):
-        """answer: returns the response to a request with another method, such as "POST"."""
-        super().__init__(*arguments, **keys)
-        self._answer = answer
+    _is_get = False
 
     def data_received(self, data: bytes) -> None:
-        self._is_get = self._is_get or (data[:4] in b"GET " and not self._received)
+        self._is_get = self._is_get or data[:4] in b"GET "
         if self._is_get:
             super().data_received(data)
             return
-        self._received += data
-        head, end, _ = self._received.partition(b"\r\n\r\n")
-        if end or len(self._received) > MAX_MESSAGE_BYTES:
-            first, _, lines = head.partition(b"\r\n")
-            method, path, *_ = [*first.decode(errors="replace").split(" "), "", ""]
-            headers = http.client.parse_headers(io.BytesIO(lines + b"\r\n\r\n")).items()
-            self.transport.write(self._answer(method, Request(path, Headers(headers))).serialize())
-            self.transport.close()
+        self.transport.write(_refusal(HTTPStatus.METHOD_NOT_ALLOWED, "").serialize())
+        self.transport.close()
 
 
 class PageServer:
@@ -231,24 +218,11 @@ class PageServer:
                 connection.protocol.max_message_size = MAX_MESSAGE_BYTES
                 return self._answer(request)
 
-            connect = functools.partial(PageConnection, self._answer_other)
             settings |= {"process_request": process, "sock": self._listening}
-            settings["create_connection"] = connect
+            settings["create_connection"] = PageConnection
             return original(handle, **settings)
 
         return serve
-
-    def _answer_other(self, method: str, request: Request) -> Response:
-        # Returns the response to a request that is not GET: HEAD is GET without the body.
-        if reason := self._auth.refusal(request):
-            return _refusal(HTTPStatus.FORBIDDEN, reason)
-        response = self._answer(request) if method == "HEAD" else None
-        if response is None:
-            response = _refusal(HTTPStatus.METHOD_NOT_ALLOWED, "expected the method GET or HEAD")
-            response.headers["Allow"] = "GET, HEAD"
-        if method == "HEAD":
-            response.body = b""
-        return response
 
     def _answer(self, request: Request) -> Response | None:
         """Return the response; None lets a websocket through."""
@@ -331,6 +305,7 @@ def _response(
         "X-Frame-Options": "SAMEORIGIN",
         # The address may hold the token, so it must not appear in a referrer.
         "Referrer-Policy": "no-referrer",
+        "Allow": "GET",
     } | (extra or {})
     return Response(status.value, status.phrase, Headers(headers), body)
 

@@ -110,12 +110,9 @@ def test_pages_and_files(session):
     for path in (*escapes, "/etc/passwd", "/index.html", "/debrief.html"):
         assert get(session, path)[0].status == 404
     assert json.loads(get(session, "/debrief.json")[1]) == {"ready": False, "table": False}
-    answer, body = get(session, "/static/page.js", "HEAD")
-    assert answer.status == 200 and not body and int(answer.getheader("Content-Length") or 0) > 1000
-    answer, _ = get(session, "/", "POST")
-    assert answer.status == 405 and answer.getheader("Allow") == "GET, HEAD"
     for method in ("HEAD", "POST"):
-        assert get(session, "/", method, Host="evil.example")[0].status == 403
+        answer, _ = get(session, "/", method)
+        assert answer.status == 405 and answer.getheader("Allow") == "GET"
 
 
 def test_an_operator_drives_and_letting_go_releases(session):
