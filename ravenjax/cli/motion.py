@@ -198,7 +198,13 @@ def calibrate(
         console.print_table(title, *tables.by_joint(errors, logged.log.joints))
     fitted = tables.tabulate_parameters(calibrated)
     console.print_table("Estimated parameters", tables.PARAMETER_COLUMNS, fitted)
-    if text := console.render_template("doubts.j2", fit=calibrated, at_rest=logged.at_rest):
+    integrated = [
+        unknown.path
+        for unknown in calibrated.unknowns
+        if unknown.name == "offset" and controller.ki[unknown.joint or 0] > 0.0
+    ]
+    doubts = {"integrated": integrated, "fit": calibrated, "at_rest": logged.at_rest}
+    if text := console.render_template("doubts.j2", **doubts):
         console.print_text(text)
     drawn = parameters.values_by_path(calibrated.base, calibrated.unknowns, calibrated.draws(draws))
     out.parent.mkdir(parents=True, exist_ok=True)

@@ -151,22 +151,13 @@ class LoggedRobot:
                 " log determines no parameter. Log a motion of all joints"
             )
         base = parameters.prior_robot(plant, unknowns)
-        # The log does not show the integral of the controller at its start. Dry friction may hold
-        # a joint at rest against an integral of the same size.
-        integrals = [
-            Unknown("integral", ("integral",), joint, plant.actuators.coulomb[joint], False)
-            for joint in sorted({one.joint for one in unknowns if one.joint is not None})
-            if self.controller.ki[joint] > 0.0
-        ]
-        every, k = (*unknowns, *integrals), len(unknowns)
         setup = self._setup(unknowns)
         predict, smooth = (
-            replays.make_predictor(dataclasses.replace(setup, whole=whole), base, every, first)
+            replays.make_predictor(dataclasses.replace(setup, whole=whole), base, unknowns, first)
             for whole in (True, False)
         )
-        steps, covariance = fitting.fit_parameters(predict, first.measured, len(every), smooth)
-        base = parameters.apply_steps(base, integrals, steps[k:])
-        return Calibration(tuple(unknowns), base, fitting.Fit(steps[:k], covariance[:k, :k]))
+        best = fitting.fit_parameters(predict, first.measured, len(unknowns), smooth)
+        return Calibration(tuple(unknowns), base, best)
 
     def following_errors(
         self, part: JointLog, robots: Mapping[str, LoopParams]

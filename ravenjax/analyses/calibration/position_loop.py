@@ -6,7 +6,7 @@ truncates DAC commands to whole numbers. The low-pass filter of a modified raven
 optional.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple
 
 from ravenjax.bundled import resources
@@ -55,8 +55,6 @@ class LoopParams:
     setpoint_delay: Scalar
     # Factor on stiffness and damping of every cable; 0: all cables are cut.
     cables: Scalar
-    # Torque of the controller's integral terms at the beginning of the log, N m.
-    integral: Vec
 
 
 @record
@@ -81,7 +79,7 @@ class Cycle(NamedTuple):
 
 def params(plant: robot.PlantParams) -> LoopParams:
     """Return parameters of a loop without a delay and with intact cables."""
-    return LoopParams(plant, 0.0, 0.0, 1.0, Vec.full(JOINTS, 0.0))
+    return LoopParams(plant, 0.0, 0.0, 1.0)
 
 
 def bare_rotors(params: robot.PlantParams) -> robot.PlantParams:
@@ -91,22 +89,16 @@ def bare_rotors(params: robot.PlantParams) -> robot.PlantParams:
 
 
 def start_state(
-    setup: RavenSetup,
-    controller: Controller,
-    plant: robot.PlantState,
-    whole: bool = True,
-    integral: Sequence[Scalar] = (0.0,) * JOINTS,
+    setup: RavenSetup, controller: Controller, plant: robot.PlantState, whole: bool = True
 ) -> LoopState:
-    """Return the state of a robot at rest. `integral`: torque of each integral term, N m."""
+    """Return the state of a robot at rest, with zero integrals in the controller."""
     zero = Vec(jnp.asarray(0.0, setup.precision.real) for _ in range(JOINTS))
-    # Without an integral term, the integral has no effect.
-    gains = (gain or 1.0 for gain in controller.ki)
     past = (read_encoders(setup, plant, whole),) * READINGS
     return LoopState(
         plant=plant,
         readings=past if controller.filtered else past[:1],
         outputs=past if controller.filtered else (),
-        integral=zero + Vec(torque / gain for torque, gain in zip(integral, gains, strict=True)),
+        integral=zero,
         commands=(zero,) * setup.command_delay,
     )
 

@@ -65,9 +65,7 @@ def init(setup: ReplaySetup, params: ReplayParams) -> LoopState:
     shown = _joints_of_motors(setup, plant, False)
     plant = robot.init(setup, arm, params.loop.plant, links * 2.0 - shown)
     plant = replace(plant, brakes=replace(plant.brakes, engaged=jnp.int32(0)))
-    return position_loop.start_state(
-        setup, setup.controller, plant, setup.whole, params.loop.integral
-    )
+    return position_loop.start_state(setup, setup.controller, plant, whole=setup.whole)
 
 
 def advance(
