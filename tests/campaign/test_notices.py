@@ -49,6 +49,7 @@ def of(fault: dict[str, Any] | None = None, more: tuple = (), **sections: Any) -
         ({}, {"parameters": {"plant.friction_scale": 1}}, "this is already the robot's value"),
         ({}, {"limits": {"shoulder_deg": [0.2, 1.2]}}, "write [11.46, 68.75]"),
         ({}, {"operator": {"start": {"wrist_deg": -0.5}}}, "operator.start.wrist_deg: got -0.5"),
+        ({}, {"limits": {"shoulder_deg": [60, 80]}}, "shoulder starts outside its range in"),
         ({}, {"campaign": {"observe_ms": 5000}}, "campaign.observe_ms: has no effect"),
         ({}, {"campaign": {"observe_ms": 2}}, "got 2. If this is in seconds, write 2000"),
         ({}, {"haptics": {"threshold_mm": 0.003}}, "model. If this is in metres, write 3"),

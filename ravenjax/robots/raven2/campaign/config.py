@@ -18,6 +18,7 @@ from ravenjax.campaign.file.group import ALL, Fault, Group, Run
 from ravenjax.campaign.file.location import Complaint
 from ravenjax.errors import UserError, suggest_unit
 from ravenjax.parts import part
+from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.robots.raven2.campaign.sections import (
     Hand,
     Limits,
@@ -27,6 +28,7 @@ from ravenjax.robots.raven2.campaign.sections import (
     Reaction,
 )
 from ravenjax.robots.raven2.console.motions import MOTIONS
+from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.robots.raven2.plant.kinematic_errors import MEASURED
@@ -209,10 +211,9 @@ class RavenConfig(CampaignConfig):
                 ("operator", "offset_mm"),
                 "has no effect with place = 'home', which moves the tip to the home pose",
             )
-        limits = self.limits.si()
-        for joint, start in self.operator.start.si().items():
-            low, high = limits.get(joint, (start, start))
-            if not low <= start <= high:
+        starts = dict(zip(JOINTS, HOME_JPOS, strict=True)) | self.operator.start.si()
+        for joint, (low, high) in self.limits.si().items():
+            if self.operator.file is None and not low <= starts[joint] <= high:
                 yield ("operator", "start"), f"{joint} starts outside its range in [limits]"
         sites = {
             fault.site
