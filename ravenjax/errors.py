@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import difflib
+import json
+import math
+import os
+import re
 import reprlib
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, get_args
@@ -34,6 +38,14 @@ def format_value(value: object) -> str:
     # A repr may raise anything. The caller still needs the error message.
     except Exception:
         return f"<{type(value).__name__}>"
+
+
+def require_utf8(*names: str) -> None:
+    """Raise UserError for an argument, or a path, that is not valid UTF-8."""
+    for name in names:
+        # The two codings differ only for bytes that are not UTF-8 (lone surrogates in `name`).
+        if name.encode(errors="replace") != os.fsencode(name):
+            raise UserError(f"{name!r}: the name is not UTF-8; rename the file or folder")
 
 
 def list_lines(lines: Sequence[str], most: int = 8) -> str:
@@ -69,12 +81,49 @@ def describe_unknown_name(what: str, word: str, names: Iterable[str]) -> str:
     return f"unknown {what} {word!r}, expected one of {', '.join(names)}{suggest_name(word, names)}"
 
 
+# The unit that a value may have by mistake, and the factor from that unit, by the end of a key.
+_UNITS = {
+    "deg": ("radians", 180.0 / math.pi),
+    "mm": ("metres", 1e3),
+    "m": ("millimetres", 1e-3),
+    "ms": ("seconds", 1e3),
+    "s": ("milliseconds", 1e-3),
+}
+
+
+def suggest_unit(key: str, value: Any, low: float = -math.inf, high: float = math.inf) -> str:
+    """Return `. If this is in radians, write 57.3` for a number, or for a list of numbers, that has
+    probably another unit than the end of its key states.
+
+    Return "" if the number would not lie between `low` and `high` in the other unit.
+    """
+    unit, factor = _UNITS.get(key.rpartition("_")[2], ("", 0.0))
+    several = isinstance(value, list | tuple)
+    numbers: list[Any] = [*value] if several else [value]
+    known = unit and all(isinstance(x, int | float) and not isinstance(x, bool) for x in numbers)
+    if not known or not all(low <= x * factor <= high for x in numbers):
+        return ""
+    meant = [float(f"{x * factor:.4g}") for x in numbers]
+    return f". If this is in {unit}, write {meant if several else f'{meant[0]:g}'}"
+
+
+def _allowed_range(model: type[BaseModel], key: str) -> tuple[float, float]:
+    # Returns the smallest and the largest number that a table permits for a key.
+    schema = json.dumps(model.model_json_schema()["properties"].get(key))
+    low, high = (
+        [float(text) for text in re.findall(rf'{end}imum": ([-+.\de]+)', schema, re.IGNORECASE)]
+        for end in ("min", "max")
+    )
+    return min(low, default=-math.inf), max(high, default=math.inf)
+
+
 def format_error(error: Any, model: type[BaseModel], hint: str = "") -> str:
     """Return ravenjax's message for an error that pydantic found in a table of this model. error:
     one of `ValidationError.errors()`. hint: text about the table to which an unknown key belongs;
     "": the message suggests the most similar key.
     """
     kind, key = error["type"], str(error["loc"][-1]) if error["loc"] else ""
+    named = next((part for part in reversed(error["loc"]) if part in model.model_fields), "")
     if kind == "extra_forbidden":
         keys = list(model.model_fields)
         return f"unknown key, expected one of {', '.join(keys)}{hint or suggest_name(key, keys)}"
@@ -82,16 +131,17 @@ def format_error(error: Any, model: type[BaseModel], hint: str = "") -> str:
         field = model.model_fields.get(key)
         return f"missing: {field.description}" if field and field.description else "missing"
     text = error["msg"].removeprefix("Value error, ").replace("a valid boolean", "true or false")
+    unit = named and suggest_unit(named, error["input"], *_allowed_range(model, named))
     # A validator of ravenjax raised this error, so its message is complete.
     if kind == "value_error":
-        return text
+        return text + unit
     expected = text.removeprefix("Input should be ").replace("String", "text")
     # Pydantic's messages about the length of a list do not say what is expected.
     if kind == "too_short":
         expected = f"a list of at least {error['ctx']['min_length']}"
     elif kind == "too_long":
         expected = f"a list of at most {error['ctx']['max_length']}"
-    return f"got {format_value(error['input'])}, expected {expected}"
+    return f"got {format_value(error['input'])}, expected {expected}{unit}"
 
 
 def model_at(model: type[BaseModel], key: Sequence[str | int]) -> type[BaseModel]:

@@ -172,3 +172,24 @@ def _hash_cpu_features() -> str:
     except OSError:
         features.append(platform.processor())
     return hashlib.sha256("\n".join(features).encode()).hexdigest()[:8]
+
+
+JAX_SETTINGS = (
+    "jax_enable_x64",
+    "jax_default_matmul_precision",
+    "jax_default_prng_impl",
+    "jax_threefry_partitionable",
+    "jax_numpy_dtype_promotion",
+    "jax_disable_jit",
+)
+"""Settings of JAX that change the code or the results of the engines xla and mjx."""
+
+
+def engine_settings(engine: str) -> dict[str, str]:
+    """Return XLA_FLAGS and settings of JAX; nothing for an engine that generates its own code."""
+    if engine not in ("xla", "mjx"):
+        return {}
+    import jax
+
+    settings = {name: str(getattr(jax.config, name)) for name in JAX_SETTINGS}
+    return {"XLA_FLAGS": os.environ.get("XLA_FLAGS", "")} | settings

@@ -5,16 +5,19 @@ the report show them as notices. `of_config` examines the sections of the file. 
 examines the parameters and faults of each run.
 """
 
+import operator
 from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
 
+from ravenjax.bundled import resources
 from ravenjax.campaign.faults import design, span, table
 from ravenjax.campaign.file import bounds, location, semantics
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import SAMPLED, Group
 from ravenjax.campaign.plan import Plan
+from ravenjax.errors import suggest_unit
 from ravenjax.numbers import paths
 from ravenjax.store.motion.summary import list_names
 from ravenjax.vocabulary.effects import EFFECT_CODES, RANDOM, TRIGGER_CODES
@@ -22,6 +25,10 @@ from ravenjax.vocabulary.sites import PARAMETER, Channel
 
 MOST_COMPARED = 2**20
 """Largest number of runs among which equal runs are searched. For more runs it takes seconds."""
+PLAUSIBLE = resources.read_tables(__file__, "notices.toml")["plausible"]
+"""Ranges of some keys. A value outside has probably another unit."""
+PEDAL_TICKS = 16
+"""Ticks before and after a change of the run level in which the pedal's signals may differ."""
 NAMED = 4
 """Number of groups that a notice names."""
 
@@ -52,7 +59,8 @@ def of_config(config: CampaignConfig) -> Iterator[str]:
         ("outcomes.large_jump_mm", config.outcomes.large_jump_mm, 0.0),
         *((f"detector[{number}].threshold", values, least) for number, values in of_tip),
     ):
-        for value in np.ravel(values):
+        for value in np.ravel(values).tolist():
+            unit = suggest_unit("_mm", value, least, largest)
             if value >= largest:
                 yield (
                     f"{key}: {value:g} mm is never reached: two positions of the tip are at most"
@@ -61,8 +69,12 @@ def of_config(config: CampaignConfig) -> Iterator[str]:
             elif value <= lowest:
                 yield (
                     f"{key}: {value:g} mm is always exceeded: without a fault the moving tip is"
-                    f" already {lowest:g} mm away from the nominal model"
+                    f" already {lowest:g} mm away from the nominal model{unit}"
                 )
+    for key, (low, high) in PLAUSIBLE.items():
+        value = operator.attrgetter(key)(config) or low
+        if not low <= value <= high and (unit := suggest_unit(key, value, low, high)):
+            yield f"{key}: got {value:g}{unit}"
     for kind, parts in (("detector", config.detector), ("check", config.check)):
         for number, part in enumerate(parts):
             key = f"{kind}[{number}]"
@@ -274,12 +286,42 @@ def _numbers(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
     usual = np.full(plan.faults["code"].shape, np.nan)
     for code, (site, channel) in enumerate(_channels(plan), start=1):
-        number = np.nan if channel.usual is None else channel.usual
-        if site == PARAMETER:
-            number = plan.numbers(channel.name)[:, None]
+        number, path = np.nan, channel.name if site == PARAMETER else channel.usual
+        if isinstance(path, str):
+            number = plan.numbers(path)[:, None]
+        elif channel.usual is not None:
+            number = channel.usual
+        elif channel.pedal:
+            number = _pedal_values(plan, *channel.pedal)
         usual = np.where(plan.faults["code"] == code, number, usual)
     ticks = np.minimum(plan.faults["duration"], plan.program.ticks - plan.faults["start"])
     return plan.faults["value"].astype(np.float64), ticks, usual
+
+
+def _pedal_values(plan: Plan, up: float, down: float) -> np.ndarray:
+    """Return the value that a signal has during each fault without the fault, [runs, slots].
+
+    up, down: its values while the pedal is up and down. The result is NaN if the pedal may move
+    during the fault, or if the times of the pedal are unknown.
+    """
+    faults, clocks, ticks = plan.faults, plan.any_clocks, plan.program.ticks
+    numbers = np.full(faults["code"].shape, np.nan)
+    # The fork of 2015 is in pedal-down before the foot presses the pedal.
+    if clocks is None or plan.config.reacts or plan.program.setup.software != "raven2":
+        return numbers
+    starts, closes = faults["start"], span.last_window_ends(faults, ticks, clocks)
+    by_time = (faults["trigger"] == TRIGGER_CODES["time"]) & (closes > 0)
+    # Another fault of the run could stop the robot, which changes these signals.
+    alone = by_time & (np.sum(faults["code"] > 0, axis=1) == 1)[:, None]
+    for kind, (begins, ends, later) in enumerate(clocks.phases):
+        of_kind = alone & (clocks.kind == kind)[:, None]
+        if later is None or not len(begins):
+            continue
+        numbers[of_kind & (closes < begins[0] - PEDAL_TICKS)] = up
+        for begin, end in zip(begins + later, ends, strict=True):
+            last = end - PEDAL_TICKS if end < ticks else ticks
+            numbers[of_kind & (starts >= begin) & (closes <= last)] = down
+    return numbers
 
 
 def _by_effect(plan: Plan, results: dict[str, np.ndarray], default) -> np.ndarray:
@@ -319,6 +361,9 @@ def find_copies(plan: Plan) -> np.ndarray:
     again = np.where(faults["start"] + faults["every"] < ticks, faults["every"], 0)
     end = np.where(again == 0, _clock_ends(plan) - faults["start"], ticks)
     faults |= {"every": again, "duration": np.minimum(faults["duration"], end)}
+    # Faults act in the order of their slots, which matters only on the same channel.
+    order = np.argsort(faults["code"], axis=1, kind="stable")
+    faults = {name: np.take_along_axis(values, order, axis=1) for name, values in faults.items()}
     inputs = {
         f"{name}{slot}": values[:, slot]
         for name, values in faults.items()

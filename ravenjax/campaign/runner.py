@@ -20,7 +20,7 @@ from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.plan import Plan, make_plan
 from ravenjax.campaign.progress import OnProgress, Progress, ProgressFile
 from ravenjax.engines.interface import Engine
-from ravenjax.errors import StoreError
+from ravenjax.errors import StoreError, require_utf8
 from ravenjax.store import files, manifest, parts, schema
 from ravenjax.store.access import lock
 from ravenjax.store.folder import ResultFolder, Results
@@ -54,6 +54,7 @@ def run_campaign(
                 config, folder, engine, on_progress=on_progress, executor=executor, shard=shard
             )
         )
+    require_utf8(str(out.absolute()))
     plan = make_plan(config)
     interruption.check_interruption()
     ticks = plan.runs * plan.program.ticks
@@ -166,6 +167,7 @@ def make_manifest(plan: Plan, engine: Engine) -> manifest.Manifest:
         limit_mm=config.outcomes.limit_mm,
         code_hash=manifest.code_hash(config.robot),
         engine=engine.name,
+        settings=compile_cache.engine_settings(engine.name),
         device=f"{engine.device} ({'+'.join(setup.arms)})",
     )
 

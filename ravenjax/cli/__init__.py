@@ -46,7 +46,7 @@ def main(tokens: list[str] | None = None) -> int:
     For an error that the user can correct, print one message and return 2.
     """
     from ravenjax import consent
-    from ravenjax.errors import StoreError, UserError
+    from ravenjax.errors import StoreError, UserError, require_utf8
 
     # Nearly all objects of a command live until its end, so garbage collections free little
     # memory. They are therefore made rare: by default every 700 new objects start a collection.
@@ -58,10 +58,7 @@ def main(tokens: list[str] | None = None) -> int:
     # Without a home folder, matplotlib would print where it stores its fonts.
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     try:
-        for text in (*arguments, os.getcwd()):
-            # The two codings differ only for bytes that are not UTF-8 (lone surrogates in `text`).
-            if text.encode(errors="replace") != os.fsencode(text):
-                raise UserError(f"{text!r}: the name is not UTF-8; rename the file or folder")
+        require_utf8(*arguments, os.getcwd())
         with consent.trust_folders(*trusted_folders):
             result = app(
                 [argument for argument in arguments if argument != "--trust"],

@@ -39,8 +39,8 @@ def motion(
     recording even then.
 
     Args:
-        file: Recorded tip positions: .parquet, .csv, .txt, .tsv, .mcap, .bag or .db3; or a
-            console's packets: .parquet, .pcap or .pcapng.
+        file: Recorded tip positions: .parquet, .csv, .txt, .tsv, .mcap, .bag or .db3, or the folder
+            of a bag of ROS 2; or a console's packets: .parquet, .pcap or .pcapng.
         campaign: campaign file whose robot, limits and duration are used
         arms: arms to replay; default all arms of the recording
         out: folder for the picture, SVG and PNG
@@ -208,7 +208,8 @@ def calibrate(
         for unknown in calibrated.unknowns
         if unknown.name == "offset" and controller.ki[unknown.joint or 0] > 0.0
     ]
-    if text := console.render_template("doubts.j2", integrated=integrated, fit=calibrated):
+    doubts = {"integrated": integrated, "fit": calibrated, "at_rest": logged.at_rest}
+    if text := console.render_template("doubts.j2", **doubts):
         console.print_text(text)
     drawn = parameters.values_by_path(calibrated.base, calibrated.unknowns, calibrated.draws(draws))
     out.parent.mkdir(parents=True, exist_ok=True)

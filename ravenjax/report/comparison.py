@@ -147,7 +147,7 @@ def _describe_origin(record: Manifest):
         "engine": record.engine,
         "device": record.device,
         "code_hash": record.code_hash[:16],
-        "versions": record.versions,
+        "versions": record.versions | record.settings,
     }
 
 

@@ -217,7 +217,22 @@ def _read_text(path: Path, names: Sequence[str] | None, header: str) -> pd.DataF
     if not isinstance(table.index, pd.RangeIndex):
         raise UserError(f"{path}: rows have more cells than the header line; name every column")
     table.columns = names or [str(name).strip() for name in table]
+    if not lines[-1].endswith("\n") and _is_cut(
+        *([cell.strip() for cell in re.split(cells, line.strip())] for line in lines[headed:])
+    ):
+        table.attrs["notes"] = (
+            f"the last row is probably cut off: it ends in {lines[-1].strip()[-12:]!r}, without a"
+            " line break, and is shorter than the others. Copy the file again, or delete this row",
+        )
     return table
+
+
+def _is_cut(*rows: list[str]) -> bool:
+    # Returns whether the last row has fewer cells, or fewer digits in its last cell, than all
+    # others. Digits before a decimal point do not count, because they differ between numbers.
+    *others, last = ((len(row), re.split(r"[.,]", row[-1])) for row in rows)
+    sizes = [(cells, len(parts), len(parts[-1])) for cells, parts in (*others, last)]
+    return sizes[-1] < min(sizes[:-1], default=sizes[-1])
 
 
 EXPECTED_FOLDER = (
@@ -227,7 +242,14 @@ EXPECTED_FOLDER = (
 
 
 def hash_file(path: Path) -> str:
-    """Return the sha256 of a file's content as hex digits."""
+    """Return the sha256 of a file's content as hex digits.
+
+    For a folder: of the names and contents of its files.
+    """
+    if path.is_dir():
+        names = (file for file in sorted(path.iterdir()) if file.is_file())
+        lines = [f"{file.name} {hash_file(file)}\n" for file in names]
+        return hashlib.sha256("".join(lines).encode()).hexdigest()
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 

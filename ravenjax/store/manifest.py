@@ -25,7 +25,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from ravenjax import robots
 from ravenjax.bundled import resources
-from ravenjax.errors import StoreError
+from ravenjax.errors import StoreError, require_utf8
 from ravenjax.outcomes.events import Rules
 from ravenjax.outcomes.verdict import LIMIT_MM, PUBLISHED_CUE_MM
 from ravenjax.store import schema
@@ -89,6 +89,8 @@ class Manifest(BaseModel):
     engine: str
     device: str  # device that computed the runs, as text
     versions: dict[str, str] = Field(default_factory=lambda: package_versions())
+    # XLA_FLAGS, and settings of JAX, for an engine whose code depends on these.
+    settings: dict[str, str] = Field(default_factory=dict)
     # sha256 of the source files on which outcomes depend.
     code_hash: str = Field(default_factory=lambda: code_hash())
     started: str = Field(default_factory=lambda: utc_now())
@@ -154,7 +156,10 @@ class Manifest(BaseModel):
     def _identity(self) -> Nested:
         # Returns what must be equal for a campaign to continue in the folder.
         fields = self.model_dump(
-            include={"config", "config_hash", "seed", "engine", "device", "versions", "shard"}
+            include={
+                *("config", "config_hash", "seed", "engine", "device", "versions", "settings"),
+                "shard",
+            }
         )
         config = by_content(self.config, self.operator)
         return fields | {"code": self.code_hash[:16], "config": config}
@@ -201,6 +206,7 @@ def read_manifest(folder: Path) -> Manifest:
     Raises StoreError if it is missing, damaged, or newer than this reader.
     """
     path = folder / FILE
+    require_utf8(str(path.absolute()))
     missing = (
         f"{folder}: is not a result folder, because it has no {FILE}. Name the folder of the option"
         " --out of `ravenjax run`."

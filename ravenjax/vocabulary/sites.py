@@ -36,7 +36,9 @@ class Channel:
     kind: Kind
     unit: str
     field: Field | None = None  # None: any value of its type
-    usual: float | None = None  # its constant value without a fault; None: it varies
+    # Its constant value without a fault, or a parameter's path with this value; None: it varies.
+    usual: float | str | None = None
+    pedal: tuple[float, ...] = ()  # its constant values while the pedal is up, and while it is down
 
     @property
     def bits(self) -> int:

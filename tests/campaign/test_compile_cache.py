@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 
+import jax
 import pytest
 
 from ravenjax.campaign import compile_cache
@@ -72,3 +73,12 @@ def test_folder_and_size_are_taken_from_the_environment(monkeypatch, tmp_path):
     assert len(kept) == 1
     monkeypatch.setenv(compile_cache.VARIABLE, "off")
     assert compile_cache.object_cache() is None
+
+
+def test_settings_of_xla_are_recorded_for_engines_that_use_it(monkeypatch):
+    monkeypatch.setenv("XLA_FLAGS", "--xla_cpu_enable_fast_math=true")
+    assert compile_cache.engine_settings("simd") == {}
+    with jax.default_matmul_precision("bfloat16"):
+        settings = compile_cache.engine_settings("mjx")
+    assert settings["XLA_FLAGS"].endswith("math=true")
+    assert settings["jax_default_matmul_precision"] == "bfloat16"

@@ -21,6 +21,8 @@ FAULT: dict[str, Any] = {
 SILENT = {"plant.encoder_noise": 0, "plant.torque_noise": 0}
 TWICE = {"name": "a", "kind": "steps", "threshold": [1, 1]}
 POLICY = {"control.overdrive.policy": 0}
+MODE = {"site": "packet_header", "channel": "surgeon_mode", "effect": "overwrite"}
+SCALE = {"site": "console", "channel": "scale", "effect": "overwrite"}
 OWN_MASS = {"name": "a", "parameters": {"plant.mass_scale": 3}}
 MASS = {"site": "parameter", "channel": "plant.gold.mass_scale", "effect": "scale", "value": 2}
 
@@ -47,7 +49,11 @@ def of(fault: dict[str, Any] | None = None, more: tuple = (), **sections: Any) -
         ({}, {"parameters": {"plant.friction_scale": 1}}, "this is already the robot's value"),
         ({}, {"limits": {"shoulder_deg": [0.2, 1.2]}}, "write [11.46, 68.75]"),
         ({}, {"operator": {"start": {"wrist_deg": -0.5}}}, "operator.start.wrist_deg: got -0.5"),
+        ({}, {"limits": {"shoulder_deg": [60, 80]}}, "shoulder starts outside its range in"),
         ({}, {"campaign": {"observe_ms": 5000}}, "campaign.observe_ms: has no effect"),
+        ({}, {"campaign": {"observe_ms": 2}}, "got 2. If this is in seconds, write 2000"),
+        ({}, {"haptics": {"threshold_mm": 0.003}}, "model. If this is in metres, write 3"),
+        ({}, {"reaction": {"delay_ms": 0.25}}, "any person. If this is in seconds, write 250"),
         ({}, {"campaign": {"limit": 7}}, "campaign.limit: 7 limits nothing"),
         ({}, {"haptics": {"threshold_mm": [2, 3, 2]}}, "haptics: set 2 is the same as set 0"),
         ({}, {"detector": [TWICE]}, "detector[0].threshold: contains a number twice"),
@@ -59,6 +65,10 @@ def of(fault: dict[str, Any] | None = None, more: tuple = (), **sections: Any) -
         ({"effect": "scale", "value": 1}, {}, "fault[0].value: changes"),
         ({"site": "torque_scale", "effect": "overwrite", "value": 1}, {}, "fault[0].value: change"),
         ({"site": "encoder", "effect": "drift", "value": 0.01}, {}, "fault[0].value: changes"),
+        ({**MODE, "value": 1}, {}, "fault[0].value: changes"),
+        ({**MODE, "value": 0, "start_ms": 20}, {}, "fault[0].value: changes"),
+        ({**MODE, "channel": "size", "value": 124}, {}, "fault[0].value: changes"),
+        ({**SCALE, "value": 0.3}, {"operator": {"scale": 0.3}}, "fault[0].value: changes"),
         ({"site": "jvel"}, {}, "fault[0].site: nothing in the robot reads this"),
         ({"start_ms": 100}, {}, "the fault ends before the robot is in pedal-down"),
         ({"start_ms": {"uniform": [1990, 2900]}}, {}, "the fault does not begin before"),
@@ -93,6 +103,10 @@ def test_what_cannot_act_is_noted(fault, sections, said):
 
 def test_the_same_fault_or_hazard_twice_is_noted():
     assert "fault[1].site: the run has the same fault twice" in of(more=(FAULT,))
+    for channel, copies in (("shoulder", False), ("elbow", True)):
+        pair = FAULT, {**FAULT, "channel": channel, "value": 9000}
+        groups = [{"name": str(k), "fault": faults} for k, faults in enumerate((pair, pair[::-1]))]
+        assert ("1 of 2 runs have the same inputs" in of(group=groups)) is copies
     assert "group[0].hazards: C09 is listed twice" in of(
         group=[{"name": "a", "hazards": ["C09", "C09"]}]
     )
@@ -117,7 +131,7 @@ def test_windows_that_open_again_are_compared_pair_by_pair():
 
 
 def test_what_acts_is_not_noted():
-    assert of() == "" == of(MASS)
+    assert of() == "" == of(MASS) == of({**MODE, "value": 0}) == of({**SCALE, "value": 0.3})
     assert (
         of({"start_ms": 1000, "duration_ms": "end"}, reaction={}, haptics={"threshold_mm": 2}) == ""
     )
@@ -130,6 +144,11 @@ def test_what_acts_is_not_noted():
         ({}, {"campaign": {"seed": "3"}}, "campaign.seed: got '3', expected a number"),
         ({}, {"campaign": {"contact": 1}}, "campaign.contact: got 1, expected true or false"),
         ({}, {"haptics": {"threshold_mm": ["3"]}}, "got '3', expected a number"),
+        ({}, {"operator": {"start": {"elbow_deg": 1.5}}}, "in radians, write 85.94"),
+        ({}, {"operator": {"start": {"insertion_m": 400}}}, "in millimetres, write 0.4"),
+        ({}, {"campaign": {"duration_s": 5000}}, "in milliseconds, write 5"),
+        ({"duration_ms": 0.016}, {}, "in seconds, write 16"),
+        ({"start_ms": [0.5, 1.5]}, {}, "in seconds, write [500.0, 1500.0]"),
         ({}, {"parameters": {"plant.friction_scale": True}}, "got True, expected a number"),
         ({"value": {"uniform": [-0.4, 0.4]}}, {}, "write whole ends, such as -1 and 1"),
         ({"value": {"loguniform": [1.2, 1.8]}}, {}, "shoulder is a whole number (cnt)"),

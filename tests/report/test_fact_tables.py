@@ -81,6 +81,19 @@ def test_any_table_gives_the_same_facts(rows, seed, reacts, rules):
     same(frame.sample(frac=1, random_state=seed), *rules)
 
 
+def test_the_order_of_two_faults_matters_only_on_the_same_channel():
+    frame = synthetic.frame(4).assign(pair=range(4), operator="suture", failed="")
+    frame["param:plant.friction_scale"] = 1.0
+    fault = {name: frame[name].iloc[0] for name in frame if name.startswith("fault0_")}
+    for name, value in fault.items():
+        frame[name] = frame[name.replace("fault0", "fault1")] = value
+    frame["fault0_value"], frame["fault1_value"] = [1.0, 2.0, 1.0, 2.0], [2.0, 1.0, 2.0, 1.0]
+    frame["fault0_channel"] = ["shoulder", "elbow", "shoulder", "shoulder"]
+    frame["fault1_channel"] = ["elbow", "shoulder", "shoulder", "shoulder"]
+    distinct = run_facts.derive_facts(frame, Choices(Rules()))["distinct"].to_numpy()
+    assert distinct[0] == distinct[1] and len(set(distinct)) == 3
+
+
 def test_words_may_be_categories_and_slots_may_be_none():
     frame = synthetic.frame(100)
     words = ("group", "response", "hazard", "verdict", "failed", "fault0_site", "operator")

@@ -2,10 +2,14 @@
 nothing lost.
 """
 
+import os
+
 import pytest
 import synthetic_results as synthetic
 
-from ravenjax.errors import StoreError
+from ravenjax.campaign import loading
+from ravenjax.campaign.runner import run_campaign
+from ravenjax.errors import StoreError, UserError
 from ravenjax.store import schema
 from ravenjax.store.folder import ResultFolder, read_all
 
@@ -61,6 +65,7 @@ def test_damaged_manifest_is_named_and_parts_survive_without_it(tmp_path, text):
         ({"engine": "mjx"}, 'engine: "xla" here, "mjx" requested'),
         ({"code_hash": "f" * 64}, "code: "),
         ({"versions": {"jax": "0.1"}}, "versions.jax: "),
+        ({"settings": {"XLA_FLAGS": "--a=b"}}, 'settings.XLA_FLAGS: absent here, "--a=b"'),
     ],
 )
 def test_folder_of_another_campaign_is_refused_with_what_differs(tmp_path, changes, told):
@@ -71,3 +76,12 @@ def test_folder_of_another_campaign_is_refused_with_what_differs(tmp_path, chang
     message = str(caught.value)
     assert told in message and "100 of 100 runs" in message and f"rm -r {tmp_path}" in message
     assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
+
+
+def test_a_folder_whose_name_is_not_utf8_is_refused(tmp_path):
+    folder = tmp_path / os.fsdecode(b"lab\xff")
+    tables = {"campaign": {"name": "x", "duration_s": 0.1}, "group": [{"name": "free"}]}
+    check = {"name": "gate", "file": str(folder / "gate.py"), "at": "usb_out", "acts": "stop"}
+    for more in ({"check": [check]}, {"operator": {"file": str(folder / "log.csv")}}, {}):
+        with pytest.raises(UserError, match="not UTF-8; rename the file or folder"):
+            run_campaign(loading.from_dict(tables | more), folder / "out")

@@ -15,7 +15,7 @@ from ravenjax.analyses.calibration.position_loop import Controller, LoopParams
 from ravenjax.analyses.calibration.replays import ReplaySetup
 from ravenjax.errors import UserError
 from ravenjax.numbers.vec import replace
-from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.arms import JOINTS, ArmName
 from ravenjax.robots.raven2.plant import robot
 from ravenjax.robots.raven2.setup import RavenSetup
 
@@ -129,6 +129,14 @@ class LoggedRobot:
         whole = len(self.log.desired)
         return self.log.compared(SETTLING, whole // 2), self.log.compared(whole // 2, whole)
 
+    @property
+    def at_rest(self) -> list[str]:
+        """Return the joints that move by at most two encoder counts in the part for the fit."""
+        first, _ = self.halves
+        positions = first.measured[~np.isnan(first.measured).all(axis=1)]
+        travel = np.ptp(positions, axis=0)
+        return [JOINTS[j] for j in self.log.joints if travel[j] <= fitting.MIN_NOISE[j]]
+
     def calibrated(self, plant: robot.PlantParams, unknowns: Sequence[Unknown]) -> Calibration:
         """Fit `unknowns` to the log's first half. Raises UserError if the log is too short."""
         if len(self.log.desired) < SHORTEST:
@@ -137,6 +145,11 @@ class LoggedRobot:
                 f" {SHORTEST * 1e-3:g} s: one half for the fit and one half to test the fit"
             )
         first, _ = self.halves
+        if len(self.at_rest) == len(self.log.joints):
+            raise UserError(
+                f"no joint moves in the first half of the log ({', '.join(self.at_rest)}), so the"
+                " log determines no parameter. Log a motion of all joints"
+            )
         base = parameters.prior_robot(plant, unknowns)
         setup = self._setup(unknowns)
         predict, smooth = (

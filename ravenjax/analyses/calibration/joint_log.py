@@ -126,7 +126,7 @@ def read_joint_log(
         columns=[] if columns is None else columns,
         topics={} if topics is None else {arm: topics},
     )
-    bag = path.is_dir() or (path.is_file() and path.suffix in bags.SUFFIXES)
+    bag = path.exists() and bags.is_bag(path)
     if columns if bag else topics:
         unread, kind = ("columns", "table") if bag else ("topics", "bag")
         raise UserError(f"{path}: --{unread} applies to a {kind}, which this is not; remove it")

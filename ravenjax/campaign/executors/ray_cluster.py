@@ -30,6 +30,7 @@ from ravenjax.campaign.executors.protocol import FinishedChunk, Pack, Work
 from ravenjax.campaign.memory_windows import PartRows
 from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress import Progress
+from ravenjax.engines.interface import Engine
 from ravenjax.errors import UserError, list_lines
 from ravenjax.store import manifest
 
@@ -71,16 +72,17 @@ def make_head(work: Work, chunks: Sequence[range], cores: int) -> Head:
         pack=work.pack,
         largest_chunk=max(map(len, chunks)),
         cores=cores,
-        computed_by=_computed_by(work.plan, work.engine.device),
+        computed_by=_computed_by(work.plan, work.engine),
     )
 
 
-def _computed_by(plan: Plan, device: str) -> dict[str, str]:
-    """Return what determines the results: code hash, kind of device, and package versions."""
+def _computed_by(plan: Plan, engine: Engine) -> dict[str, str]:
+    """Return code hash, kind of device, versions and settings, which determine results."""
     code = manifest.code_hash(plan.config.robot)[:16]
     # An engine names several devices as '2 x A'. Their kind must agree, not their number.
-    kind = device.partition(" x ")[2] or device
-    return {"code": code, "device": kind} | dict(manifest.package_versions())
+    kind = engine.device.partition(" x ")[2] or engine.device
+    settings = manifest.package_versions() | compile_cache.engine_settings(engine.name)
+    return {"code": code, "device": kind} | settings
 
 
 class Worker:
@@ -91,7 +93,7 @@ class Worker:
         precision = head.plan.program.setup.precision
         self._head, self.progress = head, Progress("", 0, 0, 1)
         self._engine = compile_cache.cached_engine(head.engine, precision)
-        _require_same(_computed_by(head.plan, self._engine.device), head.computed_by)
+        _require_same(_computed_by(head.plan, self._engine), head.computed_by)
         self._computation: Computation | None = None
 
     def compute(self, rows: Mapping[str, Any]) -> tuple[Plan, PartRows]:

@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Field
 
 from ravenjax import consent
 from ravenjax.campaign.file.section import Section
-from ravenjax.errors import UserError
+from ravenjax.errors import UserError, require_utf8
 from ravenjax.parts import part
 from ravenjax.vocabulary.parts import OwnSource
 
@@ -45,6 +45,7 @@ def part_source(name: str, file: Path, sha256: str | None, what: str) -> OwnSour
     if its content does not match `sha256`.
     """
     key = name, file.absolute(), what
+    require_utf8(str(key[1]))
     code = _READ_FILES.get(key)
     if code is None or not part.is_unchanged(code):
         code = _READ_FILES[key] = part.read_source(*key, consent.require_consent)

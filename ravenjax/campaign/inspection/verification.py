@@ -156,6 +156,10 @@ def _list_changes(record: Manifest, plan: Plan, engine: Engine) -> list[str]:
             (f"originally device {record.device}", device not in record.device.split("; ")),
             ("another version of the code", manifest.code_hash(record.robot) != record.code_hash),
             ("other package versions", manifest.package_versions() != record.versions),
+            (
+                "other settings of JAX",
+                compile_cache.engine_settings(engine.name) != record.settings,
+            ),
         )
         if differs
     ]

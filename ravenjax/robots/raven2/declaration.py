@@ -46,8 +46,9 @@ def _site(name: str, table: dict[str, Any]) -> Site:
     channels = []
     for group in table.pop("channels"):
         field, usual = _FIELDS.get(group.get("field")), group.get("usual")
+        pedal = tuple(group.get("pedal", ()))
         for channel, unit, path in _channels(group):
-            channels.append(Channel(channel, path, group["kind"], unit, field, usual))
+            channels.append(Channel(channel, path, group["kind"], unit, field, usual, pedal))
     return Site(name, channels=tuple(channels), **_DEFAULTS | table)
 
 

@@ -123,6 +123,11 @@ def read_joints(path: Path, states: TopicMessages) -> np.ndarray:
     return joints
 
 
+def is_bag(path: Path) -> bool:
+    """Return whether a path is a bag or an MCAP file, or the folder of a bag of ROS 2."""
+    return (path / "metadata.yaml").is_file() or path.suffix.lower() in SUFFIXES
+
+
 @contextlib.contextmanager
 def open_bag(path: Path) -> Iterator[AnyReader]:
     """Open a bag or MCAP file and read its definitions. Raise UserError for a damaged file."""
@@ -130,7 +135,8 @@ def open_bag(path: Path) -> Iterator[AnyReader]:
     from rosbags.typesys import Stores, get_typestore
 
     for file in path.iterdir() if path.is_dir() else [path]:
-        files.require_content(file)
+        if is_bag(file):
+            files.require_content(file)
     # Files of ROS 2 may contain no definitions of types. CRTK needs only standard types.
     usual = get_typestore(Stores.LATEST)
     try:

@@ -85,7 +85,7 @@ def arms_in(path: Path) -> tuple[ArmName, ...]:
 def _kind_of(path: Path) -> str:
     # Returns the kind of a recording: BAG, STREAM or TABLE.
     suffix = path.suffix.lower()
-    if suffix in bags.SUFFIXES:
+    if bags.is_bag(path):
         return BAG
     packets = suffix in CAPTURES or (suffix == ".parquet" and PACKET in files.read_table(path))
     return STREAM if packets else TABLE
@@ -169,8 +169,12 @@ def load_recording(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions
 
 def require_readable(path: Path) -> None:
     """Raise UserError if a file is missing, of an unknown kind, or empty."""
+    if path.is_dir() and bags.is_bag(path):
+        return
     if not path.is_file():
-        there = "this is a folder" if path.is_dir() else "no such file"
+        there = "no such file"
+        if path.is_dir():
+            there = "a folder without metadata.yaml, so not the folder of a bag of ROS 2"
         raise UserError(f"{path}: {there}; expected a recorded operator motion ({ANY_KIND})")
     if path.suffix.lower() not in KINDS:
         raise UserError(f"{path}: unknown kind of file {path.suffix.lower()!r}; write {ANY_KIND}")

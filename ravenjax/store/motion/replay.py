@@ -45,6 +45,7 @@ class OperatorReplay:
     bounds: Bounds
     reach: ArmReach  # joint positions for every row of the recording
     scale: float  # teleoperation scale at which the tip moves exactly as recorded
+    at_rest: tuple[str, ...]  # a notice about arms that do not move
 
     @property
     def rows(self) -> np.ndarray:
@@ -86,7 +87,7 @@ class OperatorReplay:
             pedal_down=self.motion.surgeon_mode.mean(),
             scale=self.scale,
             arms=tuple(self._arm_summary(i, arm) for i, arm in enumerate(arms)),
-            notices=tuple(self._cut_jaws()),
+            notices=(*self.at_rest, *self._cut_jaws()),
         )
 
     def _arm_summary(self, i: int, arm: ArmName) -> ArmSummary:
@@ -149,16 +150,16 @@ def replay_motion(
     """
     path = Path(path)
     require_readable(path)
-    state = path.stat()
-    key = state.st_mtime_ns, state.st_size
-    return _replay(path, key, arms, options or ReplayOptions(), ticks, scale, bounds)
+    parts = sorted(path.iterdir()) if path.is_dir() else [path]
+    states = tuple((file.stat().st_mtime_ns, file.stat().st_size) for file in parts)
+    return _replay(path, states, arms, options or ReplayOptions(), ticks, scale, bounds)
 
 
 # Cached, because a campaign is planned before it starts and at each look of its stop rule.
 @functools.lru_cache(maxsize=2)
 def _replay(
     path: Path,
-    state: tuple[int, int],
+    states: tuple[tuple[int, int], ...],
     arms: tuple[ArmName, ...],
     options: ReplayOptions,
     ticks: int | None,
@@ -175,7 +176,7 @@ def _replay(
     pedal, rows = course.pedal, begin + course.row
     if recording.pedal is not None:
         pedal = pedal * recording.pedal[np.floor(rows + 1e-9).astype(int)]
-    _require_moving(recording, begin, end, rows[pedal > 0])
+    notices = _require_moving(recording, begin, end, rows[pedal > 0])
     poses = recording.poses
     hands = []
     for i, arm in enumerate(arms):
@@ -194,7 +195,7 @@ def _replay(
         surgeon_mode=pedal,
         start_jpos=tuple(tuple(reachable.jpos[begin, i].tolist()) for i in range(len(arms))),
     )
-    return OperatorReplay(recording, motion, course, begin, end, bounds, reachable, scale)
+    return OperatorReplay(recording, motion, course, begin, end, bounds, reachable, scale, notices)
 
 
 def require_scales(replay: OperatorReplay, scales: Sequence[float] | np.ndarray) -> None:
@@ -325,8 +326,14 @@ def _longest_first(
     return resampling.spans_in_seconds(sorted(spans, key=lambda span: span[0] - span[1]))
 
 
-def _require_moving(recording: HandRecording, begin: int, end: int, rows: np.ndarray):
-    # Most faults have no effect while nothing moves, so a campaign would show too little harm.
+def _require_moving(
+    recording: HandRecording, begin: int, end: int, rows: np.ndarray
+) -> tuple[str, ...]:
+    """Raise UserError if no arm moves in the rows with the pedal down.
+
+    Most faults have no effect while nothing moves, so a campaign would show too little harm. Return
+    a notice if only some arms move.
+    """
     span = f"from {begin * TICK_S:.3f} to {end * TICK_S:.3f} s"
     if not len(rows):
         raise UserError(
@@ -334,16 +341,23 @@ def _require_moving(recording: HandRecording, begin: int, end: int, rows: np.nda
             " another part (operator.window_s), or remove the column surgeon_mode"
         )
     used, poses = np.unique(np.rint(rows).astype(int)), recording.poses
-    extent_m = float(np.ptp(poses.position[used], axis=0).max())
-    cosine = float(np.abs(np.sum(poses.quat[used] * poses.quat[used[:1]], axis=2)).min())
-    turn_rad = 2.0 * math.acos(min(1.0, cosine))
-    opening_rad = float(np.ptp(poses.opening_mrad[used], axis=0).max()) * 1e-3
-    if extent_m <= STILL_M and max(turn_rad, opening_rad) <= STILL_RAD:
+    extent_m = np.ptp(poses.position[used], axis=0).max(axis=1)
+    cosine = np.abs(np.sum(poses.quat[used] * poses.quat[used[:1]], axis=2)).min(axis=0)
+    turn_rad = 2.0 * np.arccos(np.minimum(1.0, cosine))
+    opening_rad = np.ptp(poses.opening_mrad[used], axis=0) * 1e-3
+    at_rest = (extent_m <= STILL_M) & (np.maximum(turn_rad, opening_rad) <= STILL_RAD)
+    extents = [
+        f"the tip of {arm} stays within {extent * 1e6:.3g} um"
+        for arm, extent, still in zip(poses.arms, extent_m, at_rest, strict=True)
+        if still
+    ]
+    text = f"no motion {span}: {' and '.join(extents)}, expected more than {STILL_M * 1e6:g} um"
+    if at_rest.all():
         raise UserError(
-            f"{recording.path}: no motion {span}: the tip stays within {extent_m * 1e6:.3g} um,"
-            f" expected more than {STILL_M * 1e6:g} um. Choose another part (operator.window_s)."
+            f"{recording.path}: {text}. Choose another part (operator.window_s)."
             ' For hands at rest write operator.motion = "still" instead of the file'
         )
+    return (text,) if at_rest.any() else ()
 
 
 def _itp(

@@ -145,6 +145,7 @@ def read_table(path: Path, options: ReplayOptions, header: str) -> Samples:
         content = f"contains {len(table)} rows" if len(table) else "the table has no rows"
         raise UserError(f"{path}: {content}; expected a motion of at least 2")
     notes = (JAWS_OF_JIGSAWS,) if options.columns == "jigsaws" else ()
+    notes = (*notes, *table.attrs.get("notes", ()))
     samples = Samples(path, table, notes=notes)
     times = stamps.time_columns(table)
     if len(times) > 1:
@@ -161,7 +162,7 @@ def read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) ->
 
     Raise UserError if it cannot be used; the message names the row or bag message with the problem.
     """
-    if path.suffix.lower() in bags.SUFFIXES:
+    if bags.is_bag(path):
         return _bag_track(path, arms, options)
     whole = read_table(path, options, "time_s,gold_x_um,gold_y_um,gold_z_um")
     samples = {arm: _of_sensor(whole, arm, options.sensors) for arm in arms}

@@ -139,6 +139,20 @@ _POLICY = (
 Handler = Callable[[ServerConnection], Awaitable[None]]
 
 
+class PageConnection(ServerConnection):
+    """A connection that refuses other methods than GET. The library hangs up without an answer."""
+
+    _is_get = False
+
+    def data_received(self, data: bytes) -> None:
+        self._is_get = self._is_get or data[:4] in b"GET "
+        if self._is_get:
+            super().data_received(data)
+            return
+        self.transport.write(_refusal(HTTPStatus.METHOD_NOT_ALLOWED, "").serialize())
+        self.transport.close()
+
+
 class PageServer:
     """A viser server that also serves the page and the files of one session. `Auth` checks each
     request. A refused request gets 403, a request for another file 404.
@@ -205,6 +219,7 @@ class PageServer:
                 return self._answer(request)
 
             settings |= {"process_request": process, "sock": self._listening}
+            settings["create_connection"] = PageConnection
             return original(handle, **settings)
 
         return serve
@@ -290,6 +305,7 @@ def _response(
         "X-Frame-Options": "SAMEORIGIN",
         # The address may hold the token, so it must not appear in a referrer.
         "Referrer-Policy": "no-referrer",
+        "Allow": "GET",
     } | (extra or {})
     return Response(status.value, status.phrase, Headers(headers), body)
 

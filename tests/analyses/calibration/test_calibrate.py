@@ -13,6 +13,7 @@ from ravenjax.analyses.calibration import joint_log, parameters, position_loop
 from ravenjax.analyses.calibration.calibrate import NORMAL_90, ROTOR, Calibration, LoggedRobot
 from ravenjax.analyses.calibration.fit import MIN_NOISE, Fit
 from ravenjax.analyses.calibration.parameters import Unknown
+from ravenjax.errors import UserError
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.robots.raven2.plant import robot
 from ravenjax.robots.raven2.setup import RavenSetup
@@ -92,6 +93,17 @@ def test_a_log_of_the_full_simulator_is_replayed_to_a_count(tmp_path) -> None:
     before = parameters.prior_values(position_loop.params(plant), wanted)
     hidden = before * np.where(["friction" in one.name for one in wanted], 0.7, 1.0)
     assert ((low <= hidden) & (hidden <= high)).all()
+
+
+def test_joints_at_rest_are_named() -> None:
+    desired = np.tile(virtual_log.MIDDLE, (4000, 1))
+    log = joint_log.JointLog(desired[0], desired, desired, np.arange(4000))
+    logged = LoggedRobot(log, virtual_log.SETUP, "gold", position_loop.RAVEN2)
+    with pytest.raises(UserError, match=r"no joint moves .*shoulder, .* grasp2"):
+        logged.calibrated(PLANT, FRICTION)
+    moving = np.where(np.arange(7) != 4, virtual_log.swept(4000), desired)
+    log = log._replace(measured=moving)
+    assert LoggedRobot(log, virtual_log.SETUP, "gold", position_loop.RAVEN2).at_rest == ["wrist"]
 
 
 def fitted(covariance: np.ndarray, steps: np.ndarray) -> Calibration:

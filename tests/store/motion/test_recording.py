@@ -3,6 +3,7 @@ each kind of damage.
 """
 
 import numpy as np
+import pandas as pd
 import pytest
 from recorded_hands import ROWS, play, recording, refused, tip_mm
 from scipy.spatial.transform import Rotation
@@ -162,7 +163,10 @@ def test_a_recording_that_would_not_move_the_robot_is_refused(parquet):
     frame[axes] = frame[axes].iloc[0].to_numpy()
     # the last digit of a sensor at rest
     frame["gold_x_um"] += np.arange(ROWS) % 2
-    refused(parquet(frame), "no motion from 0.000 to 3.000 s", 'motion = "still"')
+    refused(parquet(frame), "s: the tip of gold stays within 1 um", 'motion = "still"')
+    both = pd.concat([frame, recording(arms=("green",)).drop(columns="time_s")], axis=1)
+    (notice,) = play(parquet(both), arms=("gold", "green")).summary.notices
+    assert "no motion from 0.000 to 3.000 s: the tip of gold stays" in notice
     frame = recording().assign(surgeon_mode=(np.arange(ROWS) >= 2500).astype(int))
     refused(parquet(frame), "the pedal is never down from 0.000 to 1.000 s", window_s=(0, 1))
 

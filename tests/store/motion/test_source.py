@@ -5,7 +5,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from recorded_hands import HOME_MM, circle, play, refused, tip_mm
+from rosbags.convert.converter import convert
+from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
+
+from ravenjax.store.motion import recording
 
 TIME_S = np.arange(120) / 30.0
 PLACE_MM = HOME_MM + circle(TIME_S)
@@ -184,6 +188,26 @@ def test_what_a_name_says_twice_or_in_another_unit(tmp_path):
     assert "if these are radians, name the column gold_grasp_rad" in one.summary.notes[0]
     arm = one.summary.arms[0]
     assert arm.start_mm == pytest.approx(HOME_MM, abs=1e-3) and arm.from_home_mm < 1e-3
+
+
+def test_a_last_row_that_is_cut_off_is_noted(tmp_path):
+    path = csv(tmp_path / "a.csv", FRAME)
+    assert not play(path).summary.notes
+    path.write_text(path.read_text().rstrip()[:-2])
+    assert "the last row is probably cut off" in play(path).summary.notes[0]
+
+
+def test_a_folder_of_ros_2_is_a_bag(tmp_path):
+    path = bags.pose_bag(tmp_path / "a.bag", "/arm1", TIME_S, PLACE_MM * 1e-3, "")
+    folder, everything = tmp_path / "ros2", ([], [], [], [])
+    store = get_typestore(Stores.LATEST)
+    convert([path], folder, "sqlite3", 8, None, "file", None, store, *everything)
+    assert recording.arms_in(folder) == ("gold",)
+    one = play(folder)
+    assert_circle(one)
+    (folder / ".lock").mkdir()
+    assert play(folder).summary.sha256 == one.summary.sha256
+    refused(tmp_path, "a folder without metadata.yaml")
 
 
 def test_a_clock_that_was_set_is_refused_at_once(tmp_path):

@@ -77,11 +77,10 @@ class Window:
         self.socket.close()
 
 
-def get(session, path, **headers):
+def get(session, path, method="GET", **headers):
     connection = http.client.HTTPConnection("127.0.0.1", session.port, timeout=waiting.DEADLINE_S)
-    connection.request(
-        "GET", path, headers={name.replace("_", "-"): value for name, value in headers.items()}
-    )
+    named = {name.replace("_", "-"): value for name, value in headers.items()}
+    connection.request(method, path, b"x" * 9 if method == "POST" else None, named)
     answer = connection.getresponse()
     body = answer.read()
     connection.close()
@@ -111,6 +110,9 @@ def test_pages_and_files(session):
     for path in (*escapes, "/etc/passwd", "/index.html", "/debrief.html"):
         assert get(session, path)[0].status == 404
     assert json.loads(get(session, "/debrief.json")[1]) == {"ready": False, "table": False}
+    for method in ("HEAD", "POST"):
+        answer, _ = get(session, "/", method)
+        assert answer.status == 405 and answer.getheader("Allow") == "GET"
 
 
 def test_an_operator_drives_and_letting_go_releases(session):

@@ -16,8 +16,9 @@ from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import ALL, Fault, Group, Run
 from ravenjax.campaign.file.location import Complaint
-from ravenjax.errors import UserError
+from ravenjax.errors import UserError, suggest_unit
 from ravenjax.parts import part
+from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.robots.raven2.campaign.sections import (
     Hand,
     Limits,
@@ -27,6 +28,7 @@ from ravenjax.robots.raven2.campaign.sections import (
     Reaction,
 )
 from ravenjax.robots.raven2.console.motions import MOTIONS
+from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.robots.raven2.plant.kinematic_errors import MEASURED
@@ -40,6 +42,8 @@ HEALTHY_MM = 0.1
 """Distance from the nominal model that every moving robot exceeds without a fault, mm."""
 REACH_MM = 429.0
 """Longest distance between two tip positions within the hard stops of joints 1 to 3, mm."""
+FASTEST_MS = 80.0
+"""Delay of a reaction that is shorter than any person's reaction to touch, ms."""
 _REACTION = resources.read_tables(__file__, "reaction.toml")
 USING_ACTIONS: dict[str, list[str]] = _REACTION["read_by"]
 """Parameter of a reaction -> the actions that use the parameter."""
@@ -178,11 +182,7 @@ class RavenConfig(CampaignConfig):
             for key, angle in section.model_dump(exclude_none=True).items():
                 largest = float(np.max(np.abs(angle)))
                 if key.endswith("_deg") and 0 < largest <= math.pi:
-                    yield (
-                        (name, key),
-                        f"got {angle} degrees. If this is meant in radians, write"
-                        f" {np.round(np.degrees(angle), 2).tolist()} degrees",
-                    )
+                    yield (name, key), f"got {angle} degrees{suggest_unit(key, angle)}"
         axes = {path: axis for _, table in self.parameter_tables() for path, axis in table.items()}
         errors = [path for path in axes if ".kinematic_errors." in path]
         only_scales = all(path.endswith(".scale") for path in errors)
@@ -194,6 +194,10 @@ class RavenConfig(CampaignConfig):
             if measured and path.endswith(".scale") and axes[path].values == (0,):
                 message = "the value 0 removes the errors of campaign.kinematic_errors = 'measured'"
                 yield key, message
+        delay_ms = 250.0 if self.reaction is None else self.reaction.delay_ms
+        if 0 < delay_ms < FASTEST_MS:
+            unit = suggest_unit("delay_ms", delay_ms, FASTEST_MS)
+            yield ("reaction", "delay_ms"), f"got {delay_ms:g}, faster than any person{unit}"
         if self.operator.motion == "still" and self.operator.seed:
             yield ("operator", "seed"), "motion 'still' is the same for every seed"
         if self.operator.place == "home" and self.operator.offset_mm is not None:
@@ -201,10 +205,9 @@ class RavenConfig(CampaignConfig):
                 ("operator", "offset_mm"),
                 "has no effect with place = 'home', which moves the tip to the home pose",
             )
-        limits = self.limits.si()
-        for joint, start in self.operator.start.si().items():
-            low, high = limits.get(joint, (start, start))
-            if not low <= start <= high:
+        starts = dict(zip(JOINTS, HOME_JPOS, strict=True)) | self.operator.start.si()
+        for joint, (low, high) in self.limits.si().items():
+            if self.operator.file is None and not low <= starts[joint] <= high:
                 yield ("operator", "start"), f"{joint} starts outside its range in [limits]"
         sites = {
             fault.site

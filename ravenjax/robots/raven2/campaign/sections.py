@@ -15,7 +15,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, mo
 from ravenjax.campaign.file import own_part
 from ravenjax.campaign.file.section import OneOf, Section
 from ravenjax.campaign.file.sections import CampaignSection
-from ravenjax.errors import format_value, suggest_name
+from ravenjax.errors import format_value, require_utf8, suggest_name
 from ravenjax.parts import part
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.motions import MOTIONS
@@ -358,6 +358,7 @@ class Operator(Section):
             self, folder, what="operator", name="hands", key="hands", sha256="hands_sha256"
         )
         file = None if self.file is None else (folder / self.file).absolute()
+        require_utf8(str(file))
         return section.model_copy(update={"file": file})
 
     @property
