@@ -22,7 +22,7 @@ FOLDER = "campaigns/searches"
 """Folder of the bundled search files."""
 
 
-def load_search(path: str | Path, overrides: Sequence[str]) -> SearchConfig:
+def load_search(path: str | Path, overrides: Sequence[str] = ()) -> SearchConfig:
     """Read a search from a TOML file, or a bundled search by name. Raise UserError for mistakes."""
     file = location.find_campaign_file(path, FOLDER, "search")
     raw, text = location.read_toml(file)
