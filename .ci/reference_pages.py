@@ -544,7 +544,7 @@ def _hazards() -> Iterator[str]:
         " `ravenjax faults ID` prints the values, trigger, expected outcome and source of a hazard."
         ' `hazards = ["C09", "L7"]` in a group runs them.'
     )
-    yield markdown_table(listing.LAYER_COLUMNS, listing.layer_table())
+    yield markdown_table(listing.LAYER_COLUMNS, listing.layer_table(ROBOT))
     yield markdown_table(listing.COLUMNS, rows)
 
 

@@ -14,11 +14,15 @@ from ravenjax.report.data.facts import Choices
 from ravenjax.store.access import query
 
 
-def same(frame, cue=0, jump="jump_code", action=0):
+def facts_of(frame, cue=0, jump="jump_code", action=0):
     with query.open_empty() as table:
         run_facts.register_table(table, frame)
         run_facts.define_facts(table, Choices(Rules(cue=cue, jump=jump), action))
-        told = table.frame("SELECT * EXCLUDE row FROM facts ORDER BY row")
+        return table.frame("SELECT * EXCLUDE row FROM facts ORDER BY row")
+
+
+def same(frame, cue=0, jump="jump_code", action=0):
+    told = facts_of(frame, cue, jump, action)
     naive = naive_facts.derive(frame, cue, jump, action)
     assert {*told, "run_id"} == set(naive)
     for name in told:
@@ -90,7 +94,7 @@ def test_the_order_of_two_faults_matters_only_on_the_same_channel():
     frame["fault0_value"], frame["fault1_value"] = [1.0, 2.0, 1.0, 2.0], [2.0, 1.0, 2.0, 1.0]
     frame["fault0_channel"] = ["shoulder", "elbow", "shoulder", "shoulder"]
     frame["fault1_channel"] = ["elbow", "shoulder", "shoulder", "shoulder"]
-    distinct = run_facts.derive_facts(frame, Choices(Rules()))["distinct"].to_numpy()
+    distinct = facts_of(frame)["distinct"].to_numpy()
     assert distinct[0] == distinct[1] and len(set(distinct)) == 3
 
 

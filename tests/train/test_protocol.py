@@ -49,5 +49,5 @@ def test_each_jaw_ends_where_contact_has_its_tip(arm):
         axis = kinematics.forward_pose(arm, Vec(jpos.tolist())).position
         closing = protocol.closing_point(arm, [float(x) for x in axis], jpos.tolist())
         found = protocol.jaw_tips(arm, closing, jpos.tolist())
-        expected = [[float(x) for x in tip.at] for tip in tips]
+        expected = [[float(x) for x in tip.position] for tip in tips]
         np.testing.assert_allclose(found, expected, atol=1e-6)  # single precision
