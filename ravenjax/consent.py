@@ -6,10 +6,12 @@ one of these ways:
 - A command names a campaign file by its path, and the code belongs to the user and lies in the
   folder of the campaign file. The module of a robot may lie anywhere in Python's search path.
 - `--trust` is on the command line, or RAVENJAX_TRUST=1 in the environment.
-- The user agreed to the same content before. A hash of the content is stored. For a robot this
-  covers all Python files of its package, or its module and the files in its folder that it imports.
+- The user agreed to the same content before. A hash of the content is stored. For a robot, the hash
+  covers all Python files of the robot's package. If the robot is a single module, it covers the
+  module and the files that the module imports from its own folder.
 
-A result folder and `ravenjax check` therefore run only code that the user has run before.
+Without `--trust`, commands that read a result folder, and `ravenjax check`, run only code to which
+the user agreed before.
 """
 
 import contextlib

@@ -121,12 +121,12 @@ def _validate(model: type[CampaignConfig], raw, where: location.Where) -> Campai
     try:
         return model.model_validate(raw)
     except ValidationError as error:
-        # Pydantic also calls a list too short if its only entries are invalid.
+        # If all entries of a list are invalid, Pydantic also reports the list as too short.
         mistakes = [e for e in error.errors() if e["type"] != "too_short" or not e["input"]]
         raise where.error(
             _describe_mistake(model, mistake, raw)
             for mistake in mistakes
-            if not _is_misspelt(mistake, mistakes)
+            if not _is_explained_by_misspelling(mistake, mistakes)
         ) from None
     except RecursionError:
         raise UserError("the campaign's tables are nested too deeply to be read") from None
@@ -143,7 +143,7 @@ def _check_meaning(config: CampaignConfig, where: location.Where) -> CampaignCon
     return config
 
 
-def _is_misspelt(missing, errors: Sequence[Any]) -> bool:
+def _is_explained_by_misspelling(missing, errors: Sequence[Any]) -> bool:
     # Returns whether an error is about a missing key that another error reports as misspelt. This
     # is so if an unknown key of the same table is similar to the missing key.
     *table, key = missing["loc"] or ("",)

@@ -52,7 +52,7 @@ def explore(
         return console.print_text(index)
     if len(sources) != 1:
         raise UserError(
-            f"got {len(sources)} campaigns, expected one; for several pages write --gallery DIR"
+            f"got {len(sources)} campaigns, expected one; for one page each, add --gallery DIR"
         )
     path = page.build_page(sources[0], out)
     if as_json:

@@ -110,7 +110,7 @@ def select_hazards(words: Any, robot: Robot = robots.USUAL) -> list[Hazard]:
             f'got {format_value(words)}, expected ids and layers, such as ["C09", "L7"], or "all"',
         )
     if not library.all_hazards(robot):
-        raise WrongGroup(KEY, f"robot {robot.name!r} has no hazard library, expected key fault")
+        raise WrongGroup(KEY, f"robot {robot.name!r} has no hazard library; use the key 'fault'")
     ids = {row.id for word in listed for row in _hazards_named(word, robot)}
     return [row for row in library.all_hazards(robot) if row.id in ids]
 

@@ -186,7 +186,7 @@ def _require_supported(model: mujoco.MjModel):
     if found:
         raise UserError(
             f"the MJCF model has {'; '.join(found)}: expected a fixed base, hinge and slide joints,"
-            " and couplings of joints. Remove all else from the model"
+            " and couplings of joints only. Remove these elements from the model"
         )
 
 

@@ -87,10 +87,11 @@ def read_source(
         raise UserError(f"{path}: file of {what} {name!r} cannot be read ({reason})") from None
     source = OwnSource(name, str(path), text)
     module, contents = _run(source, None, require)
-    whole = dataclasses.replace(source, files=tuple(sorted(contents.items())))
-    _MODULES[whole] = module
-    load_part(whole)
-    return whole
+    source_with_imports = dataclasses.replace(source, files=tuple(sorted(contents.items())))
+    _MODULES[source_with_imports] = module
+    # This checks the functions of the file, so that a mistake is reported here.
+    load_part(source_with_imports)
+    return source_with_imports
 
 
 def is_unchanged(source: OwnSource) -> bool:

@@ -58,21 +58,22 @@ def _posterior(hits: np.ndarray, trials: np.ndarray) -> tuple[np.ndarray, np.nda
     # Half an event is added to events and to other trials, so that no logarithm is infinite.
     events, others = hits.sum() + 0.5, trials.sum() - hits.sum() + 0.5
     share = events / (trials.sum() + 1.0)
-    # The grid of the mean: six standard errors of its logit, larger if units differ much.
-    expected = trials * events / (trials.sum() + 1.0)
+    # The grid of the mean extends six standard errors of its logit to each side. The error is
+    # larger if units differ more than chance explains.
+    expected = trials * share
     excess = ((hits - expected) ** 2 / (expected * (1.0 - share))).sum() / len(hits)
     error = np.sqrt((1.0 / events + 1.0 / others) * max(1.0, excess))
     logit = np.log(events / others)
     means = 1.0 / (1.0 + np.exp(-(logit + 6.0 * error * np.linspace(-1.0, 1.0, GRID))))
-    # The grid of the root: the likely points of a coarse grid, and one step beyond them.
+    # The grid of the root of the correlation: the likely points of a coarse grid, and one step
+    # beyond them.
     coarse = np.geomspace(1e-4, 0.95, GRID)
     best = _log_likelihood(hits, trials, means[:, None], coarse[None, :]).max(axis=0)
     likely = coarse[best > best.max() - _NEGLIGIBLE]
     lowest = 1e-4 if likely[0] == coarse[0] else likely[0] * coarse[0] / coarse[1]
     roots = np.linspace(lowest, min(0.95, likely[-1] * coarse[1] / coarse[0]), GRID)
     mean, root = (points.ravel() for points in np.meshgrid(means, roots, indexing="ij"))
-    # The grid is uniform in the logit of the mean. The second term makes the prior uniform in the
-    # mean.
+    # The grid is uniform in the logit of the mean. The logarithm makes the prior uniform in it.
     log_weight = _log_likelihood(hits, trials, mean, root) + np.log(mean * (1.0 - mean))
     weight = np.exp(log_weight - log_weight.max())
     return mean, root, weight / weight.sum()

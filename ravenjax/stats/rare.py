@@ -1,8 +1,9 @@
 """Estimates the probability of an event that is too rare for plain Monte Carlo sampling.
 
 The event is defined by a function g, a limit state. It maps points of the unit cube [n, d] to
-margins [n]. The event is margin <= 0. Each coordinate is the quantile of an independent input. g is
-called with batches of points and must always give the same margin for the same point.
+margins [n]. The event is margin <= 0. Each coordinate is the cumulative probability, 0 to 1, of an
+independent input. g is called with batches of points and must always give the same margin for the
+same point.
 """
 
 import math

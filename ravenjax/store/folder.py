@@ -127,8 +127,9 @@ class ResultFolder:
             self._parts.append(part)
 
     def close(self, compile_s: float, run_s: float, rows: int, notes: Sequence[str] = ()) -> None:
-        """Write the times of this start (s), the number of rows it computed, and its notes into
-        the manifest. If all rows are stored, also write the finish time.
+        """Write into the manifest the compile time and run time (s) since the campaign was started
+        or resumed, its speed, and its notes. If it computed no rows, write only the notes. If all
+        rows are stored, also write the finish time.
         """
         notices = tuple(dict.fromkeys((*self._manifest.notices, *notes)))
         update: dict[str, Any] = {"notices": notices}

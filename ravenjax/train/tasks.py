@@ -302,7 +302,8 @@ class PegTask(Task):
         # A held object is lifted first, so that it passes over the pegs. 2 mm below is high enough.
         if holding and tip[2] < z + LIFT_M - 0.002 and distance_xy > self._tolerance_m:
             return Aim((tip[0], tip[1], z + LIFT_M), jaws_closed=True)
-        # At the goal, jaws that hold the object open, and empty jaws close.
+        # At the goal the jaws change: they open if they hold the object, and close if they are
+        # empty. Elsewhere they stay as they are.
         return Aim((x, y, z if is_above else z + LIFT_M), jaws_closed=holding != is_at_goal)
 
     def _shapes(self) -> Json:

@@ -16,7 +16,7 @@ PER_UNIT = np.array((180.0 / np.pi,) * 2 + (1e3,) + (180.0 / np.pi,) * 4)
 UNITS = ("deg", "deg", "mm", "deg", "deg", "deg", "deg")
 LOG, ROBOT = "same", "cue"
 """Names of colours."""
-MOST_SPREAD_LEFT = 0.5
+MAX_SPREAD_RATIO = 0.5
 """A log determines a parameter if its standard deviation after the fit is at most this share of
 its prior standard deviation.
 """
@@ -56,7 +56,7 @@ def tabulate_parameters(calibrated: Calibration) -> list[tuple[str, ...]]:
     """Return one row for each estimated parameter.
 
     A row contains the value before and after the fit, the ends of the 90 % interval, and the
-    standard deviation after the fit as a share of the prior one. Shares above MOST_SPREAD_LEFT are
+    standard deviation after the fit as a share of the prior one. Shares above MAX_SPREAD_RATIO are
     marked as not determined.
     """
     fitted = (calibrated.before, calibrated.after, *calibrated.interval, calibrated.spread_ratio)
@@ -68,9 +68,10 @@ def tabulate_parameters(calibrated: Calibration) -> list[tuple[str, ...]]:
             f"{after:.3g}",
             f"{lower:.3g}",
             f"{upper:.3g}",
-            f"{spread_left:.2f}" + ("" if spread_left <= MOST_SPREAD_LEFT else " (not determined)"),
+            f"{spread_ratio:.2f}"
+            + ("" if spread_ratio <= MAX_SPREAD_RATIO else " (not determined)"),
         )
-        for unknown, before, after, lower, upper, spread_left in rows
+        for unknown, before, after, lower, upper, spread_ratio in rows
     ]
 
 

@@ -3,9 +3,9 @@ operation.
 
 Each operator has a different motion. Each operation of an operator has a different robot.
 
-A fault-free run equals its golden run, so each operation is computed once. Only its row of outcomes
-is stored. Memory therefore does not grow with the number of operations. A GPU computes all robots
-of an operator in parallel.
+A fault-free run equals its golden run, so each operation is computed once. Of each operation only a
+row of outcomes is kept, without time series, so memory hardly grows with their number. A GPU
+computes all robots of an operator in parallel.
 """
 
 import dataclasses

@@ -215,7 +215,7 @@ class Group(Section):
     def _design(self) -> Group:
         # Checks that the keys fit the group's design.
         if self.design in SAMPLED and self.runs is None:
-            raise ValueError(f"design = {self.design!r} needs the key runs, a number of draws")
+            raise ValueError(f"design = {self.design!r} needs the key 'runs', the number of draws")
         if self.design not in SAMPLED and self.runs is not None:
             raise ValueError(
                 f"design = {self.design!r} determines the number of runs: remove the key runs, or"

@@ -4,8 +4,8 @@ Each instruction computes `width` lanes. A `Place` gives the location of numbers
 neither fuse nor reassociate operations on floats, so all widths and CPUs give the same bits.
 WebAssembly is the exception, because its `fma` rounds twice.
 
-Sine and similar functions are polynomials, or functions of the C library. The C library's are
-called for one lane at a time, and Python's `math` calls the same functions.
+Sine and similar functions are polynomials, or functions of the C library. Functions of the C
+library are called for one lane at a time. Python's `math` calls them too and gives the same bits.
 """
 
 import struct

@@ -1,8 +1,8 @@
 """Counts false cues and false alarms in fault-free motion.
 
 Fault-free motions are the golden runs of a campaign and the runs in its folder fault_free. Each
-motion counts once, with the time until its first alarm. A cue that stops and starts again therefore
-does not raise the rate.
+motion contributes at most one cue or alarm, and its time counts only until then. A cue that stops
+and starts again therefore does not raise the rate.
 """
 
 import math

@@ -1,7 +1,7 @@
-"""Section "Robots": rates for one robot, in campaigns that draw whole robots from a file.
+"""Section "Robots": the rate that one more robot may have, if robots are drawn from a file.
 
-The sampled units are robots. The interval is for one further robot, so more faults per robot do not
-make the interval narrower.
+All parameters of a robot are drawn together. The interval is a prediction interval for a robot that
+was not drawn. It shows how much robots differ, so more faults per robot narrow it little.
 """
 
 from collections.abc import Mapping

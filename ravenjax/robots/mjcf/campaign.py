@@ -51,11 +51,8 @@ class Operator(Section):
     @model_validator(mode="after")
     def _fits(self) -> "Operator":
         keys = self.model_dump(exclude_defaults=True).keys() - {"motion"}
-        if self.motion == "tip":
-            fits = keys in ({"tip"}, {"file"})
-        else:
-            fits = not keys & {"tip", "file"}
-        if not fits:
+        follows_path = self.motion == "tip"
+        if not (keys in ({"tip"}, {"file"}) if follows_path else keys.isdisjoint({"tip", "file"})):
             raise ValueError("motion 'tip' takes tip or file alone, and 'sines' takes the others")
         # A quaternion of zeros is no orientation.
         sizes = {len(row) if any(row[4:]) or len(row) == 4 else 0 for row in self.tip}

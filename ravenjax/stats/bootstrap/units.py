@@ -104,16 +104,21 @@ def group_units(label: ArrayLike, stratum: ArrayLike | None = None) -> Units:
 
 
 def ratio_band(
-    above: ArrayLike, below: ArrayLike, among: Units, *, resamples: int = RESAMPLES, seed: int = 0
+    numerators: ArrayLike,
+    denominators: ArrayLike,
+    among: Units,
+    *,
+    resamples: int = RESAMPLES,
+    seed: int = 0,
 ) -> Estimate:
-    """Return sum(above) / sum(below) over rows [n] with its percentile band.
+    """Return sum(numerators) / sum(denominators) over rows [n] with its percentile band.
 
-    With `below` = 1 it is a mean. The band is NaN for fewer than MIN_UNITS units. If all units have
-    the same ratio, the band has zero width; `rate_band` avoids this for shares.
+    With `denominators` = 1 it is a mean. The band is NaN for fewer than MIN_UNITS units. If all
+    units have the same ratio, the band has zero width; `rate_band` avoids this for shares.
     """
     # Sums of both columns over the rows of each unit, [2, units].
-    columns = np.broadcast_arrays(np.asarray(above, float), np.asarray(below, float), among.unit)
-    sums = np.stack([np.bincount(among.unit, x, minlength=among.count) for x in columns[:2]])
+    columns = [np.broadcast_to(x, among.unit.shape) for x in (numerators, denominators)]
+    sums = np.stack([np.bincount(among.unit, x, minlength=among.count) for x in columns])
     with np.errstate(invalid="ignore", divide="ignore"):
         total = sums.sum(axis=1)
         value = total[0] / total[1]

@@ -94,16 +94,18 @@ def series_scalars(robot: Robot, name: str, shape: tuple[int, ...]) -> Iterator[
 
     The last axis varies fastest. shape: shape of the series without time.
     """
-    one = describe_series(name)
-    along = one.axes if len(one.axes) == len(shape) else ("",) * len(shape)
-    names = series_axes(robot)
-    for place in np.ndindex(shape):
-        steps = [
-            named[i] if len(named := names.get(axis, ())) == size else str(i)
-            for axis, i, size in zip(along, place, shape, strict=True)
-        ]
-        unit = one.linear_unit if one.linear_unit and set(robot.linear) & set(steps) else one.unit
-        yield "/".join([name, *steps]), unit
+    series = describe_series(name)
+    axes = series.axes if len(series.axes) == len(shape) else ("",) * len(shape)
+    labels = series_axes(robot)
+    for indices in np.ndindex(shape):
+        parts, unit = [name], series.unit
+        for axis, index, size in zip(axes, indices, shape, strict=True):
+            named = labels.get(axis, ())
+            parts.append(named[index] if len(named) == size else str(index))
+            # Numbers of a linear joint have the unit of linear joints, if the series has one.
+            if parts[-1] in robot.linear:
+                unit = series.linear_unit or unit
+        yield "/".join(parts), unit
 
 
 def write_csv(path: Path, series: Series, robot: Robot = robots.USUAL) -> None:

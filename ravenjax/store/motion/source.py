@@ -413,10 +413,10 @@ def _jaws(
     widest = np.abs(opening).max()
     if not widest <= WIDEST_RAD or steps_s.min() < 0.0 or steps_s.max() > max_gap_s:
         raise UserError(
-            f"{topic}: steps of {steps_s.min():.3g} to {steps_s.max():.3g} s while the tip was"
-            f" recorded, openings up to {widest:.4g} rad; expected no step back or above"
-            f" {max_gap_s:g} s (operator.max_gap_s), and openings up to {WIDEST_RAD:.3g} rad in"
-            " every message"
+            f"{topic}: while the tip was recorded, messages are {steps_s.min():.3g} to"
+            f" {steps_s.max():.3g} s apart, and the jaws open by up to {widest:.4g} rad. Expected"
+            f" times that never go back, at most {max_gap_s:g} s between messages"
+            f" (operator.max_gap_s), and jaws that open by at most {WIDEST_RAD:.3g} rad"
         )
     return jaw.time_ns, opening, topic
 

@@ -188,14 +188,14 @@ class _Hand:
 
 
 def _limit_speeds(given: Json) -> tuple[float, ...]:
-    """Return an arm's speeds of a message "input", ordered as STILL. The vectors "move" and "turn"
-    are shortened to length 1, and "grasp" is limited to -1 to 1.
+    """Return the speeds of one arm in a message "input", ordered as STILL. Vectors "move" and
+    "turn" longer than 1 are shortened to length 1, and "grasp" is limited to -1 to 1.
     """
     speeds = []
     for name in ("move", "turn"):
         vector = given.get(name, STILL[:3])
-        length = max(1.0, math.hypot(*vector))
-        speeds += [x / length for x in vector]
+        divisor = max(1.0, math.hypot(*vector))
+        speeds += [x / divisor for x in vector]
     return *speeds, min(max(given.get("grasp", 0.0), -1.0), 1.0)
 
 

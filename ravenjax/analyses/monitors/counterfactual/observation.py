@@ -167,12 +167,13 @@ class EvadingFaults(NamedTuple):
         strata = np.zeros(self.count, int)
         if not self.units_are_robots:
             _, strata = np.unique(self.group, return_inverse=True)
-        first = 0
+        start = 0
         for stratum in range(strata.max(initial=-1) + 1):
             shuffled = rng.permutation(np.unique(self.unit[strata == stratum]))
-            selection |= (strata == stratum) & np.isin(self.unit, shuffled[first::2])
-            # If groups have odd sizes, the larger half is in turn the first and the second.
-            first = (first + len(shuffled)) % 2
+            selection |= (strata == stratum) & np.isin(self.unit, shuffled[start::2])
+            # In groups of odd size one half gets one unit more: the selection in the first such
+            # group, the test in the next.
+            start = (start + len(shuffled)) % 2
         return selection, ~selection
 
     def rate(self, detected: np.ndarray, rows: np.ndarray) -> Rate:

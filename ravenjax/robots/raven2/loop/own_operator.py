@@ -1,11 +1,12 @@
-"""Runs a user's file as the operator: what the file sees, and how its hands change the plan.
+"""Runs a user's file as the operator: what the file can read, and how the values that it returns
+change the planned motion.
 
 The plan is the motion that a campaign names. docs/how-to/own-operator.md lists what the file gets
 in each millisecond, and the keys delta, grasp, pedal and pace that it may return. If a hand moves
 differently than planned, the difference remains (`operator.HandOffsets`) until the file reverses
 it. The robot and the nominal model both follow the hand. A file cannot change the hand's rotation.
-It returns the same keys in all milliseconds. A key that is missing or unchanged adds no
-computation.
+It must return the same keys in every millisecond. A key that it never returns, or returns
+unchanged, adds no computation.
 """
 
 from collections.abc import Sequence

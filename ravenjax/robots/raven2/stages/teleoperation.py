@@ -134,7 +134,7 @@ def hand_over(
     pedal_down: Scalar,
     desired: PerArm[StoredPose],
 ) -> tuple[TeleoperationState, PerArm[StoredPose]]:
-    """Return the state after the time-out of the console, and the desired poses of the arms.
+    """Check whether the console has timed out. Return the new state, and the arms' desired poses.
 
     In pedal-down, desired poses become the accumulated poses if these were updated, or if the
     time-out has just tripped. Otherwise they remain. Called once per cycle.
