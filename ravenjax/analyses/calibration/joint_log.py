@@ -47,6 +47,7 @@ from ravenjax.store import files
 from ravenjax.store.logs import bags
 from ravenjax.store.motion import source, stamps
 from ravenjax.store.motion.options import Columns, ReplayOptions
+from ravenjax.store.motion.resampling import true_stretches
 from ravenjax.store.motion.source import Samples
 from ravenjax.store.motion.summary import list_names
 
@@ -162,9 +163,8 @@ def _pedal_down(samples: Samples) -> Samples:
     """Return the longest stretch of rows in pedal-down; all rows if the run level is not logged."""
     table, where = samples.table, ""
     if "runlevel" in table:
-        live = samples.numbers("runlevel") == PEDAL_DOWN
-        stretch = np.cumsum(np.diff(live, prepend=live[:1]) != 0)
-        rows = live & (stretch == np.bincount(stretch, live, minlength=1).argmax())
+        stretches = true_stretches(samples.numbers("runlevel") == PEDAL_DOWN)
+        rows = slice(*max(stretches, key=lambda span: span[1] - span[0], default=(0, 0)))
         times = None if samples.time_s is None else samples.time_s[rows]
         samples = dataclasses.replace(samples, table=table[rows], time_s=times)
         where = f" in pedal-down (runlevel {PEDAL_DOWN})"
