@@ -87,8 +87,8 @@ class JointLog(NamedTuple):
         """
         rows = self.cycles < end
         measured = np.where((self.cycles >= begin)[:, None], self.measured, np.nan)
-        return JointLog(
-            self.start, self.desired[:end], measured[rows], self.cycles[rows], self.notes
+        return self._replace(
+            desired=self.desired[:end], measured=measured[rows], cycles=self.cycles[rows]
         )
 
 

@@ -373,7 +373,6 @@ def _itp(
     # x @ axes is the inverse of the mapping.
     axes = np.array(ITP_AXES[arm])
     turns = Rotation.from_quat(quat)
-    turn = (turns * turns[0].inv()).as_quat()
-    turn *= np.where(turn[:, 3:] < 0.0, -1.0, 1.0)
+    turn = (turns * turns[0].inv()).as_quat(canonical=True)
     hand = (position - position[0]) @ axes / scale * 1e6
     return hand, np.concatenate([turn[:, :3] @ axes, turn[:, 3:]], axis=1)
