@@ -98,13 +98,14 @@ def suggest_unit(key: str, value: Any, low: float = -math.inf, high: float = mat
     Return "" if the number would not lie between `low` and `high` in the other unit.
     """
     unit, factor = _UNITS.get(key.rpartition("_")[2], ("", 0.0))
-    numbers: Sequence[Any] = value if isinstance(value, list | tuple) else [value]
+    several = isinstance(value, list | tuple)
+    numbers: list[Any] = [*value] if several else [value]
     # A truth value is no number.
     plausible = (type(x) in (int, float) and low <= x * factor <= high for x in numbers)
     if not unit or not all(plausible):
         return ""
     meant = [float(f"{x * factor:.4g}") for x in numbers]
-    return f". If this is in {unit}, write {meant if numbers is value else f'{meant[0]:g}'}"
+    return f". If this is in {unit}, write {meant if several else f'{meant[0]:g}'}"
 
 
 def _allowed_range(model: type[BaseModel], key: str) -> tuple[float, float]:

@@ -286,14 +286,13 @@ def _numbers(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
     usual = np.full(plan.faults["code"].shape, np.nan)
     for code, (site, channel) in enumerate(_channels(plan), start=1):
-        number, path = np.nan, channel.name if site == PARAMETER else channel.usual
-        if isinstance(path, str):
-            number = plan.numbers(path)[:, None]
-        elif channel.usual is not None:
-            number = channel.usual
+        number = channel.name if site == PARAMETER else channel.usual
+        if isinstance(number, str):
+            number = plan.numbers(number)[:, None]
         elif channel.pedal:
             number = _pedal_values(plan, *channel.pedal)
-        usual = np.where(plan.faults["code"] == code, number, usual)
+        if number is not None:
+            usual = np.where(plan.faults["code"] == code, number, usual)
     ticks = np.minimum(plan.faults["duration"], plan.program.ticks - plan.faults["start"])
     return plan.faults["value"].astype(np.float64), ticks, usual
 
@@ -312,7 +311,7 @@ def _pedal_values(plan: Plan, up: float, down: float) -> np.ndarray:
     starts, closes = faults["start"], span.last_window_ends(faults, ticks, clocks)
     by_time = (faults["trigger"] == TRIGGER_CODES["time"]) & (closes > 0)
     # Another fault of the run could stop the robot, which changes these signals.
-    alone = by_time & (np.sum(faults["code"] > 0, axis=1) == 1)[:, None]
+    alone = by_time & (np.count_nonzero(faults["code"], axis=1, keepdims=True) == 1)
     for kind, (begins, ends, later) in enumerate(clocks.phases):
         of_kind = alone & (clocks.kind == kind)[:, None]
         if later is None or not len(begins):

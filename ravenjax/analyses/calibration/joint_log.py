@@ -179,13 +179,9 @@ def _regular_times(samples: Samples, options: ReplayOptions) -> np.ndarray:
     """Return the times of the samples [n], s. Raise UserError for implausible times and for a gap,
     in which the motion is unknown.
     """
-    path = samples.path
-    times, clock, notes = stamps.sample_times(
-        path, samples.clock, samples.time_s, len(samples.table), options
-    )
-    samples.notes = (*samples.notes, *notes)
-    if times is None:
+    if (times := samples.times(options)) is None:
         return np.arange(len(samples.table)) / (options.rate_hz or np.nan)
+    path, clock = samples.path, samples.clock
     stamps.require_plausible(path, times, clock, options)
     for row, begin, end in stamps.find_gaps(times):
         if end - begin > options.max_gap_s:
