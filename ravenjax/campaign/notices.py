@@ -43,7 +43,12 @@ def of_plan(plan: Plan) -> tuple[str, ...]:
     declared += [
         f"{key}: {words}: {_counted(plan, which)}" for key, which, words in of_runs if which.any()
     ]
-    return (*declared, *_of_copies(plan))
+    if plan.runs <= MOST_COMPARED and (count := int(find_copies(plan).sum())):
+        declared.append(
+            f"group: {count} of {plan.runs} runs have the same inputs as an earlier run, so they"
+            " have the same outcome; equal runs count once"
+        )
+    return tuple(declared)
 
 
 def of_config(config: CampaignConfig) -> Iterator[str]:
@@ -373,12 +378,3 @@ def find_copies(plan: Plan) -> np.ndarray:
     if frame.empty:
         return rows & (np.arange(plan.runs) > 0)
     return rows & frame.duplicated().to_numpy()
-
-
-def _of_copies(plan: Plan) -> Iterator[str]:
-    # Yields a notice if runs have the same inputs as others.
-    if plan.runs <= MOST_COMPARED and (count := int(find_copies(plan).sum())):
-        yield (
-            f"group: {count} of {plan.runs} runs have the same inputs as an earlier run, so they"
-            " have the same outcome; equal runs count once"
-        )

@@ -37,8 +37,7 @@ class Bounds(NamedTuple):
 
     def within(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the lowest and highest joint positions [5] of a motion, which include margins."""
-        margin = np.full(5, MARGIN_RAD)
-        margin[_INSERTION] = MARGIN_M
+        margin = np.where(np.arange(5) == _INSERTION, MARGIN_M, MARGIN_RAD)
         return np.array(self.lower, float) + margin, np.array(self.upper, float) - margin
 
 
