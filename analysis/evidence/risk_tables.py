@@ -217,7 +217,7 @@ def _lines(source: Source, hazard: str) -> Iterator[list[Any]]:
     )
     ordered = sorted(record.parts, key=lambda part: part.first)
     starts = [part.first for part in ordered]
-    for batch in runs.table.batches(query, BATCH):
+    for batch in runs.table.connection.sql(query).to_arrow_reader(BATCH):
         for row in batch.to_pylist():
             part = ordered[bisect.bisect_right(starts, row["row"]) - 1]
             fault = wording.describe_fault(row, record.robot)

@@ -43,7 +43,12 @@ def of_plan(plan: Plan) -> tuple[str, ...]:
     declared += [
         f"{key}: {words}: {_counted(plan, which)}" for key, which, words in of_runs if which.any()
     ]
-    return (*declared, *_of_copies(plan))
+    if plan.runs <= MOST_COMPARED and (count := int(find_copies(plan).sum())):
+        declared.append(
+            f"group: {count} of {plan.runs} runs have the same inputs as an earlier run, so they"
+            " have the same outcome; equal runs count once"
+        )
+    return tuple(declared)
 
 
 def of_config(config: CampaignConfig) -> Iterator[str]:
@@ -286,14 +291,13 @@ def _numbers(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
     usual = np.full(plan.faults["code"].shape, np.nan)
     for code, (site, channel) in enumerate(_channels(plan), start=1):
-        number, path = np.nan, channel.name if site == PARAMETER else channel.usual
-        if isinstance(path, str):
-            number = plan.numbers(path)[:, None]
-        elif channel.usual is not None:
-            number = channel.usual
+        number = channel.name if site == PARAMETER else channel.usual
+        if isinstance(number, str):
+            number = plan.numbers(number)[:, None]
         elif channel.pedal:
             number = _pedal_values(plan, *channel.pedal)
-        usual = np.where(plan.faults["code"] == code, number, usual)
+        if number is not None:
+            usual = np.where(plan.faults["code"] == code, number, usual)
     ticks = np.minimum(plan.faults["duration"], plan.program.ticks - plan.faults["start"])
     return plan.faults["value"].astype(np.float64), ticks, usual
 
@@ -312,7 +316,7 @@ def _pedal_values(plan: Plan, up: float, down: float) -> np.ndarray:
     starts, closes = faults["start"], span.last_window_ends(faults, ticks, clocks)
     by_time = (faults["trigger"] == TRIGGER_CODES["time"]) & (closes > 0)
     # Another fault of the run could stop the robot, which changes these signals.
-    alone = by_time & (np.sum(faults["code"] > 0, axis=1) == 1)[:, None]
+    alone = by_time & (np.count_nonzero(faults["code"], axis=1, keepdims=True) == 1)
     for kind, (begins, ends, later) in enumerate(clocks.phases):
         of_kind = alone & (clocks.kind == kind)[:, None]
         if later is None or not len(begins):
@@ -374,12 +378,3 @@ def find_copies(plan: Plan) -> np.ndarray:
     if frame.empty:
         return rows & (np.arange(plan.runs) > 0)
     return rows & frame.duplicated().to_numpy()
-
-
-def _of_copies(plan: Plan) -> Iterator[str]:
-    # Yields a notice if runs have the same inputs as others.
-    if plan.runs <= MOST_COMPARED and (count := int(find_copies(plan).sum())):
-        yield (
-            f"group: {count} of {plan.runs} runs have the same inputs as an earlier run, so they"
-            " have the same outcome; equal runs count once"
-        )

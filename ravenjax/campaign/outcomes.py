@@ -11,7 +11,7 @@ from ravenjax.campaign.faults import run_id
 from ravenjax.campaign.faults.table import SHARED, count_slots
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.outcomes import verdict
-from ravenjax.store import schema, words
+from ravenjax.store import schema
 from ravenjax.vocabulary import checks, failures
 
 _GOLDEN_ONLY = re.compile(r"detector\d+_threshold0_(first_ms|alarms)|harm_\w+_first_ms")
@@ -51,7 +51,7 @@ def result_columns(
     if schema.OVERLOAD in measures:
         # The engine returns -1 for no cable, which is the first word.
         cable_numbers = measures[schema.OVERLOAD].astype(np.int32) + 1
-        measures[schema.OVERLOAD] = words.word_column(cable_numbers, cable_names(config))
+        measures[schema.OVERLOAD] = schema.word_column(cable_numbers, cable_names(config))
     depth, distance = measures["tissue_depth_mm"], measures["tip_distance_mm"]
     out: dict[str, Any] = {
         **{
@@ -65,7 +65,7 @@ def result_columns(
         "diverged": np.any([site != "" for site in sites], axis=0) & (diverged_ms >= 0),
         **{f"jump_{rule}": first_ms >= 0 for rule, first_ms in jumps_ms.items()},
         **{f"jump_{rule}_first_ms": first_ms for rule, first_ms in jumps_ms.items()},
-        "failed": words.word_column(failed_signal + 1, failures.CAUSES),
+        "failed": schema.word_column(failed_signal + 1, failures.CAUSES),
         "failed_first_ms": failed_ms,
         "tissue_depth_mm": np.maximum(depth, 0),
         "tip_distance_mm": np.where(np.isfinite(distance), distance, np.nan),
@@ -79,7 +79,7 @@ def result_columns(
     if checks.needs_own_columns(config.own_checks, config.stops):
         detectors = [number for number, (_, use, _) in enumerate(config.detectors) if use.stops]
         built_in = verdict.built_in_responses(measures, golden_runs, config.robot, detectors)
-        out[checks.BUILT_IN] = words.word_column(built_in.response, verdict.RESPONSES)
+        out[checks.BUILT_IN] = schema.word_column(built_in.response, verdict.RESPONSES)
         out["built_in_told_ms"] = built_in.told_ms
     response = verdict.classify_responses(measures, golden_runs, config.robot)
     stopped = response.response == verdict.RESPONSES.index("stopped")
@@ -88,12 +88,12 @@ def result_columns(
     has_cue = verdict.beyond_golden(out[cue_column], out[f"golden_{cue_column}"]) >= 0
     verdicts = verdict.classify_verdicts(response.response, hazard, has_cue, failed_ms < 0)
     return out | {
-        "response": words.word_column(response.response, verdict.RESPONSES),
-        "response_cause": words.word_column(response.cause, response.causes),
+        "response": schema.word_column(response.response, verdict.RESPONSES),
+        "response_cause": schema.word_column(response.cause, response.causes),
         "response_ms": response.ms,
         "told_ms": response.told_ms,
-        "hazard": words.word_column(hazard, verdict.HAZARDS),
-        "verdict": words.word_column(verdicts, (*verdict.VERDICTS, "")),
+        "hazard": schema.word_column(hazard, verdict.HAZARDS),
+        "verdict": schema.word_column(verdicts, (*verdict.VERDICTS, "")),
     }
 
 

@@ -217,22 +217,22 @@ def _read_text(path: Path, names: Sequence[str] | None, header: str) -> pd.DataF
     if not isinstance(table.index, pd.RangeIndex):
         raise UserError(f"{path}: rows have more cells than the header line; name every column")
     table.columns = names or [str(name).strip() for name in table]
-    if not lines[-1].endswith("\n") and _is_cut(
-        *([cell.strip() for cell in re.split(cells, line.strip())] for line in lines[headed:])
-    ):
-        table.attrs["notes"] = (
-            f"the last row is probably cut off: it ends in {lines[-1].strip()[-12:]!r}, without a"
-            " line break, and is shorter than the others. Copy the file again, or delete this row",
-        )
+    if not lines[-1].endswith("\n"):
+        *others, last = (_row_size(re.split(cells, line.strip())) for line in lines[headed:])
+        if last < min(others, default=last):
+            table.attrs["notes"] = (
+                f"the last row is probably cut off: it ends in {lines[-1].strip()[-12:]!r}, without"
+                " a line break, and is shorter than the others. Copy the file again, or delete this"
+                " row",
+            )
     return table
 
 
-def _is_cut(*rows: list[str]) -> bool:
-    # Returns whether the last row has fewer cells, or fewer digits in its last cell, than all
-    # others. Digits before a decimal point do not count, because they differ between numbers.
-    *others, last = ((len(row), re.split(r"[.,]", row[-1])) for row in rows)
-    sizes = [(cells, len(parts), len(parts[-1])) for cells, parts in (*others, last)]
-    return sizes[-1] < min(sizes[:-1], default=sizes[-1])
+def _row_size(row: list[str]) -> tuple[int, int, int]:
+    # Returns the number of cells and the size of the last cell. Digits before a decimal point do
+    # not count, because their number differs between numbers.
+    parts = re.split(r"[.,]", row[-1].strip())
+    return len(row), len(parts), len(parts[-1])
 
 
 EXPECTED_FOLDER = (

@@ -155,14 +155,10 @@ class Manifest(BaseModel):
 
     def _identity(self) -> Nested:
         # Returns what must be equal for a campaign to continue in the folder.
-        fields = self.model_dump(
-            include={
-                *("config", "config_hash", "seed", "engine", "device", "versions", "settings"),
-                "shard",
-            }
-        )
+        names = "config_hash", "seed", "engine", "device", "versions", "settings", "shard"
         config = by_content(self.config, self.operator)
-        return fields | {"code": self.code_hash[:16], "config": config}
+        own = {"code": self.code_hash[:16], "config": config}
+        return self.model_dump(include={*names}) | own
 
     def differences(self, other: Manifest, word: str = "requested") -> list[str]:
         """Return the differences from `other` that affect outcomes, one line each.

@@ -19,7 +19,6 @@ import pyarrow as pa
 from ravenjax import robots
 from ravenjax.bundled import resources
 from ravenjax.errors import StoreError, suggest_name
-from ravenjax.store import words
 from ravenjax.vocabulary import checks
 from ravenjax.vocabulary.checks import Check
 
@@ -143,7 +142,7 @@ def _array(values, field: pa.Field) -> pa.Array:
     # Converts values to the column's type, and refuses values that would change.
     try:
         if pa.types.is_dictionary(field.type):
-            return words.arrow_words(values)
+            return arrow_words(values)
         if pa.types.is_string(field.type):
             if isinstance(values, pa.StringArray) and not values.null_count:
                 return values
@@ -159,6 +158,34 @@ def _array(values, field: pa.Field) -> pa.Array:
         raise StoreError(
             f"result column {field.name!r}: expected type {field.type}, got {got}: {error}"
         ) from error
+
+
+def word_column(places: np.ndarray, known: Sequence[str]) -> "pd.Categorical":
+    """Return words from their indices `places` in the list `known`.
+
+    Words that occur become the categories, in the order of `known`.
+    """
+    import pandas as pd
+
+    codes, categories = pd.factorize(np.array(known, object))
+    return pd.Categorical.from_codes(codes[places], categories).remove_unused_categories()
+
+
+def arrow_words(words: Any) -> pa.DictionaryArray:
+    """Return words [rows], categorical or not, as a dictionary-encoded Arrow array.
+
+    A missing word becomes "".
+    """
+    import pandas as pd
+
+    column = pd.Categorical(words)
+    if (column.codes < 0).any():
+        column = column.add_categories([""] if "" not in column.categories else [])
+        column = column.fillna("")
+    if not all(isinstance(word, str) for word in column.categories):
+        raise pa.ArrowTypeError(f"got {column.categories[0]!r}, expected words")
+    words = pa.array(column.categories, pa.string())
+    return pa.DictionaryArray.from_arrays(column.codes.astype(np.int32), words)
 
 
 def require_columns(shape: Shape, names: Sequence[str]) -> None:

@@ -17,7 +17,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 from ravenjax.errors import StoreError
 from ravenjax.store import manifest as manifests
 from ravenjax.store import parts, schema
-from ravenjax.store.folder import SET_ASIDE, ResultFolder, read_all
+from ravenjax.store.folder import ResultFolder, read_all
 
 RUNS = 24
 SHAPE = schema.Shape(joints=("shoulder",), cues=1, checks=(), parameters=("p",))
@@ -151,14 +151,6 @@ class Histories(RuleBasedStateMachine):
             assert len(set(held)) == len(held) and set(held) | set(missing) >= self.asked
             assert not set(held) & set(missing)
             assert self.folder.manifest.done == len(held)
-
-    @invariant()
-    def nothing_is_thrown_away(self):
-        """What cannot be used is kept aside, outside the folder that any tool may read as a
-        whole.
-        """
-        if hasattr(self, "path") and (self.path / SET_ASIDE).exists():
-            assert (self.path / SET_ASIDE).parent == self.path
 
     def _parts(self):
         return parts.part_files(self.path / "parts")

@@ -168,12 +168,11 @@ class LoggedRobot:
         first = next(iter(robots.values()))
         rotors = replace(position_loop.params(position_loop.bare_rotors(first.plant)), cables=0.0)
         joints = self.replay(part, [*robots.values(), rotors])
-        desired, is_measured = part.desired[part.cycles], ~np.isnan(part.measured)
+        desired, unknown = part.desired[part.cycles], np.isnan(part.measured)
 
         def rms(errors: np.ndarray) -> np.ndarray:
-            count = is_measured.sum(axis=0)
-            total = np.square(np.where(is_measured, errors, 0.0)).sum(axis=0)
-            return np.sqrt(np.where(count > 0, total / count.clip(1), np.nan))
+            squares = np.ma.masked_array(np.square(errors), unknown)
+            return np.sqrt(squares.mean(axis=0).filled(np.nan))
 
         return [
             FollowingError(model, rms(motion - desired), rms(motion - part.measured))

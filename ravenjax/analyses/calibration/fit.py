@@ -64,12 +64,21 @@ def fit_parameters(
     The fit starts at the best of some draws from the prior. At its end it tries larger steps
     along each unknown, because a joint that sticks has no slope.
     """
+
+    def costs_of(sets: np.ndarray) -> np.ndarray:
+        # Returns costs of parameter sets [K, k] that are far apart.
+        joints = predict_in_batches(predict, sets, rows)
+        return _cost_of_unknown_noise(measured, joints, sets)
+
     is_measured = ~np.isnan(measured)
     smooth = smooth or predict
     probes = DIFFERENCE * np.vstack([np.eye(unknowns), -np.eye(unknowns)])
     # All batches have one size, so that the replay is compiled only once.
     rows = max(1 + unknowns, len(CANDIDATES))
-    steps, covariance = _start(predict, measured, unknowns, rows), np.eye(unknowns)
+    # The prior of the draws is narrowed to 0.7 standard deviations.
+    samples = np.random.default_rng(0).standard_normal((SCREENED * rows - 1, unknowns))
+    draws = np.vstack([np.zeros(unknowns), 0.7 * samples])
+    steps, covariance = draws[int(np.argmin(costs_of(draws)))], np.eye(unknowns)
     for _ in range(ITERATIONS):
         predicted = predict_in_batches(predict, steps[None], rows)
         residual = np.where(is_measured, measured - predicted[0], 0.0)
@@ -87,8 +96,7 @@ def fit_parameters(
         if costs.min() > costs[0] * (1.0 - ENOUGH):
             further = np.concatenate([steps + far * np.eye(unknowns) for far in FURTHER])
             candidates = np.vstack([steps, further])
-            further_joints = predict_in_batches(predict, candidates, rows)
-            costs = _cost_of_unknown_noise(measured, further_joints, candidates)
+            costs = costs_of(candidates)
             if costs.min() > costs[0] - WORTH:
                 break
         steps = candidates[int(np.argmin(costs))]
@@ -115,14 +123,6 @@ def _cost_of_unknown_noise(
     # The logarithm of a perfect fit is finite, because noise is at least two encoder counts.
     likelihood_cost = ASSUMED_SAMPLES * np.log(mean_square + MIN_NOISE**2).sum(axis=1)
     return likelihood_cost + (steps**2).sum(axis=1)
-
-
-def _start(predict: Predictor, measured: np.ndarray, unknowns: int, rows: int) -> np.ndarray:
-    # Returns the best of some draws from a prior that is narrowed to 0.7 standard deviations.
-    samples = np.random.default_rng(0).standard_normal((SCREENED * rows - 1, unknowns))
-    draws = np.vstack([np.zeros(unknowns), 0.7 * samples])
-    predicted = predict_in_batches(predict, draws, rows)
-    return draws[int(np.argmin(_cost_of_unknown_noise(measured, predicted, draws)))]
 
 
 def predict_in_batches(predict: Predictor, steps: np.ndarray, rows: int) -> np.ndarray:

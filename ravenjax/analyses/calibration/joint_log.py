@@ -47,6 +47,7 @@ from ravenjax.store import files
 from ravenjax.store.logs import bags
 from ravenjax.store.motion import source, stamps
 from ravenjax.store.motion.options import Columns, ReplayOptions
+from ravenjax.store.motion.resampling import true_stretches
 from ravenjax.store.motion.source import Samples
 from ravenjax.store.motion.summary import list_names
 
@@ -86,8 +87,8 @@ class JointLog(NamedTuple):
         """
         rows = self.cycles < end
         measured = np.where((self.cycles >= begin)[:, None], self.measured, np.nan)
-        return JointLog(
-            self.start, self.desired[:end], measured[rows], self.cycles[rows], self.notes
+        return self._replace(
+            desired=self.desired[:end], measured=measured[rows], cycles=self.cycles[rows]
         )
 
 
@@ -162,9 +163,8 @@ def _pedal_down(samples: Samples) -> Samples:
     """Return the longest stretch of rows in pedal-down; all rows if the run level is not logged."""
     table, where = samples.table, ""
     if "runlevel" in table:
-        live = samples.numbers("runlevel") == PEDAL_DOWN
-        stretch = np.cumsum(np.diff(live, prepend=live[:1]) != 0)
-        rows = live & (stretch == np.bincount(stretch, live, minlength=1).argmax())
+        stretches = true_stretches(samples.numbers("runlevel") == PEDAL_DOWN)
+        rows = slice(*max(stretches, key=lambda span: span[1] - span[0], default=(0, 0)))
         times = None if samples.time_s is None else samples.time_s[rows]
         samples = dataclasses.replace(samples, table=table[rows], time_s=times)
         where = f" in pedal-down (runlevel {PEDAL_DOWN})"
@@ -179,13 +179,9 @@ def _regular_times(samples: Samples, options: ReplayOptions) -> np.ndarray:
     """Return the times of the samples [n], s. Raise UserError for implausible times and for a gap,
     in which the motion is unknown.
     """
-    path = samples.path
-    times, clock, notes = stamps.sample_times(
-        path, samples.clock, samples.time_s, len(samples.table), options
-    )
-    samples.notes = (*samples.notes, *notes)
-    if times is None:
+    if (times := samples.times(options)) is None:
         return np.arange(len(samples.table)) / (options.rate_hz or np.nan)
+    path, clock = samples.path, samples.clock
     stamps.require_plausible(path, times, clock, options)
     for row, begin, end in stamps.find_gaps(times):
         if end - begin > options.max_gap_s:

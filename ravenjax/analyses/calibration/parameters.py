@@ -5,6 +5,7 @@ The module also writes a calibrated robot as a TOML file. A campaign reads the f
 from`.
 """
 
+import operator
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,11 +16,13 @@ from ravenjax.analyses.calibration import position_loop
 from ravenjax.analyses.calibration.position_loop import LoopParams
 from ravenjax.bundled import resources
 from ravenjax.errors import UserError, suggest_name
+from ravenjax.numbers import paths, tree
 from ravenjax.numbers.lazy import jax, jnp
-from ravenjax.numbers.vec import Vec, replace
+from ravenjax.numbers.vec import replace
 from ravenjax.report import wording
 from ravenjax.robots.raven2.arms import JOINTS, ArmName
 from ravenjax.robots.raven2.plant import robot
+from ravenjax.robots.raven2.setup import RavenSetup
 
 COMMAND_DELAY, SETPOINT_DELAY = "command_delay", "setpoint_delay"
 USUAL_DELAY_MS = 1.0
@@ -83,18 +86,16 @@ def prior_robot(plant: robot.PlantParams, wanted: Sequence[Unknown]) -> LoopPara
 
 def prior_values(base: LoopParams, wanted: Sequence[Unknown]) -> np.ndarray:
     """Return the values [k] of the unknowns in the robot `base`, each from its first field."""
-    return np.array([float(_number(base, one.fields[0], one.joint)) for one in wanted])
+    return np.array([_number(base, one.fields[0], one.joint) for one in wanted])
 
 
 def apply_steps(base: LoopParams, wanted: Sequence[Unknown], steps: Any) -> LoopParams:
     """Return the robot `base` with each unknown changed by `steps` [k], in prior standard
     deviations. JAX may trace this function.
     """
-    for k, one in enumerate(wanted):
-        for field in one.fields:
-            moved = moved_by(_number(base, field, one.joint), one, steps[k])
-            base = _with(base, field.split("."), one.joint, moved)
-    return base
+    moved = values_by_path(base, wanted, steps[None])
+    leaves = paths.path_leaves(base, RavenSetup())
+    return tree.fill_tree(base, [moved[path][0] if path in moved else x for path, x in leaves])
 
 
 def values_by_path(
@@ -104,35 +105,18 @@ def values_by_path(
 
     `steps`: [n, k], changes of the k unknowns for n robots, in prior standard deviations.
     """
-    return {
-        field if one.joint is None else f"{field}.{JOINTS[one.joint]}": np.asarray(
-            moved_by(float(_number(base, field, one.joint)), one, steps[:, k]), float
-        )
-        for k, one in enumerate(wanted)
-        for field in one.fields
-    }
+    exp, moved = jnp.exp if isinstance(steps, jax.Array) else np.exp, {}
+    for one, change in zip(wanted, steps.T, strict=True):
+        for field in one.fields:
+            path = field if one.joint is None else f"{field}.{JOINTS[one.joint]}"
+            value, change_in_unit = _number(base, field, one.joint), one.spread * change
+            moved[path] = value * exp(change_in_unit) if one.ratio else value + change_in_unit
+    return moved
 
 
-def moved_by(value, one: Unknown, steps):
-    """Return a value, in its unit, changed by `steps` prior standard deviations."""
-    exp = jnp.exp if isinstance(steps, jax.Array) else np.exp
-    return value * exp(one.spread * steps) if one.ratio else value + one.spread * steps
-
-
-def _number(params, field: str, joint: int | None) -> Any:
-    for name in field.split("."):
-        params = getattr(params, name)
-    return params if joint is None else params[joint]
-
-
-def _with(params, names: list[str], joint: int | None, value):
-    # Returns a copy of the nested record `params` in which the field at the path `names` has a new
-    # value, or one joint's entry of that field.
-    name, *rest = names
-    inner = getattr(params, name)
-    if rest:
-        return replace(params, **{name: _with(inner, rest, joint, value)})
-    return replace(params, **{name: value if joint is None else Vec(inner).replace(joint, value)})
+def _number(params: LoopParams, field: str, joint: int | None) -> float:
+    number = operator.attrgetter(field)(params)
+    return float(number if joint is None else number[joint])
 
 
 DELAY = "usb.command_delay"

@@ -7,7 +7,8 @@ the joint positions computed from simulated motor encoders.
 """
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+import functools
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ from ravenjax.analyses.calibration.position_loop import (
     LoopState,
 )
 from ravenjax.engines import selection
-from ravenjax.engines.interface import Block, Kernel, TickProgram
+from ravenjax.engines.interface import Block, TickProgram
 from ravenjax.numbers import paths
 from ravenjax.numbers.lazy import jax, jnp
 from ravenjax.numbers.vec import Scalar, Vec, record, replace
@@ -133,8 +134,8 @@ def make_predictor(
 ) -> Predictor:
     """Return a predictor that replays a log from its beginning and its first measured joints."""
     varied = parameters.values_by_path(base, wanted, np.zeros((1, len(wanted))))
-    replays = _Replays(setup, base, tuple(varied), log)
-    return lambda steps: replays.run(parameters.values_by_path(base, wanted, steps), len(steps))
+    replay = _replays(setup, base, tuple(varied), log)
+    return lambda steps: replay(parameters.values_by_path(base, wanted, steps), len(steps))
 
 
 def replay_robots(setup: ReplaySetup, several: Sequence[LoopParams], log: JointLog) -> np.ndarray:
@@ -142,56 +143,41 @@ def replay_robots(setup: ReplaySetup, several: Sequence[LoopParams], log: JointL
     log's n measurements, rad and m.
     """
     every = [dict(paths.path_leaves(one, setup)) for one in several]
-    differ = [
-        path
-        for path, value in every[0].items()
-        if any(float(one[path]) != float(value) for one in every)
-    ]
-    columns = {path: np.array([float(one[path]) for one in every]) for path in differ}
-    return _Replays(setup, several[0], tuple(differ), log).run(columns, len(several))
+    columns = {path: np.array([float(one[path]) for one in every]) for path in every[0]}
+    varied = {path: column for path, column in columns.items() if (column != column[0]).any()}
+    return _replays(setup, several[0], tuple(varied), log)(varied, len(several))
 
 
-class _Replays:
-    """Replays of one log, compiled once for the parameters that vary."""
+def _replays(
+    setup: ReplaySetup, base: LoopParams, varied: tuple[str, ...], log: JointLog
+) -> Callable[[Mapping[str, np.ndarray], int], np.ndarray]:
+    """Return a function that replays a log, compiled once for the parameters that vary.
 
-    def __init__(
-        self, setup: ReplaySetup, base: LoopParams, varied: tuple[str, ...], log: JointLog
-    ):
-        first = np.where(np.isnan(log.start), log.desired[0], log.start)
-        # The parameters of a program must be plain numbers.
-        plain = jax.tree.map(lambda x: float(x) if isinstance(x, jax.Array) else x, base)
-        params = ReplayParams(plain, Vec(np.float32(x) for x in first))
-        self._log, self._varied = log, varied
-        self._program = TickProgram(
-            __name__, setup, params, tuple(f"loop.{path}" for path in varied), len(log.desired)
-        )
-        self._motion = tuple(np.ascontiguousarray(column, np.float32) for column in log.desired.T)
-        self._kernel: Kernel | None = None
+    Its arguments are arrays [count] by the path of a parameter, and count, the number of parameter
+    sets. It returns joint positions [count, n, 7].
+    """
+    first = np.where(np.isnan(log.start), log.desired[0], log.start)
+    # The parameters of a program must be plain numbers.
+    plain = jax.tree.map(lambda x: float(x) if isinstance(x, jax.Array) else x, base)
+    params = ReplayParams(plain, Vec(np.float32(x) for x in first))
+    names = tuple(f"loop.{path}" for path in varied)
+    program = TickProgram(__name__, setup, params, names, len(log.desired))
+    motion = tuple(np.ascontiguousarray(column, np.float32) for column in log.desired.T)
+    engine = selection.select_engine(ENGINE, setup.precision)
+    compiled = functools.cache(functools.partial(engine.compile, program))
 
-    def run(self, values: Mapping[str, np.ndarray], count: int) -> np.ndarray:
-        """Return joint positions [count, n, 7] for `count` sets of parameters.
+    def replay(values: Mapping[str, np.ndarray], count: int) -> np.ndarray:
+        kernel = compiled(count)
+        columns = {f"loop.{path}": np.asarray(values[path], np.float32) for path in varied}
 
-        `values`: arrays [count] by the path of a parameter.
-        """
-        if self._kernel is None:
-            self._kernel = selection.select_engine(ENGINE, self._program.setup.precision).compile(
-                self._program, count
-            )
-        kernel = self._kernel
-        columns = {f"loop.{path}": np.asarray(values[path], np.float32) for path in self._varied}
-        starts = range(0, count, kernel.lanes)
-        parts = threads.map_in_threads(
-            lambda start: self._block(kernel, columns, start, count), starts
-        )
-        return np.concatenate(parts)[:count]
+        def block(start: int) -> np.ndarray:
+            # Replays some parameter sets. Returns joints [rows, n, 7] at the log's samples.
+            rows = min(kernel.lanes, count - start)
+            lanes = np.minimum(start + np.arange(kernel.size(rows)), count - 1)
+            some = {path: column[lanes] for path, column in columns.items()}
+            result = kernel.run(Block(some, (), None), motion)
+            return np.moveaxis(result.reference[log.cycles, :, :rows], -1, 0).astype(np.float64)
 
-    def _block(
-        self, kernel: Kernel, columns: Mapping[str, np.ndarray], start: int, count: int
-    ) -> np.ndarray:
-        # Replays one block of parameter sets. Returns joints [rows, n, 7] at the log's samples.
-        rows = min(kernel.lanes, count - start)
-        lanes = np.minimum(start + np.arange(kernel.size(rows)), count - 1)
-        result = kernel.run(
-            Block({path: column[lanes] for path, column in columns.items()}, (), None), self._motion
-        )
-        return np.moveaxis(result.reference[self._log.cycles, :, :rows], -1, 0).astype(np.float64)
+        return np.concatenate(threads.map_in_threads(block, range(0, count, kernel.lanes)))
+
+    return replay

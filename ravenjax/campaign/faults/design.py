@@ -25,7 +25,7 @@ from ravenjax.campaign.faults.table import SHARED
 from ravenjax.campaign.file.axis import Axis, fixed_axis
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import SAMPLED, Fault, Group, Run
-from ravenjax.store.words import word_column
+from ravenjax.store.schema import word_column
 from ravenjax.vocabulary.effects import FIELDS
 
 MOST_RUNS = 100_000_000

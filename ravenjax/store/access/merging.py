@@ -109,13 +109,13 @@ def _parts(folder: Path, record: Manifest) -> list[PartSource]:
     A complete file may lack a record if the power failed before it was recorded.
     """
     recorded = {part.file: part for part in record.parts}
-    there = {path.name: path for path in parts.part_files(folder / PARTS)}
+    names = {*recorded, *(path.name for path in parts.part_files(folder / PARTS))}
 
     def checked(name: str) -> PartSource:
-        path = there.get(name, folder / PARTS / name)
-        return PartSource(folder, parts.verify_part(path, record.config_hash, recorded.get(name)))
+        path, part = folder / PARTS / name, recorded.get(name)
+        return PartSource(folder, parts.verify_part(path, record.config_hash, part))
 
-    return threads.map_in_threads(checked, sorted(recorded.keys() | there.keys()), READERS)
+    return threads.map_in_threads(checked, sorted(names), READERS)
 
 
 def _disjoint(sources: list[PartSource]) -> list[PartSource]:

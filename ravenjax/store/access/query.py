@@ -12,7 +12,7 @@ import contextlib
 import os
 import re
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -53,10 +53,6 @@ class ResultTable(contextlib.ExitStack):
     def frame(self, sql: str, given: Sequence[Any] = ()) -> pd.DataFrame:
         """Return the result of a query as a DataFrame. The result must be small."""
         return self.run(sql, given).df()
-
-    def batches(self, sql: str, rows: int) -> Iterator[pa.RecordBatch]:
-        """Return the result of a query as Arrow batches of `rows` rows."""
-        yield from self.connection.sql(sql).to_arrow_reader(rows)
 
     def types(self, name: str = RESULTS) -> dict[str, str]:
         """Return the columns of a table or view, in order, and their SQL types."""

@@ -232,9 +232,13 @@ def recover_records(path: Path, out: Path | None = None) -> Recovered:
             for record in scanned.messages():
                 # The chunk that defined the channel may be damaged.
                 if record.channel_id in channels:
-                    channel, data = channels[record.channel_id], record.data
-                    number, published_ns = record.sequence, record.publish_time
-                    writer.add_message(channel, record.log_time, data, published_ns, number)
+                    writer.add_message(
+                        channels[record.channel_id],
+                        record.log_time,
+                        record.data,
+                        record.publish_time,
+                        record.sequence,
+                    )
                     times.append(record.log_time)
             writer.finish()
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 Series: TypeAlias = Mapping[str, np.ndarray]
 """Arrays [T, ...] by name, such as runlevel, or by arm and name, such as gold/jpos."""
 _PLACES = ("x", "y", "z")
-_WINDOW = re.compile(r"fault(\d+)_active")
+_WINDOW = re.compile(r"fault\d+_active")
 
 
 def series_axes(robot: Robot) -> dict[str, tuple[str, ...]]:
@@ -155,9 +155,11 @@ def series_dataset(
     for one in OF_RUN.values():
         if one.name in series:
             variables[one.name] = (("time", *one.axes), series[one.name], _attributes(one))
-    if windows := [series[name] for name in _windows(series)]:
+    # The length comes first, so that fault 10 comes after fault 9.
+    if windows := sorted(filter(_WINDOW.fullmatch, series), key=lambda name: (len(name), name)):
         dims, about = ("time", "fault"), _attributes(OF_RUN["fault_active"])
-        variables["fault_active"] = (dims, np.stack(windows, axis=1), about)
+        values = np.stack([series[name] for name in windows], axis=1)
+        variables["fault_active"] = (dims, values, about)
     for one in OF_ARM.values():
         if arms and all(f"{arm}/{one.name}" in series for arm in arms):
             values = np.stack([series[f"{arm}/{one.name}"] for arm in arms], axis=1)
@@ -180,11 +182,6 @@ def series_dataset(
     if thresholds_mm and "cue" in sizes:
         coordinates["cue_threshold_mm"] = ("cue", list(thresholds_mm), {"units": "mm"})
     return xarray.Dataset(variables, coordinates, attributes)
-
-
-def _windows(series: Series) -> list[str]:
-    by_slot = {int(match[1]): match[0] for name in series if (match := _WINDOW.fullmatch(name))}
-    return [by_slot[slot] for slot in sorted(by_slot)]
 
 
 def _attributes(one: TimeSeries) -> dict[str, str]:

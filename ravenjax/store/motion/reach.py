@@ -37,8 +37,7 @@ class Bounds(NamedTuple):
 
     def within(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the lowest and highest joint positions [5] of a motion, which include margins."""
-        margin = np.full(5, MARGIN_RAD)
-        margin[_INSERTION] = MARGIN_M
+        margin = np.where(np.arange(5) == _INSERTION, MARGIN_M, MARGIN_RAD)
         return np.array(self.lower, float) + margin, np.array(self.upper, float) - margin
 
 
@@ -52,8 +51,7 @@ class Poses(NamedTuple):
 
     def part(self, begin: int, end: int) -> Poses:
         """Return the rows from `begin` to before `end`."""
-        rows = slice(begin, end)
-        return Poses(self.arms, self.position[rows], self.quat[rows], self.opening_mrad[rows])
+        return Poses(self.arms, *(values[begin:end] for values in self[1:]))
 
 
 class ArmReach(NamedTuple):
@@ -73,9 +71,9 @@ class ArmReach(NamedTuple):
 def reach_poses(poses: Poses, bounds: Bounds) -> ArmReach:
     """Return the joint positions that reach each desired pose."""
     parts = [_arm_joints(poses, i, bounds) for i in range(len(poses.arms))]
-    jpos = np.stack([one for one, _ in parts], axis=1)
+    jpos, inside = (np.stack(part, axis=1) for part in zip(*parts, strict=True))
     steps = np.abs(np.diff(jpos[..., :6], axis=0, prepend=jpos[:1, :, :6])).max(axis=(1, 2))
-    return ArmReach(jpos, np.stack([inside for _, inside in parts], axis=1), steps >= LARGEST_STEP)
+    return ArmReach(jpos, inside, steps >= LARGEST_STEP)
 
 
 def _arm_joints(poses: Poses, i: int, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:

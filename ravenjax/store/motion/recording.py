@@ -147,12 +147,10 @@ def load_recording(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions
     poses = unfiltered
     if options.cutoff_hz is not None:
         spans = resampling.true_stretches(covered, cuts)
-        position, quat, opening = (
-            resampling.low_pass(values, options.cutoff_hz, spans)
-            for values in (poses.position, poses.quat, poses.opening_mrad)
-        )
-        quat /= np.linalg.norm(quat, axis=-1, keepdims=True)
-        poses = Poses(poses.arms, position, quat, opening)
+        smooth = (resampling.low_pass(one, options.cutoff_hz, spans) for one in unfiltered[1:])
+        poses = Poses(unfiltered.arms, *smooth)
+        length = np.linalg.norm(poses.quat, axis=-1, keepdims=True)
+        poses = poses._replace(quat=poses.quat / length)
     return HandRecording(
         track=track,
         time_s=time_s,
@@ -199,29 +197,24 @@ def _evenly(
 ) -> tuple[Poses, np.ndarray | None]:
     # Resamples the poses, without the removed samples, to one per millisecond.
     at = np.arange(rows) * TICK_S
-    position, quat, opening = [], [], []
+    parts = []
     arms: tuple[ArmName, ...] = tuple(arm for arm in ARMS if arm in track.arms)
     for arm in arms:
         samples, times, home = track.arms[arm], time_s[arm], home_pose(arm)
         own = [spike for spike in removed if spike.arm == arm]
         samples, times = spikes.remove_spikes(samples, times, own)
-        position.append(resampling.by_time(times, samples.position, at))
-        quat.append(
-            np.repeat(home.quat[None], rows, axis=0)
-            if samples.quat is None
-            else resampling.turns_by_time(times, samples.quat, at)
-        )
-        opening.append(
-            np.full(rows, home.opening_mrad)
-            if samples.opening_mrad is None
-            else resampling.by_time(times, samples.opening_mrad, at)
-        )
+        quat, opening = np.tile(home.quat, (rows, 1)), np.full(rows, home.opening_mrad)
+        if samples.quat is not None:
+            quat = resampling.turns_by_time(times, samples.quat, at)
+        if samples.opening_mrad is not None:
+            opening = resampling.by_time(times, samples.opening_mrad, at)
+        parts.append((resampling.by_time(times, samples.position, at), quat, opening))
     pedal = None
     if track.surgeon_mode is not None:
         # A switch keeps its state until its next sample.
         last = np.searchsorted(time_s[arms[0]], at + 1e-9, side="right") - 1
         pedal = track.surgeon_mode[np.clip(last, 0, len(track.surgeon_mode) - 1)]
-    return Poses(arms, np.stack(position, 1), np.stack(quat, 1), np.stack(opening, 1)), pedal
+    return Poses(arms, *(np.stack(part, axis=1) for part in zip(*parts, strict=True))), pedal
 
 
 def _gaps(time_s: dict[str, np.ndarray]) -> list[tuple[int, float, float]]:

@@ -61,7 +61,6 @@ class OperatorReplay:
         steps = np.diff(times) * 1e3
         gap = max(recording.gaps, key=lambda gap: gap[2] - gap[1], default=None)
         lost = ~(np.all(self.reach.inside, axis=1) & recording.covered)
-        outside = resampling.spans_in_seconds(resampling.true_stretches(lost))
         return MotionSummary(
             file=str(track.path),
             sha256=files.hash_file(track.path),
@@ -77,7 +76,7 @@ class OperatorReplay:
             gaps=len(recording.gaps),
             longest_gap=None if gap is None else (gap[0], gap[1], gap[2] - gap[1]),
             spikes=tuple(spike.words for spike in recording.spikes),
-            outside=tuple(sorted(outside, key=lambda span: span[0] - span[1])[:OUTSIDE_LISTED]),
+            outside=tuple(resampling.stretches_in_seconds(lost)[:OUTSIDE_LISTED]),
             outside_share=lost.mean(),
             window_s=(self.begin * TICK_S, (self.end - 1) * TICK_S),
             campaign_s=len(course.row) * TICK_S,
@@ -231,11 +230,7 @@ def tip_courses(recording: HandRecording, inside: np.ndarray, rows: np.ndarray) 
             recorded=recording.track.arms[arm].position,
             replayed_s=rows * TICK_S,
             replayed=resampling.at_rows(recording.poses.position[:, i], rows),
-            outside=tuple(
-                resampling.spans_in_seconds(
-                    resampling.true_stretches(recording.covered & ~inside[:, i])
-                )
-            ),
+            outside=tuple(resampling.stretches_in_seconds(recording.covered & ~inside[:, i])),
             gaps=tuple((begin, end) for _, begin, end in recording.gaps if end - begin > limit),
             spikes=tuple(spike.time_s for spike in recording.spikes if spike.arm == arm),
         )
@@ -321,9 +316,7 @@ def _longest_first(
     """Return (begin, end) in s of the stretches of at least two rows in which `mask` is true, the
     longest first. A new stretch begins at each row in `cuts`, and after each gap.
     """
-    spans = resampling.true_stretches(mask, sorted([*recording.cuts, *cuts]))
-    spans = [span for span in spans if span[1] - span[0] > 1]
-    return resampling.spans_in_seconds(sorted(spans, key=lambda span: span[0] - span[1]))
+    return resampling.stretches_in_seconds(mask, sorted([*recording.cuts, *cuts]), shortest=2)
 
 
 def _require_moving(
@@ -373,7 +366,6 @@ def _itp(
     # x @ axes is the inverse of the mapping.
     axes = np.array(ITP_AXES[arm])
     turns = Rotation.from_quat(quat)
-    turn = (turns * turns[0].inv()).as_quat()
-    turn *= np.where(turn[:, 3:] < 0.0, -1.0, 1.0)
+    turn = (turns * turns[0].inv()).as_quat(canonical=True)
     hand = (position - position[0]) @ axes / scale * 1e6
     return hand, np.concatenate([turn[:, :3] @ axes, turn[:, 3:]], axis=1)

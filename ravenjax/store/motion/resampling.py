@@ -73,6 +73,9 @@ def true_stretches(mask: np.ndarray, cuts: Sequence[int] = ()) -> list[tuple[int
     return pieces
 
 
-def spans_in_seconds(spans: list[tuple[int, int]]) -> list[tuple[float, float]]:
-    """Convert (begin, end) from rows, which are 1 ms apart, to seconds."""
-    return [(begin * TICK_S, end * TICK_S) for begin, end in spans]
+def stretches_in_seconds(
+    mask: np.ndarray, cuts: Sequence[int] = (), shortest: int = 1
+) -> list[tuple[float, float]]:
+    """Return (begin, end) in s of the stretches of at least `shortest` rows, the longest first."""
+    spans = sorted(true_stretches(mask, cuts), key=lambda span: span[0] - span[1])
+    return [(a * TICK_S, b * TICK_S) for a, b in spans if b - a >= shortest]

@@ -104,6 +104,17 @@ class Samples:
             self.notes = (*self.notes, f"{note} {stem}_rad" if "rad" in units else f"{note} {stem}")
         return numbers * factors[names[0]]
 
+    def times(self, options: ReplayOptions) -> np.ndarray | None:
+        """Return the times of the samples [T], s; None if they are evenly spaced by the options.
+
+        Raise UserError as `stamps.sample_times`.
+        """
+        time_s, self.clock, notes = stamps.sample_times(
+            self.path, self.clock, self.time_s, len(self.table), options
+        )
+        self.notes = (*self.notes, *notes)
+        return time_s
+
     def group(self, names: Sequence[str], what: str) -> np.ndarray | None:
         """Return k columns that belong together as [T, k]; None if the table has none of them."""
         missing = [name for name in names if name not in self.table]
@@ -232,12 +243,8 @@ def _arm_track(samples: Samples, arm: ArmName, options: ReplayOptions) -> ArmTra
         places.append(values)
     quat = samples.group([f"{arm}_{name}" for name in QUAT], "an orientation")
     matrix = samples.group([f"{arm}_{name}" for name in MATRIX], "a rotation matrix")
-    time_s, samples.clock, notes = stamps.sample_times(
-        path, samples.clock, samples.time_s, len(table), options
-    )
-    samples.notes = (*samples.notes, *notes)
     return ArmTrack(
-        time_s,
+        samples.times(options),
         np.stack(places, axis=1),
         _unit_quaternions(samples, arm, quat, matrix),
         samples.quantity(f"{arm}_grasp", ANGLES),

@@ -88,14 +88,8 @@ def remove_spikes(
     stay = np.ones(len(track), bool)
     for spike in spikes:
         stay[spike.row : spike.row + spike.rows] = False
-    quat, opening = track.quat, track.opening_mrad
-    some = dataclasses.replace(
-        track,
-        position=track.position[stay],
-        quat=None if quat is None else quat[stay],
-        opening_mrad=None if opening is None else opening[stay],
-    )
-    return some, time_s[stay]
+    arrays = {name: x[stay] for name, x in vars(track).items() if isinstance(x, np.ndarray)}
+    return dataclasses.replace(track, **arrays), time_s[stay]
 
 
 def refused_jumps(jumps: Sequence[Spike], treatment: Spikes) -> list[Spike]:

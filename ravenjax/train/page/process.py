@@ -214,17 +214,13 @@ class PageServer:
                 finally:
                     self.watching -= 1
 
-            def process(connection: ServerConnection, request: Request) -> Response | None:
-                connection.protocol.max_message_size = MAX_MESSAGE_BYTES
-                return self._answer(request)
-
-            settings |= {"process_request": process, "sock": self._listening}
-            settings["create_connection"] = PageConnection
+            settings |= {"process_request": self._answer, "sock": self._listening}
+            settings |= {"create_connection": PageConnection, "max_size": MAX_MESSAGE_BYTES}
             return original(handle, **settings)
 
         return serve
 
-    def _answer(self, request: Request) -> Response | None:
+    def _answer(self, _: ServerConnection, request: Request) -> Response | None:
         """Return the response; None lets a websocket through."""
         reason = self._auth.refusal(request)
         if reason is not None:

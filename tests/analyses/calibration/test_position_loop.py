@@ -1,4 +1,4 @@
-"""One cycle of the position loop: delays, and the same loop on two engines."""
+"""The position loop: a delay of the desired joints."""
 
 import numpy as np
 import pytest
@@ -12,22 +12,6 @@ from ravenjax.robots.raven2.plant import robot
 BASE = position_loop.params(robot.params(virtual_log.SETUP, "gold"))
 
 
-def log(desired: np.ndarray) -> JointLog:
-    """Of every cycle."""
-    return JointLog(
-        desired[0], desired, np.full((len(desired), 7), np.nan), np.arange(len(desired))
-    )
-
-
-def replayed(
-    desired: np.ndarray, asks: tuple[str, ...] = ("delays",), **changed: float
-) -> np.ndarray:
-    setup = replays.setup_of(
-        virtual_log.SETUP, "gold", position_loop.RAVEN2, parameters.select_unknowns((), asks)
-    )
-    return replays.replay_robots(setup, [replace(BASE, **changed)], log(desired))[0]
-
-
 @pytest.mark.slow
 def test_a_late_setpoint_moves_the_joints_later() -> None:
     """At a steady speed a shift of the setpoint is a shift of what follows it, but for the
@@ -36,6 +20,10 @@ def test_a_late_setpoint_moves_the_joints_later() -> None:
     desired = (
         virtual_log.MIDDLE + virtual_log.SWEEP * np.minimum(np.arange(3000) * 1e-3, 3.0)[:, None]
     )
-    at_once, late = (replayed(desired, setpoint_delay=delay) for delay in (0.0, 20.0))
+    log = JointLog(desired[0], desired, desired, np.arange(len(desired)))
+    delays = parameters.select_unknowns((), ("delays",))
+    setup = replays.setup_of(virtual_log.SETUP, "gold", position_loop.RAVEN2, delays)
+    robots = [replace(BASE, setpoint_delay=delay) for delay in (0.0, 20.0)]
+    at_once, late = replays.replay_robots(setup, robots, log)
     step = virtual_log.SWEEP * 1e-3
     np.testing.assert_allclose((at_once - late)[2000:].mean(axis=0) / step, 20.0, rtol=0.06)

@@ -97,32 +97,22 @@ GOOD = {f"{name}_shoulder": [0.5, 0.6] for name in DESIRED}
 
 
 @pytest.mark.parametrize(
-    ("name", "columns", "period", "message"),
+    ("columns", "period", "message"),
     [
-        (
-            "log.csv",
-            {"jpos_shoulder": [0.0, 0.1], "jpos_d_shoulder": [0.0, 0.1]},
-            None,
-            "--period-ms",
-        ),
-        (
-            "log.csv",
-            {"time_s": [0.0, 0.0], "jpos_shoulder": [0.0, 0.1], "jpos_d_shoulder": [0.0, 0.1]},
-            None,
-            "row 1",
-        ),
-        ("log.csv", GOOD | {"jpos_d_elbow": [1.5, None]}, 1.0, "row 1, column jpos_d_elbow"),
-        ("log.csv", GOOD | {"jpos_shoulder_deg": [30.0, 40.0]}, 1.0, "mean the same; keep one"),
-        ("log.csv", GOOD | {"jpos_gold_shoulder": [0.5, 0.6]}, 1.0, "jpos_shoulder is there twice"),
-        ("log.csv", GOOD | {"jpos_elbow": [90.0, 91.0]}, 1.0, "degrees, name .* jpos_elbow_deg"),
-        ("log.csv", GOOD | {"jpos_insertion": [400.0] * 2}, 1.0, "0.23 to 0.56 m. If these are mm"),
+        (GOOD, None, "--period-ms"),
+        (GOOD | {"time_s": [0.0, 0.0]}, None, "row 1"),
+        (GOOD | {"jpos_d_elbow": [1.5, None]}, 1.0, "row 1, column jpos_d_elbow"),
+        (GOOD | {"jpos_shoulder_deg": [30.0, 40.0]}, 1.0, "mean the same; keep one"),
+        (GOOD | {"jpos_gold_shoulder": [0.5, 0.6]}, 1.0, "jpos_shoulder is there twice"),
+        (GOOD | {"jpos_elbow": [90.0, 91.0]}, 1.0, "degrees, name .* jpos_elbow_deg"),
+        (GOOD | {"jpos_insertion": [400.0] * 2}, 1.0, "0.23 to 0.56 m. If these are mm"),
     ],
 )
 def test_a_log_that_cannot_be_used_is_refused_with_what_to_write(
-    tmp_path, name, columns, period, message
+    tmp_path, columns, period, message
 ) -> None:
     with pytest.raises(UserError, match=message):
-        read(write(tmp_path, name, **columns), period)
+        read(write(tmp_path, **columns), period)
 
 
 @pytest.mark.parametrize(

@@ -32,12 +32,11 @@ def config(**changes):
     return settings
 
 
-def put(folder, name, rows=20, **changes):
+def put(folder, name, **changes):
     """A folder of motion beside the result in `folder`."""
     settings = synthetic.manifest(20, **{"config": config(), **changes})
     results = ResultFolder.open(folder / fault_free.FOLDER / name, settings)
-    if rows:
-        results.add(synthetic.frame(20))
+    results.add(synthetic.frame(20))
     return results.path
 
 

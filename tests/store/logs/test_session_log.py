@@ -118,12 +118,11 @@ def test_other_tools_find_standard_messages(log, rows, i, arm):
 def test_a_recorded_session_is_a_motion_for_campaigns(written, rows):
     track = source.read_track(written, ("gold", "green"), ReplayOptions())
     gold, green = track.arms["gold"], track.arms["green"]
-    every = [*range(0, 60, 10), *range(70, T, 10)]
-    np.testing.assert_allclose(gold.time_s, np.array(every) * 1e-3, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(gold.time_s, np.array(EVERY) * 1e-3, rtol=0.0, atol=1e-12)
     np.testing.assert_array_equal(
-        green.position[:, 1], rows[every, LAYOUT.places["green/position"].start + 1]
+        green.position[:, 1], rows[EVERY, LAYOUT.places["green/position"].start + 1]
     )
-    jaws = rows[every, LAYOUT.places["gold/jpos_d"]].astype(float)
+    jaws = rows[EVERY, LAYOUT.places["gold/jpos_d"]].astype(float)
     np.testing.assert_allclose(gold.opening_mrad, 1e3 * (jaws[:, 5] + jaws[:, 6]))
 
 

@@ -79,26 +79,15 @@ def test_orientation_is_followed(parquet):
     assert one.summary.arms[0].orientation == "recorded"
 
 
-def trace(path, place, ticks=ROWS, arms=("gold",)):
-    """What `ravenjax trace` writes of a motion along `place` [T, 3] m."""
-    home = Rotation.from_quat(recordings.home_pose("gold").quat).as_matrix()
-    series = {}
-    for arm in arms:
-        series |= {
-            f"{arm}/position": place + 0.001,
-            f"{arm}/rotation": np.tile(home.reshape(1, 9), (ticks, 1)),
-            f"{arm}/position_d": place,
-            f"{arm}/rotation_d": np.tile(home.reshape(1, 9), (ticks, 1)),
-            f"{arm}/jpos": np.tile([0.5, 1.5, 0.4, 0.0, 0.0, 0.7, 0.8], (ticks, 1)),
-            f"{arm}/jpos_d": np.tile([0.5, 1.5, 0.4, 0.0, 0.0, 0.7, 0.8], (ticks, 1)),
-        }
-    log.write_trace(path, series)
-
-
 def test_a_trace_is_a_recording(tmp_path, parquet):
     """What `ravenjax trace` writes can be played again."""
     path, frame = tmp_path / "run.mcap", recording("m")
-    trace(path, frame[["gold_x_m", "gold_y_m", "gold_z_m"]].to_numpy())
+    place = frame[["gold_x_m", "gold_y_m", "gold_z_m"]].to_numpy()
+    rotation = Rotation.from_quat(np.tile(recordings.home_pose("gold").quat, (ROWS, 1))).as_matrix()
+    jpos = np.tile([0.5, 1.5, 0.4, 0.0, 0.0, 0.7, 0.8], (ROWS, 1))
+    series = {"position_d": place, "rotation_d": rotation, "jpos": jpos, "jpos_d": jpos}
+    series |= {"position": place + 0.001, "rotation": rotation}
+    log.write_trace(path, {f"gold/{name}": values for name, values in series.items()})
     one, same = play(path), play(parquet(frame))
     assert np.abs(tip_mm(one.motion) - tip_mm(same.motion)).max() < 1e-6
     assert one.summary.clock == "header stamps of /arm1/setpoint_cp"

@@ -12,15 +12,11 @@ from ravenjax.store.motion import spikes
 from ravenjax.store.motion.track import ArmTrack
 
 
-def spiked(row=1500, rows=1, size_mm=50.0):
-    frame = recording()
-    frame.loc[row : row + rows - 1, "gold_z_um"] += size_mm * 1e3
-    return frame
-
-
 def test_a_spike_is_refused_with_row_time_and_what_to_write(parquet):
     """50 mm in one sample used to vanish in the low-pass."""
-    path = parquet(spiked())
+    frame = recording()
+    frame.loc[1500, "gold_z_um"] += 50e3
+    path = parquet(frame)
     refused(
         path,
         "the tip jumps at row 1500 (1.500 s, gold): 50 mm.",

@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from ravenjax.errors import StoreError, format_value
+from ravenjax.errors import StoreError, format_error, model_at
 from ravenjax.store.files import read_json, require_writable, write_text
 
 FILE = "session.json"
@@ -93,11 +93,8 @@ def read_session(folder: Path) -> dict[str, Any]:
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(map(str, first["loc"])) or "the file"
-        expected = first["msg"].removeprefix("Input should be ")
-        raise StoreError(
-            f"{path}: {key}: got {format_value(first['input'])}, expected {expected}; session.mcap"
-            " contains a copy"
-        ) from None
+        problem = format_error(first, model_at(SessionHeader, first["loc"][:-1]))
+        raise StoreError(f"{path}: {key}: {problem}; session.mcap contains a copy") from None
     return header
 
 

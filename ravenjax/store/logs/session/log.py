@@ -47,6 +47,8 @@ _EVERY = 1000 // STANDARD_HZ
 _BLOCK_ROWS = 4096
 
 _CHANNELS = resources.read_tables(__file__, "log.toml")
+_EVENT_KINDS = resources.read_tables(__file__, "events.toml")
+"""Sentence of each kind of event of `ravenjax.train.protocol`, and severity if it is not "info"."""
 
 
 class SessionWriter:
@@ -180,17 +182,8 @@ def _start_ns(header: Mapping[str, Any]) -> int:
 
 
 @cache
-def _event_kinds() -> dict[str, Any]:
-    """Return the sentence of each kind of event of `ravenjax.train.protocol`, and its severity.
-
-    The default severity is "info".
-    """
-    return resources.read_tables(__file__, "events.toml")
-
-
-@cache
 def _sentence(kind: str) -> jinja2.Template:
-    return jinja2.Template(_event_kinds()[kind]["text"], undefined=jinja2.StrictUndefined)
+    return jinja2.Template(_EVENT_KINDS[kind]["text"], undefined=jinja2.StrictUndefined)
 
 
 def event_text(event: Mapping[str, Any]) -> str:
@@ -206,4 +199,4 @@ def event_text(event: Mapping[str, Any]) -> str:
 
 def event_level(event: Mapping[str, Any]) -> str:
     """Return the severity of an event, one of `topics.LEVELS`."""
-    return _event_kinds().get(event["kind"], {}).get("level", "info")
+    return _EVENT_KINDS.get(event["kind"], {}).get("level", "info")
