@@ -208,7 +208,7 @@ class Episode:
         if self.knowable_ms is None:
             self.knowable_ms, self.knowable_by = tick if sign_ms is None else sign_ms, sign
             self._advance_origin(self.knowable_ms)
-            self.record(tick, "knowable", by=sign, ms=self.knowable_ms)
+            self.record("knowable", by=sign, ms=self.knowable_ms)
 
     def record_cue(self, tick: int) -> None:
         """Record that the operator felt the cue."""
@@ -236,9 +236,9 @@ class Episode:
         self.record_effect(tick, _MOTION, farthest)
         if name in DISTANCES and mm > self.harm.excursion_mm and name not in self.first_ms:
             self.first_ms[name] = tick
-            self.record(tick, _NAMES["events"][name], arm=arm, mm=round(mm, 3))
+            self.record(_NAMES["events"][name], arm=arm, mm=round(mm, 3))
 
-    def record_halt(self, tick: int, halted_ms: int, golden_halted_ms: int) -> None:
+    def record_halt(self, halted_ms: int, golden_halted_ms: int) -> None:
         """Record for how long the robot and its golden run stood still while the pedal was down.
         Report a loss of motion when the difference first becomes too long.
         """
@@ -248,7 +248,7 @@ class Episode:
         self._has_lost_motion = bool(verdict.is_halt(halted_ms, golden_halted_ms, stopped))
         # A distance may have reported the loss of motion earlier.
         if self._has_lost_motion and not had_lost_motion and "loss" not in self.first_ms:
-            self.record(tick, _NAMES["events"]["loss"], halted_ms=halted_ms - golden_halted_ms)
+            self.record(_NAMES["events"]["loss"], halted_ms=halted_ms - golden_halted_ms)
 
     def record_response(self, tick: int, response: str, began_ms: int | None) -> None:
         """Record an operator's response, if it is the first of its kind after the origin. Report it
@@ -267,7 +267,7 @@ class Episode:
         # Hands also slow down near a target, so a slow-down is no wrong response.
         if is_scored and (response != "slow" or response in self.hazard.right_response):
             ms, is_right = self.reaction_ms(response), self.is_right(response)
-            self.record(tick, "response", what=response, ok=is_right, ms=ms)
+            self.record("response", what=response, ok=is_right, ms=ms)
 
     def is_decided(self, tick: int) -> bool:
         """Whether the outcome is final: after harm, a right response, or the time allowed. If the
@@ -570,7 +570,7 @@ class Judge:
         cue_on: bool,
         record: Callable[..., None],
     ):
-        """record: called with the tick, the kind and the content of each event."""
+        """record: called with the kind and the content of each event of this tick."""
         self.scenario, self.hazards = scenario, tuple(hazards)
         self.cue_on = cue_on
         """Whether the operator feels forces. The instructor may change it at any time."""
@@ -585,15 +585,15 @@ class Judge:
 
     def begin_hazard(self, number: int, tick: int) -> None:
         """Begin to judge a hazard, which is armed before this tick. End the one before."""
-        self.end_hazard(tick)
+        self.end_hazard()
         self._episode = Episode(
             self.hazards[number], self.scenario.harm, tick, self.cue_on, self._record
         )
         row = self._episode.row()
         known = {name: row[name] for name in _NAMES["known_when_armed"]}
-        self._episode.record(tick, "hazard_armed", row=known)
+        self._episode.record("hazard_armed", row=known)
 
-    def end_hazard(self, tick: int) -> None:
+    def end_hazard(self) -> None:
         """End the judgement of the armed hazard, if there is one. Record its outcome as events."""
         episode, self._episode = self._episode, None
         if episode is None:
@@ -601,13 +601,13 @@ class Judge:
         self._ended_episodes.append(episode)
         row = episode.row()
         outcome = {name: row.get(name) for name in _NAMES["known_when_over"]}
-        episode.record(tick, "hazard_over", **outcome)
+        episode.record("hazard_over", **outcome)
         known = {name: value for name, value in row.items() if value is not None}
-        self._record(tick, "hazard_row", row=known)
+        self._record("hazard_row", row=known)
 
-    def restart(self, tick: int) -> None:
+    def restart(self) -> None:
         """Forget the state of the robot, which was homed again without any fault."""
-        self.end_hazard(tick)
+        self.end_hazard()
         self._trips.reset()
         self._slowdown.skip_step()
         self._estop_pressed = False
@@ -617,9 +617,9 @@ class Judge:
     def close(self, tick: int, reason: str = "end") -> None:
         """Record what is left at the end of the session. reason: why the session ends."""
         for name, count in self._unreported_counts.items():
-            self._record(tick, "alarm_count", check=name, count=count)
+            self._record("alarm_count", check=name, count=count)
         self.interrupt(tick, reason)
-        self.end_hazard(tick)
+        self.end_hazard()
 
     def lift_pedal(self, tick: int, reason: str) -> None:
         """Record that the pedal went up without the operator's foot. This is no release. The hazard
@@ -713,7 +713,7 @@ class Judge:
         for arm in self._arms:
             # The depth at which the tip touches the tissue without the hazard.
             arm.depth_mm_at_activation = max(row[arm.depth], 0.0)
-        episode.record(tick, "hazard_struck")
+        episode.record("hazard_struck")
 
     def read_checks(self, outcomes: Json, golden: Json | None) -> None:
         """Record the trips of the robot's checks since the last reading. An alarm or stop becomes
@@ -734,7 +734,7 @@ class Judge:
                 is_new_alarm = is_first or trip.is_after_pause
                 self._report_alarm(tick, check.name, trip.count, is_new_alarm)
             if episode is not None and is_first:
-                episode.record(tick, check.response, check=check.name, ms=ms)
+                episode.record(check.response, check=check.name, ms=ms)
                 if check.response in verdict.TOLD:
                     episode.record_first_sign(tick, check.name, ms)
 
@@ -746,7 +746,7 @@ class Judge:
             return
         self._last_report_tick[check] = tick
         self._unreported_counts.pop(check, None)
-        self._record(tick, "alarm" if is_new_alarm else "alarm_count", check=check, count=count)
+        self._record("alarm" if is_new_alarm else "alarm_count", check=check, count=count)
 
     def _record_cue(self, tick: int, row: list[float]):
         # Records the start of each cue, per arm. The event's number is that of the hazard which
@@ -759,7 +759,7 @@ class Judge:
                 if episode is not None and episode.cue_ms is None and not self._golden_cue:
                     episode.record_cue(tick)
                 number = -1 if episode is None or episode.cue_ms is None else episode.hazard.number
-                self._record(tick, "cue", number=number, arm=arm.name)
+                self._record("cue", number=number, arm=arm.name)
             arm.last_force_tick = tick
 
     def _measure_effects(self, tick: int, row: list[float], episode: Episode):
@@ -791,7 +791,7 @@ class Judge:
             episode.record_first_sign(tick, "runlevel")
         halted, golden_halted = np.subtract(self._halted_ms, self._halted_ms_at_activation).tolist()
         if (halted, golden_halted) != (episode.halted_ms, episode.golden_halted_ms):
-            episode.record_halt(tick, halted, golden_halted)
+            episode.record_halt(halted, golden_halted)
 
     def _respond(self, tick: int, response: str, began_ms: int | None = None):
         if episode := self._activated_episode():
@@ -802,7 +802,7 @@ class Judge:
         episode = self._activated_episode()
         if episode and not episode.interrupted and not episode.is_decided(tick):
             episode.interrupted = True
-            episode.record(tick, "interrupted", by=cause)
+            episode.record("interrupted", by=cause)
 
 
 class _Arm:

@@ -120,11 +120,11 @@ class PacketSession:
             case "estop":
                 # The E-stop button is the last row of the fault table.
                 self.robot.press_estop(self.robot.blueprint.plan.runs - 1)
-                self.arbiter.require_lifts("", self.ticks)
+                self.arbiter.require_lifts("")
             case "restart":
                 self.robot.reset()
                 self._number, self._trips_read, self.checks = 0, 0.0, {}
-                self.arbiter.require_lifts("restart", self.ticks)
+                self.arbiter.require_lifts("restart")
             case "end":
                 self.over = True
 

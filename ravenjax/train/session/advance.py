@@ -241,7 +241,7 @@ class Session:
             else:
                 self._read_checks()
                 self.robot.disarm()
-                self.judge.end_hazard(self.ticks)
+                self.judge.end_hazard()
         if computes_robot:
             self.robot.step()
         if self.view == protocol.VIRTUAL:
@@ -270,13 +270,13 @@ class Session:
             state["runlevel"] = int(self.frame.number("runlevel"))
         for kind, value in state.items():
             if value != self._reported_state.get(kind):
-                self._add_event(kind, **{_VALUE_KEYS.get(kind, kind): value})
+                self._record(kind, **{_VALUE_KEYS.get(kind, kind): value})
         self._reported_state |= state
         if self._is_running:
             self._update()
         reasons = {console: self._refusal_reason(console) for console in console_arbiter.NETWORK}
         for event in self.pedals.update(reasons):
-            self._add_event("refused", **event)
+            self._record("refused", **event)
         if self._is_running:
             self.ticks += 1
         return self._events
@@ -310,7 +310,7 @@ class Session:
             case "unheard":
                 why = str(command.get("why", ""))[:200]
                 if command.get("once"):
-                    self._add_event("refused", **self.pedals.report(console, why))
+                    self._record("refused", **self.pedals.report(console, why))
                 else:
                     self.arbiter.set_refusal(console, why)
             case "seat":
@@ -347,7 +347,7 @@ class Session:
                 self._hands.move_to(self.robot.motion[:, self.robot.next_tick - 1])
                 self.view = protocol.REAL
             case "note":
-                self._add_event("note", text=str(command.get("text", ""))[:500])
+                self._record("note", text=str(command.get("text", ""))[:500])
 
     def _instructor(self, command: Command):
         # Carries out a command of type "instructor". Pause, reset and disarm interrupt a hazard.
@@ -378,7 +378,7 @@ class Session:
         """Treat the pedal as up until the operator has lifted it. why: for the event. by_operator:
         the operator has handed the console over or left it.
         """
-        self.arbiter.require_lifts(why, self.ticks)
+        self.arbiter.require_lifts(why)
         self._hands.apply({"type": "input", "pedal": False, "arms": {}}, self.ticks)
         if by_operator:
             self.judge.leave_console()
@@ -388,7 +388,7 @@ class Session:
     def _start(self, cause: str):
         if self.started is None:
             self.started = self.ticks
-            self._add_event("started", by=cause)
+            self._record("started", by=cause)
 
     def _drive(self, hand: hands.Hands):
         # Writes this tick's motion into the motion tables, [columns, ticks]. The last column is the
@@ -440,7 +440,7 @@ class Session:
         outcomes = self.virtual.outcomes()
         for trip in self._trial_checks.new_trips(self.ticks, self.virtual.next_tick, outcomes):
             if trip.check.response in verdict.TOLD and trip.is_after_pause:
-                self._add_event("alarm", check=trip.check.name, count=trip.count, virtual=True)
+                self._record("alarm", check=trip.check.name, count=trip.count, virtual=True)
 
     def _stand_by(self) -> bool:
         """Restart the motion table of a robot that nobody has driven yet. Return whether the robot
@@ -457,11 +457,11 @@ class Session:
     def _restart(self, why: str):
         # Homes the robot. Its hazard ends, and no pedal counts until it was lifted.
         self._read_checks()
-        self.arbiter.require_lifts(why, self.ticks)
+        self.arbiter.require_lifts(why)
         self.robot.reset()
         self._hands = self._new_hands()
         self.director.reset(self.ticks)
-        self.judge.restart(self.ticks)
+        self.judge.restart()
         self.task.restart()
         self.phase, self.view = protocol.READY, protocol.REAL
 
@@ -495,9 +495,10 @@ class Session:
             self._release_pedal("link")
             self.phase = protocol.LOST
         elif self.robot.reports_arrive and self.phase == protocol.LOST:
-            self.arbiter.require_lifts("link", self.ticks)
+            self.arbiter.require_lifts("link")
             self.phase = protocol.READY
-        self._events += self.task.step(frame, self.ticks)
+        for event in self.task.step(frame, self.ticks):
+            self._record(**event)
         is_due = self.ticks - self._reading_tick >= OUTCOMES_EVERY
         outcomes = self._new_outcomes() if is_due else None
         self.judge.step(self.ticks, frame, *(outcomes or ()))
@@ -534,13 +535,11 @@ class Session:
             self._read_checks()
             self.judge.close(self.ticks, reason)
             self.phase, self.ended = protocol.OVER, reason
-            self._add_event("end", reason=reason)
+            self._record("end", reason=reason)
 
-    def _add_event(self, kind: str, **content):
-        self._record(self.ticks, kind, **content)
-
-    def _record(self, tick: int, kind: str, **content):
-        self._events.append({"tick": tick, "kind": kind, **content})
+    def _record(self, kind: str, **content):
+        # Adds an event of this tick.
+        self._events.append({"tick": self.ticks, "kind": kind, **content})
 
     def _new_hands(self) -> hands.Hands:
         return hands.Hands(self.arms, self.scenario.scale, self.scenario.speeds)

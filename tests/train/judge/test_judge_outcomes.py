@@ -55,7 +55,7 @@ def judged(data, limit_mm):
     """The judge's row, its events, and the rows of the frames as a recording has them."""
     chosen, hazards = scenario_of(limit_mm)
     events, rows, frame = [], [], running()
-    tell = lambda tick, kind, **facts: events.append({"tick": tick, "kind": kind, **facts})  # noqa: E731
+    tell = lambda kind, **facts: events.append({"kind": kind, **facts})  # noqa: E731
     judge = Judge(chosen, hazards, True, tell)
     names = [name.removeprefix("check_") for name in data if name.startswith("check_")]
     for tick in range(TICKS):
