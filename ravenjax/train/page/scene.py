@@ -275,7 +275,14 @@ class Scene:
         self._frames = {arm: tuple(map(np.array, protocol.frame0_in_world(arm))) for arm in arms}
         shapes = read_shapes(model)
         ghost_arms = () if blinded else arms
-        add_arrows = server.scene.add_arrows
+
+        def add_arrows(kind: str, arms: Arms) -> dict[ArmName, Any]:
+            # Adds an arrow of this kind for each arm.
+            return {
+                arm: server.scene.add_arrows(f"/force/{kind}_{arm}", _NO_SEGMENT, **STYLES[kind])
+                for arm in arms
+            }
+
         with server.atomic():
             data = mujoco.MjData(model)
             mujoco.mj_kinematics(model, data)
@@ -293,13 +300,8 @@ class Scene:
                 arm: RobotFigure(server, "ghost", model, (arm,), shapes) for arm in ghost_arms
             }
             self._has_ghost = dict.fromkeys(ghost_arms, False)
-            self._forces, self._contacts = {}, {}
-            for arm in arms:
-                name = f"/force/contact_{arm}"
-                self._contacts[arm] = add_arrows(name, _NO_SEGMENT, **STYLES["contact"])
-            for arm in ghost_arms:
-                name = f"/force/force_{arm}"
-                self._forces[arm] = add_arrows(name, _NO_SEGMENT, **STYLES["force"])
+            self._contacts = add_arrows("contact", arms)
+            self._forces = add_arrows("force", ghost_arms)
             self._depth_lines = {arm: DepthLine(server, arm) for arm in arms}
             self._task = TaskShapes(server, task or {})
         for figure in (self._virtual, *self._ghosts.values()):
