@@ -3,13 +3,9 @@ tick.
 """
 
 import pytest
-from made_frames import kinds, made, running
+from made_frames import FAULT, kinds, made, running
 
 from ravenjax.train.judge import COLUMNS, SLOW_FOR_MS, Judge
-
-FAULT = [
-    {"site": "usb_out", "channel": "elbow", "effect": "offset", "value": 700, "duration_ms": 2000}
-]
 
 
 class Play:

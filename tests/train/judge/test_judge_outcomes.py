@@ -8,15 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_frames import made, running
+from made_frames import FAULT, made, running
 
 from ravenjax.robots.raven2.declaration import CHECKS
 from ravenjax.train.judge import Judge
 
 TICKS, STRIKE, LOOK = 500, 40, 10
-FAULT = [
-    {"site": "usb_out", "channel": "elbow", "effect": "offset", "value": 700, "duration_ms": 2000}
-]
 DISTANCES = ("unintended_mm", "loss_mm", "false_report_mm")
 ACTIONS = {"stop": "stopped", "flag": "flagged", "limit": "limited"}
 

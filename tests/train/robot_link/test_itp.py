@@ -8,7 +8,6 @@ from itp_client import IDENTITY, STILL, Clock, Console, datagram
 
 from ravenjax.errors import UserError
 from ravenjax.numbers.vec import Vec
-from ravenjax.robots.raven2.console.packet import UDP_PORT
 from ravenjax.robots.raven2.console.profile import LargestSteps
 from ravenjax.robots.raven2.geometry import mapping
 from ravenjax.train.protocol import STALE_MS
@@ -51,7 +50,6 @@ def test_binds_loopback_and_says_when_the_port_is_taken(server):
     assert host == "127.0.0.1"
     with pytest.raises(UserError, match=rf"UDP 127.0.0.1:{port} cannot be opened.*another port"):
         ItpServer(Gate(BOTH), port=port)
-    assert UDP_PORT == 36000
 
 
 def test_packets_of_a_tick_add_up_in_their_order(server, console):
