@@ -187,8 +187,8 @@ class Episode:
         self.first_ms: dict[str, int] = {}  # When one of `DISTANCES` first exceeded the limit
         # What the fault caused, and the part of it that nobody could have prevented. Each has two
         # values, which `_MOTION` and `_DEPTH` index; so do the limits above which harm is done.
-        self._caused_mm, self._unpreventable_mm = [0.0, 0.0], [0.0, 0.0]
-        self._limits_mm = harm.excursion_mm, harm.depth_mm
+        self._caused_mm, self._unpreventable_mm = np.zeros((2, 2))
+        self._limits_mm = np.array([harm.excursion_mm, harm.depth_mm])
         self.responses: dict[str, int] = {}  # When the operator first gave each kind of response
 
     @property
@@ -348,10 +348,9 @@ class Episode:
             response_share = 1.0 - 0.5 * min(delay / longest_delay, 1.0)
         # Of the distance to a limit when a person could first act, the share that the fault used up
         # afterwards. If the limit was exceeded before: the share of the whole distance.
-        caused, unpreventable = np.array(self._caused_mm), np.array(self._unpreventable_mm)
-        limits = np.array(self._limits_mm)
+        unpreventable, limits = self._unpreventable_mm, self._limits_mm
         available = limits - np.where(unpreventable < limits, unpreventable, 0.0)
-        used_share = float(np.max((caused - unpreventable) / available))
+        used_share = float(np.max((self._caused_mm - unpreventable) / available))
         return round(50.0 * response_share + 50.0 * max(0.0, 1.0 - used_share), 1)
 
     def row(self) -> Json:
@@ -403,8 +402,8 @@ class Episode:
     def _within_ms(self) -> float:
         return self.hazard.within_s * 1000.0
 
-    def _exceeds_limit(self, amounts_mm: list[float]) -> bool:
-        return bool(np.greater(amounts_mm, self._limits_mm).any())
+    def _exceeds_limit(self, amounts_mm: np.ndarray) -> bool:
+        return bool((amounts_mm > self._limits_mm).any())
 
     def record_effect(self, tick: int, kind: int, mm: float) -> None:
         """Record the unintended motion or the depth, mm, that the fault has caused so far. kind:
@@ -474,14 +473,15 @@ class Trips:
             if last_count == 0 and first_ms >= 0:
                 ms = tick - (robot_tick - first_ms)
             golden_count = 0 if golden is None else int(golden[f"check_{name}_count"])
-            trip = Trip(
-                check=ROBOT.check(name),
-                ms=ms,
-                exceeds_golden=count > golden_count,
-                is_after_pause=ms - self._last_tick.get(name, -math.inf) > QUIET_MS,
-                count=self._earlier_counts[name] + count,
+            trips.append(
+                Trip(
+                    check=ROBOT.check(name),
+                    ms=ms,
+                    exceeds_golden=count > golden_count,
+                    is_after_pause=ms - self._last_tick.get(name, -math.inf) > QUIET_MS,
+                    count=self._earlier_counts[name] + count,
+                )
             )
-            trips.append(trip)
             self._last_tick[name] = tick
         return sorted(trips, key=lambda trip: trip.ms)
 
@@ -639,10 +639,6 @@ class Judge:
         """Count the start of a trial as a lifted pedal, not as a robot that halted on its own."""
         self._respond(tick, "release")
         self._pedal_held_since_activation = False
-
-    def forget_trips(self) -> None:
-        """Forget the trips of the checks: the waiting robot was restarted without a hazard."""
-        self._trips.reset()
 
     def record_command(self, message: Command, tick: int) -> None:
         """Record a response that the operator gives by a command other than motion."""

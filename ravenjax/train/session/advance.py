@@ -450,7 +450,7 @@ class Session:
         if isinstance(self.robot, SimulatedRobot):
             if self.frame.number("runlevel") != PEDAL_UP:
                 return False
-            self.judge.forget_trips()
+            self.judge.restart()
         self.robot.stand_by()
         return True
 
