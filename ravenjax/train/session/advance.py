@@ -34,8 +34,7 @@ class Director:
 
     hazard_number = -1
     """Number of the hazard that is armed, or that the instructor has ordered; -1: none."""
-    _is_armed = False
-    _armed_tick = 0
+    _armed_tick: int | None = None  # when this hazard was armed; None: it is not armed
     _ordered_number = -1  # hazard that the instructor has ordered; -1: none
     _disarm_ordered = False  # whether the instructor has ordered to disarm
     _earliest_tick = 0  # no hazard starts before
@@ -61,7 +60,7 @@ class Director:
         if message["do"] == "disarm":
             self._ordered_number, self._disarm_ordered = -1, True
         # `type` excludes True and False, which are instances of int.
-        elif type(number) is int and 0 <= number < len(self.hazards) and not self._is_armed:
+        elif type(number) is int and 0 <= number < len(self.hazards) and self._armed_tick is None:
             self._ordered_number = number
 
     def step(self, tick: int, frame: Frame, clock: int) -> list[tuple[str, int]]:
@@ -81,7 +80,7 @@ class Director:
         )
         self._ready_ms = self._ready_ms + 1 if ready else 0
         self._pedal_up_ms = 0 if pedal else self._pedal_up_ms + 1
-        if self._is_armed:
+        if self._armed_tick is not None:
             hazard = self.hazards[self.hazard_number]
             released = "release" in hazard.right_response and self._pedal_up_ms >= CLEARED_MS
             if self._disarm_ordered or released or tick - self._armed_tick >= hazard.lasts_ms:
@@ -98,12 +97,12 @@ class Director:
             self._ordered_number = -1
         else:
             self.plan.pop(0)
-        self.hazard_number, self._is_armed, self._armed_tick = next_number, True, tick
+        self.hazard_number, self._armed_tick = next_number, tick
         return [("arm", next_number)]
 
     def reset(self, tick: int) -> None:
         """Forget the armed hazard and the instructor's orders. Planned hazards stay planned."""
-        self.hazard_number, self._is_armed = -1, False
+        self.hazard_number, self._armed_tick = -1, None
         self._ordered_number, self._disarm_ordered = -1, False
         self._ready_ms, self._earliest_tick = 0, tick + GAP_MS
 

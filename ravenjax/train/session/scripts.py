@@ -48,7 +48,7 @@ class Follower:
     _felt_force = False  # in the previous tick
     _unmoved_ms = 0  # time for which the robot has not moved with the pedal down
 
-    def __init__(self, task: Task, arms: Arms, speeds: Speeds, reaction: str = "release"):
+    def __init__(self, task: Task, arms: Arms, speeds: Speeds, reaction: str):
         """reaction: one of `REACTIONS`."""
         self._task, self._arms, self._reaction = task, arms, reaction
         self._gain = GAIN_PER_S * 1e3 / speeds.move_mm_s
