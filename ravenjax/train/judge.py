@@ -158,8 +158,8 @@ class Episode:
     knowable_ms: int | None = None
     knowable_by = ""
     cue_ms: int | None = None
-    # Time of the first sign, cue or alarm, whichever is earliest.
-    origin_ms: int | None = None
+    # Time of the first sign, cue or alarm, whichever is earliest; infinite before.
+    origin_ms: float = math.inf
     halted = False
     # Durations since the activation, ms.
     halted_ms, golden_halted_ms = 0, 0
@@ -201,19 +201,19 @@ class Episode:
         # `RESPONSES` begins with the strongest.
         return next((word for word in verdict.RESPONSES if word in self.first_trips), "silent")
 
-    def record_first_sign(self, tick: int, sign: str, sign_ms: int | None = None) -> None:
+    def record_first_sign(self, ms: int, sign: str) -> None:
         """Record when a person could first notice the hazard. Later signs are ignored. sign: "tip",
-        "runlevel" or the name of a check. sign_ms: its time; None: this tick.
+        "runlevel" or the name of a check.
         """
         if self.knowable_ms is None:
-            self.knowable_ms, self.knowable_by = tick if sign_ms is None else sign_ms, sign
-            self._advance_origin(self.knowable_ms)
-            self.record("knowable", by=sign, ms=self.knowable_ms)
+            self.knowable_ms, self.knowable_by = ms, sign
+            self.origin_ms = min(self.origin_ms, ms)
+            self.record("knowable", by=sign, ms=ms)
 
     def record_cue(self, tick: int) -> None:
         """Record that the operator felt the cue."""
         self.cue_ms = tick
-        self._advance_origin(tick)
+        self.origin_ms = min(self.origin_ms, tick)
 
     def record_trip(self, tick: int, check: checks.Check) -> bool:
         """Record a trip that the golden run does not have, if it is the first with its response.
@@ -223,7 +223,7 @@ class Episode:
             return False
         self.first_trips[check.response] = tick, check.name
         if check.response in verdict.TOLD:
-            self._advance_origin(tick)
+            self.origin_ms = min(self.origin_ms, tick)
         return True
 
     def record_peak(self, tick: int, name: str, mm: float, arm: str) -> None:
@@ -250,19 +250,16 @@ class Episode:
         if self._has_lost_motion and not had_lost_motion and "loss" not in self.first_ms:
             self.record(_NAMES["events"]["loss"], halted_ms=halted_ms - golden_halted_ms)
 
-    def record_response(self, tick: int, response: str, began_ms: int | None) -> None:
+    def record_response(self, response: str, began_ms: int) -> None:
         """Record an operator's response, if it is the first of its kind after the origin. Report it
         as an event if it becomes the scored response. response: one of those that `Judge` lists.
-        began_ms: when it began; None: in this tick.
         """
-        began = tick if began_ms is None else began_ms
-        follows_sign = self.origin_ms is not None and began >= self.origin_ms
         # A robot that has halted needs no response by motion.
         is_excluded = self.interrupted or (self.halted and response in _MOTION_RESPONSES)
-        if is_excluded or not follows_sign or response in self.responses:
+        if is_excluded or began_ms < self.origin_ms or response in self.responses:
             return
         had_scored_response = self.scored_response()[0] in self.responses
-        self.responses[response] = began
+        self.responses[response] = began_ms
         is_scored = not had_scored_response or self.scored_response()[0] == response
         # Hands also slow down near a target, so a slow-down is no wrong response.
         if is_scored and (response != "slow" or response in self.hazard.right_response):
@@ -275,7 +272,7 @@ class Episode:
         """
         if self._exceeds_limit(self._caused_mm) and not self._exceeds_limit(self._unpreventable_mm):
             return True
-        is_late = self.origin_ms is not None and tick - self.origin_ms > self._within_ms
+        is_late = tick - self.origin_ms > self._within_ms
         if CONTINUE in self.hazard.right_response:
             return is_late or any(response != "slow" for response in self.responses)
         return is_late or self.scored_response()[1]
@@ -285,9 +282,9 @@ class Episode:
         is_in_time = self.reaction_ms(response) <= self._within_ms
         return response in self.hazard.right_response and is_in_time
 
-    def reaction_ms(self, response: str) -> int:
+    def reaction_ms(self, response: str) -> float:
         """Return the time from the origin to a response that the operator gave, ms."""
-        return self.responses[response] - (self.origin_ms or 0)
+        return self.responses[response] - self.origin_ms
 
     def scored_response(self) -> tuple[str, bool]:
         """Return the response that the judge scores, and whether it is right and in time. It is the
@@ -410,12 +407,8 @@ class Episode:
         `_MOTION` or `_DEPTH`. Until a person could act, nobody can prevent this effect.
         """
         self._caused_mm[kind] = max(self._caused_mm[kind], mm)
-        if self.origin_ms is None or tick < self.origin_ms + ACTS_MS:
+        if tick < self.origin_ms + ACTS_MS:
             self._unpreventable_mm[kind] = self._caused_mm[kind]
-
-    def _advance_origin(self, tick: int):
-        if self.origin_ms is None or tick < self.origin_ms:
-            self.origin_ms = tick
 
 
 SLOW_SHARE = 0.25  # Hands are slow below this share of their usual speed, as in `stages.reaction`
@@ -685,7 +678,7 @@ class Judge:
             if self._pedal_down and not pedal_down and console_alive:
                 self._respond(tick, "release")
             if pedal_down and self._live and self._slowdown.slowdown_tick >= 0:
-                self._respond(tick, "slow", self._slowdown.slowdown_tick)
+                self._respond(self._slowdown.slowdown_tick, "slow")
         self._pedal_down = pedal_down
         self._operator_left = self._operator_left and not pedal_down
 
@@ -732,7 +725,7 @@ class Judge:
             if episode is not None and is_first:
                 episode.record(check.response, check=check.name, ms=ms)
                 if check.response in verdict.TOLD:
-                    episode.record_first_sign(tick, check.name, ms)
+                    episode.record_first_sign(ms, check.name)
 
     def _report_alarm(self, tick: int, check: str, count: int, is_new_alarm: bool):
         # Repeated alarms would fill the record, so their count waits until the next event is due.
@@ -789,9 +782,9 @@ class Judge:
         if (halted, golden_halted) != (episode.halted_ms, episode.golden_halted_ms):
             episode.record_halt(halted, golden_halted)
 
-    def _respond(self, tick: int, response: str, began_ms: int | None = None):
+    def _respond(self, began_ms: int, response: str):
         if episode := self._activated_episode():
-            episode.record_response(tick, response, began_ms)
+            episode.record_response(response, began_ms)
 
     def interrupt(self, tick: int, cause: str) -> None:
         """Record that something other than the operator ended the active, undecided hazard."""
