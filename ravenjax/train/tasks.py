@@ -70,10 +70,8 @@ class Task:
         """
         self._events = []
         if not self.done:
-            tips: dict[ArmName, Point] = {}
-            for arm in self._workspace.start_tips:
-                axis, joints = frame[f"{arm}/tip"].tolist(), frame[f"{arm}/link_jpos"].tolist()
-                tips[arm] = protocol.to_world(arm, protocol.closing_point(arm, axis, joints))
+            arms = self._workspace.start_tips
+            tips: Tips = {arm: protocol.tip_in_world(frame, arm) for arm in arms}
             self._step(frame, tips, tick)
         if self.target != self._published_target:
             self._published_target = self.target

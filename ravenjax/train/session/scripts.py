@@ -91,9 +91,7 @@ class Follower:
     def _hand(self, arm: ArmName, frame: Frame, speed_share: float) -> Command:
         # Returns speeds of the hand toward the task's next aim; {} if the arm has none.
         # speed_share: of the usual speed.
-        jpos = frame[f"{arm}/link_jpos"].tolist()
-        axis = frame[f"{arm}/tip"].tolist()
-        tip = protocol.to_world(arm, protocol.closing_point(arm, axis, jpos))
+        jpos, tip = frame[f"{arm}/link_jpos"].tolist(), protocol.tip_in_world(frame, arm)
         aim = self._task.next_aim(arm, tip)
         if aim is None:
             return {}
