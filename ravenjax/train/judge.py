@@ -416,8 +416,6 @@ SLOW_FOR_MS = 1000  # A slow-down counts only if it lasts this long, ms
 MOVING_MM_S = 2.0  # Hands slower than this cannot slow down. Speed of the tip, mm/s.
 # Share by which each ms moves the running mean of the usual and of the present speed.
 _USUAL_WEIGHT, _PRESENT_WEIGHT = 1.0 / 2000.0, 1.0 / 50.0
-# Values of `_slow_since` in place of a tick: the hands are not slow; they were slow before.
-_NOT_SLOW, _SLOW_AT_ACTIVATION = -1, -2
 QUIET_MS = 1000
 """A check that trips again is announced only after this time without a trip, ms."""
 CUE_QUIET_MS = 250  # Time without force after which a new force counts as a new cue, ms
@@ -495,14 +493,12 @@ class SlowdownDetector:
     _last_hands: list[float] | None = None
     usual_mm_s = present_mm_s = 0.0
     _limit_mm_s = 0.0  # The hands are slow below this speed
-    # The tick since which the hands are slow.
-    _slow_since = _NOT_SLOW
-    slowdown_tick = -1
-    """Tick at which a lasting slow-down began; -1 without one."""
+    slow_ms = 0.0
+    """How long the hands have been slow. Minus infinity: they were slow before the activation."""
 
-    def step(self, tick: int, hands: list[float]) -> None:
-        """Update the speeds and `slowdown_tick`. Call it in each tick. hands: positions of all
-        hands, um before scaling, three numbers per hand.
+    def step(self, hands: list[float]) -> None:
+        """Update the speeds and `slow_ms`. Call it in each tick. hands: positions of all hands, um
+        before scaling, three numbers per hand.
         """
         last_hands, self._last_hands = self._last_hands, hands
         if last_hands is None:
@@ -511,20 +507,13 @@ class SlowdownDetector:
         speed = self.scale * math.dist(hands, last_hands)
         self.usual_mm_s += _USUAL_WEIGHT * (speed - self.usual_mm_s)
         self.present_mm_s += _PRESENT_WEIGHT * (speed - self.present_mm_s)
-        if self.present_mm_s >= self._limit_mm_s:
-            self._slow_since, self.slowdown_tick = _NOT_SLOW, -1
-        elif self._slow_since == _NOT_SLOW:
-            self._slow_since = tick
-        elif self._slow_since >= 0 and tick - self._slow_since >= SLOW_FOR_MS:
-            self.slowdown_tick = self._slow_since
+        self.slow_ms = self.slow_ms + 1 if self.present_mm_s < self._limit_mm_s else 0
 
     def start_hazard(self) -> None:
         """Compare later speeds with the usual speed before the hazard that becomes active now."""
         can_slow_down = self.usual_mm_s > MOVING_MM_S
         self._limit_mm_s = SLOW_SHARE * self.usual_mm_s if can_slow_down else 0.0
-        is_slow = self.present_mm_s < self._limit_mm_s
-        self._slow_since = _SLOW_AT_ACTIVATION if is_slow else _NOT_SLOW
-        self.slowdown_tick = -1
+        self.slow_ms = -math.inf if self.present_mm_s < self._limit_mm_s else 0
 
     def skip_step(self) -> None:
         """Ignore the next step of the hands, because a restart moved them elsewhere."""
@@ -656,7 +645,7 @@ class Judge:
         row = frame.numbers
         was_live, self._live = self._live, frame.number("live") != 0.0
         self._tick, self._robot_tick = tick, int(frame.number("tick"))
-        self._slowdown.step(tick, [x for arm in self._arms for x in row[arm.hand]])
+        self._slowdown.step([x for arm in self._arms for x in row[arm.hand]])
         episode = self._episode
         if episode is not None and frame.number("fault_active") and not episode.is_activated:
             self._pedal_held_since_activation = was_live and self._pedal_down
@@ -677,8 +666,9 @@ class Judge:
             self._detect_halt(tick, pedal_down, episode)
             if self._pedal_down and not pedal_down and console_alive:
                 self._respond(tick, "release")
-            if pedal_down and self._live and self._slowdown.slowdown_tick >= 0:
-                self._respond(self._slowdown.slowdown_tick, "slow")
+            slow_ms = self._slowdown.slow_ms
+            if pedal_down and self._live and slow_ms > SLOW_FOR_MS:
+                self._respond(tick + 1 - int(slow_ms), "slow")
         self._pedal_down = pedal_down
         self._operator_left = self._operator_left and not pedal_down
 
