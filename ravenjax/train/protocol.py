@@ -231,16 +231,6 @@ def tip_in_world(frame: Frame, arm: ArmName) -> Point:
     return to_world(arm, closing_point(arm, axis, jpos))
 
 
-def jaw_tips(arm: ArmName, closing: Sequence[float], jpos: Sequence[float]) -> tuple[Point, Point]:
-    """Return the ends of both jaws, m, frame 0. closing: where they close. jpos: joints [7]."""
-    offset = closing_point(arm, (0.0, 0.0, 0.0), jpos)
-    axis = [c - o for c, o in zip(closing, offset, strict=True)]
-    # The end of a jaw is where closed jaws at its angle would be.
-    left = closing_point(arm, axis, (*jpos[:5], jpos[5], -jpos[5]))
-    right = closing_point(arm, axis, (*jpos[:5], -jpos[6], jpos[6]))
-    return left, right
-
-
 def jaw_direction(arm: ArmName, jpos: Sequence[float]) -> Point:
     """Return the unit vector along the closed jaws in frame 0, at joints [7] in rad and m."""
     geometry = robot.GEOMETRY[arm]

@@ -27,7 +27,7 @@ from ravenjax.robots.raven2.dynamics.scene_views import ENDOSCOPES, FIELD_CENTRE
 from ravenjax.train import protocol
 from ravenjax.train.page.hub import Client
 from ravenjax.train.protocol import Command, Event, Frame, Json, tissue_height
-from ravenjax.train.robot import ARMS, ArmName, Arms, scene
+from ravenjax.train.robot import ARMS, ArmName, Arms, jaw_tips, scene
 
 Rgb = tuple[int, int, int]
 Shapes = dict[int, tuple[bytes, np.ndarray, np.ndarray]]
@@ -335,7 +335,9 @@ class Scene:
                     if self._has_ghost[arm]:
                         self._ghosts[arm].show(frame, "model_jpos")
                 contact = turn @ frame[f"{arm}/contact"]
-                _point(self._contacts[arm], self._deeper_jaw(frame, arm), CONTACT_M_PER_N * contact)
+                # Without contact, the arrow is hidden.
+                start = self._deeper_jaw(frame, arm) if contact.any() else tip
+                _point(self._contacts[arm], start, CONTACT_M_PER_N * contact)
                 self._depth_lines[arm].show(tips[arm], tip, is_virtual)
             self._task.show(int(frame.number("target")), tips)
         self._server.flush()
@@ -343,8 +345,7 @@ class Scene:
     def _deeper_jaw(self, frame: Frame, arm: ArmName) -> np.ndarray:
         """Return the jaw tip, world, that is deeper in the tissue, where most of the force acts."""
         origin, turn = self._frames[arm]
-        tip, jpos = frame[f"{arm}/tip"].tolist(), frame[f"{arm}/link_jpos"].tolist()
-        ends = [origin + turn @ np.array(end) for end in protocol.jaw_tips(arm, tip, jpos)]
+        ends = [origin + turn @ end for end in jaw_tips(arm, frame[f"{arm}/link_jpos"])]
         return min(ends, key=lambda end: end[2] - tissue_height(*end[:2]))
 
     def follow(self, event: Event) -> None:
