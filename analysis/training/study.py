@@ -158,9 +158,10 @@ def collect_sessions(folders: Iterable[Path], unblind: bool = False) -> Training
 def _read_session(folder: Path) -> StudySession:
     header = description.read_session(folder)
     _require_unchanged(folder, header)
-    if (folder / reader.TABLE).exists() or reader.find_recording(folder) is None:
+    recording = None if (folder / reader.TABLE).exists() else reader.read_recording(folder)
+    if recording is None:
         return StudySession(folder, header, reader.read_table(folder))
-    hazards = reader.from_recording(reader.read_recording(folder), header)
+    hazards = reader.from_recording(recording, header)
     return StudySession(folder, header, hazards, cut_short=True)
 
 

@@ -158,8 +158,8 @@ class Episode:
     knowable_ms: int | None = None
     knowable_by = ""
     cue_ms: int | None = None
-    # Time of the first sign, cue or alarm, whichever is earliest.
-    origin_ms: int | None = None
+    # Time of the first sign, cue or alarm, whichever is earliest; infinite before.
+    origin_ms: float = math.inf
     halted = False
     # Durations since the activation, ms.
     halted_ms, golden_halted_ms = 0, 0
@@ -187,8 +187,8 @@ class Episode:
         self.first_ms: dict[str, int] = {}  # When one of `DISTANCES` first exceeded the limit
         # What the fault caused, and the part of it that nobody could have prevented. Each has two
         # values, which `_MOTION` and `_DEPTH` index; so do the limits above which harm is done.
-        self._caused_mm, self._unpreventable_mm = [0.0, 0.0], [0.0, 0.0]
-        self._limits_mm = harm.excursion_mm, harm.depth_mm
+        self._caused_mm, self._unpreventable_mm = np.zeros((2, 2))
+        self._limits_mm = np.array([harm.excursion_mm, harm.depth_mm])
         self.responses: dict[str, int] = {}  # When the operator first gave each kind of response
 
     @property
@@ -201,19 +201,19 @@ class Episode:
         # `RESPONSES` begins with the strongest.
         return next((word for word in verdict.RESPONSES if word in self.first_trips), "silent")
 
-    def record_first_sign(self, tick: int, sign: str, sign_ms: int | None = None) -> None:
+    def record_first_sign(self, ms: int, sign: str) -> None:
         """Record when a person could first notice the hazard. Later signs are ignored. sign: "tip",
-        "runlevel" or the name of a check. sign_ms: its time; None: this tick.
+        "runlevel" or the name of a check.
         """
         if self.knowable_ms is None:
-            self.knowable_ms, self.knowable_by = tick if sign_ms is None else sign_ms, sign
-            self._advance_origin(self.knowable_ms)
-            self.record(tick, "knowable", by=sign, ms=self.knowable_ms)
+            self.knowable_ms, self.knowable_by = ms, sign
+            self.origin_ms = min(self.origin_ms, ms)
+            self.record("knowable", by=sign, ms=ms)
 
     def record_cue(self, tick: int) -> None:
         """Record that the operator felt the cue."""
         self.cue_ms = tick
-        self._advance_origin(tick)
+        self.origin_ms = min(self.origin_ms, tick)
 
     def record_trip(self, tick: int, check: checks.Check) -> bool:
         """Record a trip that the golden run does not have, if it is the first with its response.
@@ -223,7 +223,7 @@ class Episode:
             return False
         self.first_trips[check.response] = tick, check.name
         if check.response in verdict.TOLD:
-            self._advance_origin(tick)
+            self.origin_ms = min(self.origin_ms, tick)
         return True
 
     def record_peak(self, tick: int, name: str, mm: float, arm: str) -> None:
@@ -236,9 +236,9 @@ class Episode:
         self.record_effect(tick, _MOTION, farthest)
         if name in DISTANCES and mm > self.harm.excursion_mm and name not in self.first_ms:
             self.first_ms[name] = tick
-            self.record(tick, _NAMES["events"][name], arm=arm, mm=round(mm, 3))
+            self.record(_NAMES["events"][name], arm=arm, mm=round(mm, 3))
 
-    def record_halt(self, tick: int, halted_ms: int, golden_halted_ms: int) -> None:
+    def record_halt(self, halted_ms: int, golden_halted_ms: int) -> None:
         """Record for how long the robot and its golden run stood still while the pedal was down.
         Report a loss of motion when the difference first becomes too long.
         """
@@ -248,26 +248,23 @@ class Episode:
         self._has_lost_motion = bool(verdict.is_halt(halted_ms, golden_halted_ms, stopped))
         # A distance may have reported the loss of motion earlier.
         if self._has_lost_motion and not had_lost_motion and "loss" not in self.first_ms:
-            self.record(tick, _NAMES["events"]["loss"], halted_ms=halted_ms - golden_halted_ms)
+            self.record(_NAMES["events"]["loss"], halted_ms=halted_ms - golden_halted_ms)
 
-    def record_response(self, tick: int, response: str, began_ms: int | None) -> None:
+    def record_response(self, response: str, began_ms: int) -> None:
         """Record an operator's response, if it is the first of its kind after the origin. Report it
         as an event if it becomes the scored response. response: one of those that `Judge` lists.
-        began_ms: when it began; None: in this tick.
         """
-        began = tick if began_ms is None else began_ms
-        follows_sign = self.origin_ms is not None and began >= self.origin_ms
         # A robot that has halted needs no response by motion.
         is_excluded = self.interrupted or (self.halted and response in _MOTION_RESPONSES)
-        if is_excluded or not follows_sign or response in self.responses:
+        if is_excluded or began_ms < self.origin_ms or response in self.responses:
             return
         had_scored_response = self.scored_response()[0] in self.responses
-        self.responses[response] = began
+        self.responses[response] = began_ms
         is_scored = not had_scored_response or self.scored_response()[0] == response
         # Hands also slow down near a target, so a slow-down is no wrong response.
         if is_scored and (response != "slow" or response in self.hazard.right_response):
             ms, is_right = self.reaction_ms(response), self.is_right(response)
-            self.record(tick, "response", what=response, ok=is_right, ms=ms)
+            self.record("response", what=response, ok=is_right, ms=ms)
 
     def is_decided(self, tick: int) -> bool:
         """Whether the outcome is final: after harm, a right response, or the time allowed. If the
@@ -275,7 +272,7 @@ class Episode:
         """
         if self._exceeds_limit(self._caused_mm) and not self._exceeds_limit(self._unpreventable_mm):
             return True
-        is_late = self.origin_ms is not None and tick - self.origin_ms > self._within_ms
+        is_late = tick - self.origin_ms > self._within_ms
         if CONTINUE in self.hazard.right_response:
             return is_late or any(response != "slow" for response in self.responses)
         return is_late or self.scored_response()[1]
@@ -285,9 +282,9 @@ class Episode:
         is_in_time = self.reaction_ms(response) <= self._within_ms
         return response in self.hazard.right_response and is_in_time
 
-    def reaction_ms(self, response: str) -> int:
+    def reaction_ms(self, response: str) -> float:
         """Return the time from the origin to a response that the operator gave, ms."""
-        return self.responses[response] - (self.origin_ms or 0)
+        return self.responses[response] - self.origin_ms
 
     def scored_response(self) -> tuple[str, bool]:
         """Return the response that the judge scores, and whether it is right and in time. It is the
@@ -348,10 +345,9 @@ class Episode:
             response_share = 1.0 - 0.5 * min(delay / longest_delay, 1.0)
         # Of the distance to a limit when a person could first act, the share that the fault used up
         # afterwards. If the limit was exceeded before: the share of the whole distance.
-        caused, unpreventable = np.array(self._caused_mm), np.array(self._unpreventable_mm)
-        limits = np.array(self._limits_mm)
+        unpreventable, limits = self._unpreventable_mm, self._limits_mm
         available = limits - np.where(unpreventable < limits, unpreventable, 0.0)
-        used_share = float(np.max((caused - unpreventable) / available))
+        used_share = float(np.max((self._caused_mm - unpreventable) / available))
         return round(50.0 * response_share + 50.0 * max(0.0, 1.0 - used_share), 1)
 
     def row(self) -> Json:
@@ -403,20 +399,16 @@ class Episode:
     def _within_ms(self) -> float:
         return self.hazard.within_s * 1000.0
 
-    def _exceeds_limit(self, amounts_mm: list[float]) -> bool:
-        return bool(np.greater(amounts_mm, self._limits_mm).any())
+    def _exceeds_limit(self, amounts_mm: np.ndarray) -> bool:
+        return bool((amounts_mm > self._limits_mm).any())
 
     def record_effect(self, tick: int, kind: int, mm: float) -> None:
         """Record the unintended motion or the depth, mm, that the fault has caused so far. kind:
         `_MOTION` or `_DEPTH`. Until a person could act, nobody can prevent this effect.
         """
         self._caused_mm[kind] = max(self._caused_mm[kind], mm)
-        if self.origin_ms is None or tick < self.origin_ms + ACTS_MS:
+        if tick < self.origin_ms + ACTS_MS:
             self._unpreventable_mm[kind] = self._caused_mm[kind]
-
-    def _advance_origin(self, tick: int):
-        if self.origin_ms is None or tick < self.origin_ms:
-            self.origin_ms = tick
 
 
 SLOW_SHARE = 0.25  # Hands are slow below this share of their usual speed, as in `stages.reaction`
@@ -424,8 +416,6 @@ SLOW_FOR_MS = 1000  # A slow-down counts only if it lasts this long, ms
 MOVING_MM_S = 2.0  # Hands slower than this cannot slow down. Speed of the tip, mm/s.
 # Share by which each ms moves the running mean of the usual and of the present speed.
 _USUAL_WEIGHT, _PRESENT_WEIGHT = 1.0 / 2000.0, 1.0 / 50.0
-# Values of `_slow_since` in place of a tick: the hands are not slow; they were slow before.
-_NOT_SLOW, _SLOW_AT_ACTIVATION = -1, -2
 QUIET_MS = 1000
 """A check that trips again is announced only after this time without a trip, ms."""
 CUE_QUIET_MS = 250  # Time without force after which a new force counts as a new cue, ms
@@ -474,14 +464,15 @@ class Trips:
             if last_count == 0 and first_ms >= 0:
                 ms = tick - (robot_tick - first_ms)
             golden_count = 0 if golden is None else int(golden[f"check_{name}_count"])
-            trip = Trip(
-                check=ROBOT.check(name),
-                ms=ms,
-                exceeds_golden=count > golden_count,
-                is_after_pause=ms - self._last_tick.get(name, -math.inf) > QUIET_MS,
-                count=self._earlier_counts[name] + count,
+            trips.append(
+                Trip(
+                    check=ROBOT.check(name),
+                    ms=ms,
+                    exceeds_golden=count > golden_count,
+                    is_after_pause=ms - self._last_tick.get(name, -math.inf) > QUIET_MS,
+                    count=self._earlier_counts[name] + count,
+                )
             )
-            trips.append(trip)
             self._last_tick[name] = tick
         return sorted(trips, key=lambda trip: trip.ms)
 
@@ -502,14 +493,12 @@ class SlowdownDetector:
     _last_hands: list[float] | None = None
     usual_mm_s = present_mm_s = 0.0
     _limit_mm_s = 0.0  # The hands are slow below this speed
-    # The tick since which the hands are slow.
-    _slow_since = _NOT_SLOW
-    slowdown_tick = -1
-    """Tick at which a lasting slow-down began; -1 without one."""
+    slow_ms = 0.0
+    """How long the hands have been slow. Minus infinity: they were slow before the activation."""
 
-    def step(self, tick: int, hands: list[float]) -> None:
-        """Update the speeds and `slowdown_tick`. Call it in each tick. hands: positions of all
-        hands, um before scaling, three numbers per hand.
+    def step(self, hands: list[float]) -> None:
+        """Update the speeds and `slow_ms`. Call it in each tick. hands: positions of all hands, um
+        before scaling, three numbers per hand.
         """
         last_hands, self._last_hands = self._last_hands, hands
         if last_hands is None:
@@ -518,20 +507,13 @@ class SlowdownDetector:
         speed = self.scale * math.dist(hands, last_hands)
         self.usual_mm_s += _USUAL_WEIGHT * (speed - self.usual_mm_s)
         self.present_mm_s += _PRESENT_WEIGHT * (speed - self.present_mm_s)
-        if self.present_mm_s >= self._limit_mm_s:
-            self._slow_since, self.slowdown_tick = _NOT_SLOW, -1
-        elif self._slow_since == _NOT_SLOW:
-            self._slow_since = tick
-        elif self._slow_since >= 0 and tick - self._slow_since >= SLOW_FOR_MS:
-            self.slowdown_tick = self._slow_since
+        self.slow_ms = self.slow_ms + 1 if self.present_mm_s < self._limit_mm_s else 0
 
     def start_hazard(self) -> None:
         """Compare later speeds with the usual speed before the hazard that becomes active now."""
         can_slow_down = self.usual_mm_s > MOVING_MM_S
         self._limit_mm_s = SLOW_SHARE * self.usual_mm_s if can_slow_down else 0.0
-        is_slow = self.present_mm_s < self._limit_mm_s
-        self._slow_since = _SLOW_AT_ACTIVATION if is_slow else _NOT_SLOW
-        self.slowdown_tick = -1
+        self.slow_ms = -math.inf if self.present_mm_s < self._limit_mm_s else 0
 
     def skip_step(self) -> None:
         """Ignore the next step of the hands, because a restart moved them elsewhere."""
@@ -570,7 +552,7 @@ class Judge:
         cue_on: bool,
         record: Callable[..., None],
     ):
-        """record: called with the tick, the kind and the content of each event."""
+        """record: called with the kind and the content of each event of this tick."""
         self.scenario, self.hazards = scenario, tuple(hazards)
         self.cue_on = cue_on
         """Whether the operator feels forces. The instructor may change it at any time."""
@@ -585,15 +567,15 @@ class Judge:
 
     def begin_hazard(self, number: int, tick: int) -> None:
         """Begin to judge a hazard, which is armed before this tick. End the one before."""
-        self.end_hazard(tick)
+        self.end_hazard()
         self._episode = Episode(
             self.hazards[number], self.scenario.harm, tick, self.cue_on, self._record
         )
         row = self._episode.row()
         known = {name: row[name] for name in _NAMES["known_when_armed"]}
-        self._episode.record(tick, "hazard_armed", row=known)
+        self._episode.record("hazard_armed", row=known)
 
-    def end_hazard(self, tick: int) -> None:
+    def end_hazard(self) -> None:
         """End the judgement of the armed hazard, if there is one. Record its outcome as events."""
         episode, self._episode = self._episode, None
         if episode is None:
@@ -601,13 +583,13 @@ class Judge:
         self._ended_episodes.append(episode)
         row = episode.row()
         outcome = {name: row.get(name) for name in _NAMES["known_when_over"]}
-        episode.record(tick, "hazard_over", **outcome)
+        episode.record("hazard_over", **outcome)
         known = {name: value for name, value in row.items() if value is not None}
-        self._record(tick, "hazard_row", row=known)
+        self._record("hazard_row", row=known)
 
-    def restart(self, tick: int) -> None:
+    def restart(self) -> None:
         """Forget the state of the robot, which was homed again without any fault."""
-        self.end_hazard(tick)
+        self.end_hazard()
         self._trips.reset()
         self._slowdown.skip_step()
         self._estop_pressed = False
@@ -617,9 +599,9 @@ class Judge:
     def close(self, tick: int, reason: str = "end") -> None:
         """Record what is left at the end of the session. reason: why the session ends."""
         for name, count in self._unreported_counts.items():
-            self._record(tick, "alarm_count", check=name, count=count)
+            self._record("alarm_count", check=name, count=count)
         self.interrupt(tick, reason)
-        self.end_hazard(tick)
+        self.end_hazard()
 
     def lift_pedal(self, tick: int, reason: str) -> None:
         """Record that the pedal went up without the operator's foot. This is no release. The hazard
@@ -639,10 +621,6 @@ class Judge:
         """Count the start of a trial as a lifted pedal, not as a robot that halted on its own."""
         self._respond(tick, "release")
         self._pedal_held_since_activation = False
-
-    def forget_trips(self) -> None:
-        """Forget the trips of the checks: the waiting robot was restarted without a hazard."""
-        self._trips.reset()
 
     def record_command(self, message: Command, tick: int) -> None:
         """Record a response that the operator gives by a command other than motion."""
@@ -667,7 +645,7 @@ class Judge:
         row = frame.numbers
         was_live, self._live = self._live, frame.number("live") != 0.0
         self._tick, self._robot_tick = tick, int(frame.number("tick"))
-        self._slowdown.step(tick, [x for arm in self._arms for x in row[arm.hand]])
+        self._slowdown.step([x for arm in self._arms for x in row[arm.hand]])
         episode = self._episode
         if episode is not None and frame.number("fault_active") and not episode.is_activated:
             self._pedal_held_since_activation = was_live and self._pedal_down
@@ -688,8 +666,9 @@ class Judge:
             self._detect_halt(tick, pedal_down, episode)
             if self._pedal_down and not pedal_down and console_alive:
                 self._respond(tick, "release")
-            if pedal_down and self._live and self._slowdown.slowdown_tick >= 0:
-                self._respond(tick, "slow", self._slowdown.slowdown_tick)
+            slow_ms = self._slowdown.slow_ms
+            if pedal_down and self._live and slow_ms > SLOW_FOR_MS:
+                self._respond(tick + 1 - int(slow_ms), "slow")
         self._pedal_down = pedal_down
         self._operator_left = self._operator_left and not pedal_down
 
@@ -713,7 +692,7 @@ class Judge:
         for arm in self._arms:
             # The depth at which the tip touches the tissue without the hazard.
             arm.depth_mm_at_activation = max(row[arm.depth], 0.0)
-        episode.record(tick, "hazard_struck")
+        episode.record("hazard_struck")
 
     def read_checks(self, outcomes: Json, golden: Json | None) -> None:
         """Record the trips of the robot's checks since the last reading. An alarm or stop becomes
@@ -734,9 +713,9 @@ class Judge:
                 is_new_alarm = is_first or trip.is_after_pause
                 self._report_alarm(tick, check.name, trip.count, is_new_alarm)
             if episode is not None and is_first:
-                episode.record(tick, check.response, check=check.name, ms=ms)
+                episode.record(check.response, check=check.name, ms=ms)
                 if check.response in verdict.TOLD:
-                    episode.record_first_sign(tick, check.name, ms)
+                    episode.record_first_sign(ms, check.name)
 
     def _report_alarm(self, tick: int, check: str, count: int, is_new_alarm: bool):
         # Repeated alarms would fill the record, so their count waits until the next event is due.
@@ -746,7 +725,7 @@ class Judge:
             return
         self._last_report_tick[check] = tick
         self._unreported_counts.pop(check, None)
-        self._record(tick, "alarm" if is_new_alarm else "alarm_count", check=check, count=count)
+        self._record("alarm" if is_new_alarm else "alarm_count", check=check, count=count)
 
     def _record_cue(self, tick: int, row: list[float]):
         # Records the start of each cue, per arm. The event's number is that of the hazard which
@@ -759,7 +738,7 @@ class Judge:
                 if episode is not None and episode.cue_ms is None and not self._golden_cue:
                     episode.record_cue(tick)
                 number = -1 if episode is None or episode.cue_ms is None else episode.hazard.number
-                self._record(tick, "cue", number=number, arm=arm.name)
+                self._record("cue", number=number, arm=arm.name)
             arm.last_force_tick = tick
 
     def _measure_effects(self, tick: int, row: list[float], episode: Episode):
@@ -791,18 +770,18 @@ class Judge:
             episode.record_first_sign(tick, "runlevel")
         halted, golden_halted = np.subtract(self._halted_ms, self._halted_ms_at_activation).tolist()
         if (halted, golden_halted) != (episode.halted_ms, episode.golden_halted_ms):
-            episode.record_halt(tick, halted, golden_halted)
+            episode.record_halt(halted, golden_halted)
 
-    def _respond(self, tick: int, response: str, began_ms: int | None = None):
+    def _respond(self, began_ms: int, response: str):
         if episode := self._activated_episode():
-            episode.record_response(tick, response, began_ms)
+            episode.record_response(response, began_ms)
 
     def interrupt(self, tick: int, cause: str) -> None:
         """Record that something other than the operator ended the active, undecided hazard."""
         episode = self._activated_episode()
         if episode and not episode.interrupted and not episode.is_decided(tick):
             episode.interrupted = True
-            episode.record(tick, "interrupted", by=cause)
+            episode.record("interrupted", by=cause)
 
 
 class _Arm:

@@ -233,7 +233,7 @@ def run_headless(options: SessionOptions, say: Say = lambda _: None) -> Finished
 
 
 def new_folder_path(
-    name: str, participant: str = "", seed: int = 0, base: Path = Path("results/sessions")
+    name: str, participant: str, seed: int, base: Path = Path("results/sessions")
 ) -> Path:
     """Return the path of a folder for a session that begins now, from scenario, participant, time
     and seed. Only the group is left out, so that the path does not reveal it.

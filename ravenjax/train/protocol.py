@@ -225,14 +225,10 @@ def closing_point(arm: ArmName, axis: Sequence[float], jpos: Sequence[float]) ->
     return axis[0] + JAW_LENGTH * x, axis[1] + JAW_LENGTH * y, axis[2] + JAW_LENGTH * z
 
 
-def jaw_tips(arm: ArmName, closing: Sequence[float], jpos: Sequence[float]) -> tuple[Point, Point]:
-    """Return the ends of both jaws, m, frame 0. closing: where they close. jpos: joints [7]."""
-    offset = closing_point(arm, (0.0, 0.0, 0.0), jpos)
-    axis = [c - o for c, o in zip(closing, offset, strict=True)]
-    # The end of a jaw is where closed jaws at its angle would be.
-    left = closing_point(arm, axis, (*jpos[:5], jpos[5], -jpos[5]))
-    right = closing_point(arm, axis, (*jpos[:5], -jpos[6], jpos[6]))
-    return left, right
+def tip_in_world(frame: Frame, arm: ArmName) -> Point:
+    """Return where the jaws of the robot meet in a frame, m, world."""
+    axis, jpos = frame[f"{arm}/tip"].tolist(), frame[f"{arm}/link_jpos"].tolist()
+    return to_world(arm, closing_point(arm, axis, jpos))
 
 
 def jaw_direction(arm: ArmName, jpos: Sequence[float]) -> Point:

@@ -20,7 +20,7 @@ from ravenjax.robots.raven2.console.motion import ARM_COLUMNS
 from ravenjax.robots.raven2.console.packet import DELTAS, U_STRUCT, UDP_PORT, V_STRUCT, Packet
 from ravenjax.robots.raven2.console.profile import ConsoleProfile
 from ravenjax.robots.raven2.console.reading import FIELDS, MODE, Misfit
-from ravenjax.robots.raven2.geometry import kinematics, scene, transmission
+from ravenjax.robots.raven2.geometry import instrument, kinematics, scene, transmission
 from ravenjax.robots.raven2.geometry.arrays import jaw_rotation
 from ravenjax.robots.raven2.geometry.instrument import JAW_LENGTH
 from ravenjax.robots.raven2.geometry.joints import GEOMETRY, GM1, GM2, GM3
@@ -41,6 +41,13 @@ def tip_pose(arm: ArmName, jpos: Sequence[float] | np.ndarray) -> tuple[np.ndarr
     with run_eagerly():
         pose = kinematics.forward_pose(arm, Vec(map(float, jpos)))
     return np.array(pose.position, float), np.array(pose.rotation, float)
+
+
+def jaw_tips(arm: ArmName, jpos: Sequence[float] | np.ndarray) -> list[np.ndarray]:
+    """Return the ends of both jaws, m [3], in frame 0, at joints [7]."""
+    with run_eagerly():
+        tips = instrument.jaw_tips(arm, Vec(map(float, jpos)))
+    return [np.array(tip.position, float) for tip in tips]
 
 
 def tip_twist(arm: ArmName, jpos: np.ndarray, jvel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

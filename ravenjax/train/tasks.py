@@ -65,17 +65,17 @@ class Task:
         self._events: list[Event] = []
 
     def step(self, frame: Frame, tick: int) -> list[Event]:
-        """Process one tick. Return its events: "target", "object", "level" and "task_done"."""
+        """Process one tick. Return its events without the tick: "target", "object", "level" and
+        "task_done".
+        """
         self._events = []
         if not self.done:
-            tips: dict[ArmName, Point] = {}
-            for arm in self._workspace.start_tips:
-                axis, joints = frame[f"{arm}/tip"].tolist(), frame[f"{arm}/link_jpos"].tolist()
-                tips[arm] = protocol.to_world(arm, protocol.closing_point(arm, axis, joints))
+            arms = self._workspace.start_tips
+            tips: Tips = {arm: protocol.tip_in_world(frame, arm) for arm in arms}
             self._step(frame, tips, tick)
         if self.target != self._published_target:
             self._published_target = self.target
-            self._record(tick, "target", target=self.target)
+            self._record("target", target=self.target)
         return self._events
 
     def _step(self, frame: Frame, tips: Tips, tick: int):
@@ -121,15 +121,15 @@ class Task:
         # Returns the score, 0 to 1.
         return self.progress
 
-    def _advance(self, tick: int, share: float):
+    def _advance(self, share: float):
         """Set the progress. A share of 1 ends the task."""
         self.progress = min(share, 1.0)
         if share >= 1.0:
             self.done, self.target = True, -1
-            self._record(tick, "task_done")
+            self._record("task_done")
 
-    def _record(self, tick: int, kind: str, **content):
-        self._events.append({"tick": tick, "kind": kind, **content})
+    def _record(self, kind: str, **content):
+        self._events.append({"kind": kind, **content})
 
 
 def round_point(point: Point) -> list[float]:
@@ -185,7 +185,7 @@ class PathTask(Task):
         if is_new_lap and len(self._arms) > 1:
             self._is_on_line = False
         self.target = self._passed_points % POINTS
-        self._advance(tick, self._passed_points / (POINTS * self.settings.laps))
+        self._advance(self._passed_points / (POINTS * self.settings.laps))
 
     def restart(self) -> None:
         self._is_on_line = False
@@ -260,15 +260,15 @@ class PegTask(Task):
             if arm == self.held:
                 self.object = tips[arm]
                 if opens:
-                    self._release(tick)
+                    self._release()
             elif closes and self.held is None:
                 if math.dist(tips[arm], self.object) > self._tolerance_m:
                     continue
                 self.held = arm
                 self.target = self.route[self.placed + 1]
-                self._record_object(tick)
+                self._record_object()
 
-    def _release(self, tick: int):
+    def _release(self):
         # Places an object that is within the tolerance of its peg, and drops another object.
         x, y, z = self.object
         self.held, peg = None, self.pegs[self.route[self.placed + 1]]
@@ -279,11 +279,11 @@ class PegTask(Task):
         else:
             self.object = (x, y, min(z, tissue_height(x, y) + OBJECT_RADIUS_M))
             self.dropped += 1
-        self._record_object(tick)
-        self._advance(tick, self.placed / self.settings.transfers)
+        self._record_object()
+        self._advance(self.placed / self.settings.transfers)
 
-    def _record_object(self, tick: int):
-        self._record(tick, "object", held=self.held or "", at=round_point(self.object))
+    def _record_object(self):
+        self._record("object", held=self.held or "", at=round_point(self.object))
 
     def restart(self) -> None:
         """Put a held object back on its peg, because the robot that held it has moved away."""
@@ -362,7 +362,7 @@ class ReachTask(Task):
             return
         self._inside_ms = 0
         self.target += 1
-        self._advance(tick, self.target / len(self.targets))
+        self._advance(self.target / len(self.targets))
 
     def restart(self) -> None:
         self._inside_ms = 0
@@ -406,7 +406,7 @@ class LevelsTask(Task):
 
     def _step(self, frame: Frame, tips: Tips, tick: int):
         if self._published_target < 0:
-            self._record_level(tick)
+            self._record_level()
         # A round is a task of its own, whose events are ignored.
         self._round._step(frame, tips, tick)
         if self._round_start is None and self._round.target != 0:
@@ -432,16 +432,15 @@ class LevelsTask(Task):
         if self._rounds_in_a_row == rounds_needed:
             self._level, self._rounds_in_a_row = level + 1, 0
         levels_done = self._level + self._rounds_in_a_row / rounds_needed
-        self._advance(tick, levels_done / len(self.settings.level))
+        self._advance(levels_done / len(self.settings.level))
         if not self.done:
             self._round = self._make_round(self._level)
-            self._record_level(tick, duration_ms, in_time)
+            self._record_level(duration_ms, in_time)
 
-    def _record_level(self, tick: int, took_ms: int | None = None, in_time: bool = False):
+    def _record_level(self, took_ms: int | None = None, in_time: bool = False):
         # Records the level and the last round; took_ms None: there was no round before.
         level = self.settings.level[self._level]
         self._record(
-            tick,
             "level",
             level=self._level + 1,
             of=len(self.settings.level),

@@ -20,6 +20,9 @@ AXES = {"gold": HOME, "green": (HOME[0], -HOME[1], HOME[2])}
 JPOS = (0.5, 1.6, 0.4, 0.0, 0.0, 0.785, 0.785)
 TIPS = {arm: closing_point(arm, axis, JPOS) for arm, axis in AXES.items()}
 """m, frame 0: where the jaws close there."""
+FAULT = [
+    {"site": "usb_out", "channel": "elbow", "effect": "offset", "value": 700, "duration_ms": 2000}
+]
 
 
 def running(arms=("gold",)):

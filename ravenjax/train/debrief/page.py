@@ -28,8 +28,7 @@ def write_debrief(folder: Path) -> Path:
     recording = course = None
     reading_error = ""
     try:
-        if reader.find_recording(folder) is not None:
-            recording = reader.read_recording(folder, CHANNELS)
+        recording = reader.read_recording(folder, CHANNELS)
     except StoreError as error:
         reading_error = str(error)
     if recording is not None and len(recording.rows) > 1:

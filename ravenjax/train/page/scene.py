@@ -27,7 +27,7 @@ from ravenjax.robots.raven2.dynamics.scene_views import ENDOSCOPES, FIELD_CENTRE
 from ravenjax.train import protocol
 from ravenjax.train.page.hub import Client
 from ravenjax.train.protocol import Command, Event, Frame, Json, tissue_height
-from ravenjax.train.robot import ARMS, ArmName, Arms, scene
+from ravenjax.train.robot import ARMS, ArmName, Arms, jaw_tips, scene
 
 Rgb = tuple[int, int, int]
 Shapes = dict[int, tuple[bytes, np.ndarray, np.ndarray]]
@@ -275,7 +275,14 @@ class Scene:
         self._frames = {arm: tuple(map(np.array, protocol.frame0_in_world(arm))) for arm in arms}
         shapes = read_shapes(model)
         ghost_arms = () if blinded else arms
-        add_arrows = server.scene.add_arrows
+
+        def add_arrows(kind: str, arms: Arms) -> dict[ArmName, Any]:
+            # Adds an arrow of this kind for each arm.
+            return {
+                arm: server.scene.add_arrows(f"/force/{kind}_{arm}", _NO_SEGMENT, **STYLES[kind])
+                for arm in arms
+            }
+
         with server.atomic():
             data = mujoco.MjData(model)
             mujoco.mj_kinematics(model, data)
@@ -293,13 +300,8 @@ class Scene:
                 arm: RobotFigure(server, "ghost", model, (arm,), shapes) for arm in ghost_arms
             }
             self._has_ghost = dict.fromkeys(ghost_arms, False)
-            self._forces, self._contacts = {}, {}
-            for arm in arms:
-                name = f"/force/contact_{arm}"
-                self._contacts[arm] = add_arrows(name, _NO_SEGMENT, **STYLES["contact"])
-            for arm in ghost_arms:
-                name = f"/force/force_{arm}"
-                self._forces[arm] = add_arrows(name, _NO_SEGMENT, **STYLES["force"])
+            self._contacts = add_arrows("contact", arms)
+            self._forces = add_arrows("force", ghost_arms)
             self._depth_lines = {arm: DepthLine(server, arm) for arm in arms}
             self._task = TaskShapes(server, task or {})
         for figure in (self._virtual, *self._ghosts.values()):
@@ -333,7 +335,9 @@ class Scene:
                     if self._has_ghost[arm]:
                         self._ghosts[arm].show(frame, "model_jpos")
                 contact = turn @ frame[f"{arm}/contact"]
-                _point(self._contacts[arm], self._deeper_jaw(frame, arm), CONTACT_M_PER_N * contact)
+                # Without contact, the arrow is hidden.
+                start = self._deeper_jaw(frame, arm) if contact.any() else tip
+                _point(self._contacts[arm], start, CONTACT_M_PER_N * contact)
                 self._depth_lines[arm].show(tips[arm], tip, is_virtual)
             self._task.show(int(frame.number("target")), tips)
         self._server.flush()
@@ -341,8 +345,7 @@ class Scene:
     def _deeper_jaw(self, frame: Frame, arm: ArmName) -> np.ndarray:
         """Return the jaw tip, world, that is deeper in the tissue, where most of the force acts."""
         origin, turn = self._frames[arm]
-        tip, jpos = frame[f"{arm}/tip"].tolist(), frame[f"{arm}/link_jpos"].tolist()
-        ends = [origin + turn @ np.array(end) for end in protocol.jaw_tips(arm, tip, jpos)]
+        ends = [origin + turn @ end for end in jaw_tips(arm, frame[f"{arm}/link_jpos"])]
         return min(ends, key=lambda end: end[2] - tissue_height(*end[:2]))
 
     def follow(self, event: Event) -> None:

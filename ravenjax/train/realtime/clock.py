@@ -3,7 +3,6 @@
 import contextlib
 import gc
 import os
-import sys
 import time
 from collections.abc import Callable, Iterator
 
@@ -12,7 +11,7 @@ import numpy as np
 PERIOD_NS = 1_000_000  # The period of the robot's control cycle
 PHASE_NS = PERIOD_NS // 2
 """Time within a millisecond at which a tick starts. Linux's timer interrupts come at another."""
-_CPUS = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+_CPUS = len(os.sched_getaffinity(0))
 LEAD_NS = PERIOD_NS if _CPUS >= 4 else 300_000 if _CPUS > 1 else 0
 """How long before a tick the process wakes up, because a CPU is slow just after a sleep.
 
@@ -118,9 +117,6 @@ def use_realtime_priority(choose_cpu: Callable[[set[int]], int] = max) -> Iterat
     description of what was granted, and undoes the changes at the end. choose_cpu: selects a CPU.
     `ravenjax robot` selects another CPU than the session that drives the robot.
     """
-    if sys.platform != "linux":
-        yield "as the system schedules"
-        return
     cpus, policy, priority = os.sched_getaffinity(0), os.sched_getscheduler(0), os.sched_getparam(0)
     granted = []
     if len(cpus) > 1:
@@ -145,7 +141,7 @@ def use_realtime_priority(choose_cpu: Callable[[set[int]], int] = max) -> Iterat
 
 def other_cpus() -> set[int]:
     """Return the CPUs that the realtime process does not use; empty with a single CPU."""
-    cpus = os.sched_getaffinity(0) if sys.platform == "linux" else set[int]()
+    cpus = os.sched_getaffinity(0)
     return cpus - {max(cpus)} if len(cpus) > 1 else set()
 
 

@@ -66,7 +66,7 @@ def find_sessions(base: Path) -> dict[str, SessionFolder]:
     Folders without a readable session.json are left out.
     """
     sessions = []
-    for file in sorted(Path(base).glob(f"*/{description.FILE}")):
+    for file in Path(base).glob(f"*/{description.FILE}"):
         try:
             sessions.append(SessionFolder(file.parent, description.read_session(file.parent)))
         except StoreError:
@@ -120,24 +120,16 @@ class Recording(session_log.SessionLog):
         return np.max(values, axis=0)
 
 
-def find_recording(folder: Path) -> Path | None:
-    """Return the path of a folder's recording, or None. A recovered recording is preferred."""
-    file = Path(folder) / session_log.FILE
-    return next((path for path in (mcap_records.recovered_path(file), file) if path.exists()), None)
-
-
-def read_recording(path: Path, channels: Collection[str] = ()) -> Recording:
-    """Read a recording, complete or cut short, from a file or a session's folder. channels: names
-    of channels to read, without the arm, such as "tip"; empty: all. Raises StoreError if the folder
-    has no recording, or another version of ravenjax wrote it.
+def read_recording(folder: Path, channels: Collection[str] = ()) -> Recording | None:
+    """Read the recording in a session's folder, complete or cut short; None if there is none. A
+    recovered recording is preferred. channels: names of channels to read, without the arm, such as
+    "tip"; empty: all. Raises StoreError if another version of ravenjax wrote the recording.
     """
-    path = Path(path)
-    if path.is_dir():
-        if (file := find_recording(path)) is None:
-            raise StoreError(
-                f"{path} has no {session_log.FILE}; give the folder of a recorded session"
-            )
-        path = file
+    file = Path(folder) / session_log.FILE
+    files = (mcap_records.recovered_path(file), file)
+    path = next((path for path in files if path.exists()), None)
+    if path is None:
+        return None
 
     def keeps(name: str) -> bool:
         # A name in a recording is like gold/tip/0, and its channel is "tip".

@@ -76,7 +76,7 @@ def record_session(
     names: Sequence[str],
     folder: Path,
     header: Json,
-    listening: Callable[[], None] = lambda: None,
+    listening: Callable[[], None],
 ) -> None:
     """Record until the session ends. frames_ring, events_ring: names of the rings. names: of the
     numbers of a row, `FrameLayout.names`. header: content of session.json without "version",

@@ -6,9 +6,10 @@ robot as stopped. The true tip and the golden run are unknown. The measured tip 
 model replace them, and `false_report_mm` is NaN.
 """
 
+import itertools
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from ravenjax.numbers.setup import cast_to_real, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, cast, replace
 from ravenjax.robots.raven2.console import operator
 from ravenjax.robots.raven2.loop import observers
+from ravenjax.robots.raven2.loop.observers import RobotSignals
 from ravenjax.stages import monitor
 from ravenjax.train.protocol import Frame, Json
 from ravenjax.train.robot import ARMS, E_STOP, FIELDS, ROBOT, kinematics
@@ -32,15 +34,6 @@ _CHECKS = frozenset(ROBOT.checks)
 _MAX_TRIPS = 2**23
 """Limit of a check's count, so that the sum stays a whole number in single precision."""
 _SOURCE = Path(__file__).read_bytes()  # Part of the key of compiled code in the cache
-
-
-class _Reported(NamedTuple):
-    """The robot's last report, with one entry for each arm."""
-
-    jpos: tuple[Vec, ...]  # 7, rad; insertion m
-    mvel: tuple[Vec, ...]  # 7, rad/s, of its motors
-    runlevel: Scalar  # int32
-    soft_estopped: Scalar  # int32 flag
 
 
 class DistantRobot:
@@ -57,10 +50,9 @@ class DistantRobot:
         self._frame = Frame(blueprint.layout)
         self.row = self._frame.row[: blueprint.layout.simulated]
         self._output = np.zeros(self._stepper.code.outputs, np.float32)
-        self._resting_numbers = tree.tree_leaves(_resting_report(blueprint))
-        self._reported = _Reported(
-            *tree.fill_tree(_resting_report(blueprint), self._stepper.step_inputs)
-        )
+        resting = _resting_report(blueprint)
+        self._resting_numbers = tree.tree_leaves(resting)
+        self._reported: RobotSignals = tree.fill_tree(resting, self._stepper.step_inputs)
         places = blueprint.layout.places
         names = [f"{arm}/{name}" for arm in self.arms for name in WORDS["of_console"]]
         # Positions in the row of the numbers that the half tick computes. In its output, the
@@ -131,24 +123,20 @@ class DistantRobot:
         self._was_stopped = {"soft_estop": True, "estop": True}
 
     def _set_report(self, numbers: Sequence[Any]):
-        for place, number in zip(tree.tree_leaves(self._reported), numbers, strict=True):
+        # The motor commands, which are last, are unknown and stay 0.
+        for place, number in zip(tree.tree_leaves(self._reported), numbers, strict=False):
             place[0] = number
 
     def _datagram(self, numbers: list[float]) -> bytes:
         """Return the bytes of this tick's ITP packet. numbers: the pedal, then increments (3),
-        quaternion (4) and grasp (1) of each arm.
+        quaternion (4) and grasp (1), each for both arms.
         """
-        # A packet has each component for both arms. An absent arm has the identity rotation.
-        delta, quat, grasp = [0] * 6, [0.0] * 6 + [1.0] * 2, [0] * 2
-        for i, arm in enumerate(self.arms):
-            slot, first = ARMS.index(arm), 1 + 8 * i
-            delta[slot::2] = [int(x) for x in numbers[first : first + 3]]
-            quat[slot::2] = numbers[first + 3 : first + 7]
-            grasp[slot] = int(numbers[first + 7])
-        mode = int(numbers[0])
-        # The sum of the fields, as a signed number of 32 bits.
-        checksum = (mode + self._sequence + sum(delta) + 2**31) % 2**32 - 2**31
-        return FIELDS.pack(self._sequence, 0, 0, *delta, *quat, 0, 0, *grasp, mode, checksum)
+        mode, *delta = map(int, numbers[:7])
+        grasp = map(int, numbers[15:])
+        checksum = mode + self._sequence + sum(delta)
+        return FIELDS.pack(
+            self._sequence, 0, 0, *delta, *numbers[7:15], 0, 0, *grasp, mode, checksum
+        )
 
     def _use_report(self, report: JointReport):
         # Uses the robot's report as the state of this tick. Counts new stops and trips of checks.
@@ -192,12 +180,11 @@ class DistantRobot:
             self._frame[f"{arm}/force"] = 0.0
 
 
-def _resting_report(blueprint: Blueprint) -> _Reported:
+def _resting_report(blueprint: Blueprint) -> RobotSignals:
     # Returns the report of a stopped robot at its start position.
     start = cast(blueprint.plan.program.params.start, "float32")
-    return _Reported(
-        start, tuple(Vec.full(7, np.float32(0.0)) for _ in start), np.int32(E_STOP), np.int32(0)
-    )
+    mvel, dac = (tuple(Vec.full(7, zero) for _ in start) for zero in (np.float32(0.0), np.int32(0)))
+    return RobotSignals(start, mvel, np.int32(E_STOP), np.int32(0), dac)
 
 
 def _console_code(blueprint: Blueprint) -> StepCode:
@@ -207,7 +194,6 @@ def _console_code(blueprint: Blueprint) -> StepCode:
     """
     setup = blueprint.setup
     params = blueprint.plan.program.params_of(blueprint.inputs[0])
-    unwritten = per_arm(setup, lambda i, arm: Vec.full(7, np.int32(0)))
 
     def begin(inputs) -> observers.ObserverState:
         start = cast_to_real(setup, params.start)
@@ -215,12 +201,11 @@ def _console_code(blueprint: Blueprint) -> StepCode:
         return observers.init(setup, params, start, tips)
 
     def step(
-        inputs, state: observers.ObserverState, now: Scalar, entering: _Reported, motion
+        inputs, state: observers.ObserverState, now: Scalar, robot: RobotSignals, motion
     ) -> tuple[observers.ObserverState, list[Scalar]]:
         # Computes the packet, the nominal model, the cue and the monitor.
         timing = operator.row_timing(now)
         packet = operator.make_packet(setup, params.operator, motion, timing)
-        robot = observers.RobotSignals(*entering, unwritten)
         fresh = jnp.bool_(True)
         after, view = observers.update_model_and_cue(setup, params, state, packet, fresh, robot)
         updated = observers.update_monitor(
@@ -239,9 +224,12 @@ def _console_code(blueprint: Blueprint) -> StepCode:
             )
             unintended, unintended_off, loss, _ = hazard_distances(view.live, distances)
             out += [unintended, unintended_off, loss, jnp.nan, distance]
+        # An absent arm has the identity rotation.
+        moved = dict.fromkeys(ARMS, (*[0.0] * 6, 1.0, 0.0))
+        for i, arm in enumerate(setup.arms):
+            moved[arm] = *packet.delta[i], *packet.quat[i], packet.grasp[i]
         out += [after.monitor.halted, packet.surgeon_mode]
-        for i in range(len(setup.arms)):
-            out += [*packet.delta[i], *packet.quat[i], packet.grasp[i]]
+        out += itertools.chain(*zip(*moved.values(), strict=True))
         return after, [jnp.float32(x) for x in out]
 
     def finish(inputs, state: observers.ObserverState) -> dict[str, Scalar]:

@@ -80,9 +80,6 @@ class Gate:
         self.counts: dict[str, int] = dict.fromkeys(CAUSES, 0)
         self.arms = arms
         self._choice = robot.ProfileChoice(profiles or (consoles.load_profile("raven"),), arms)
-        self._is_undecided = (
-            len(self._choice.readers) > 1
-        )  # whether packets have yet to decide the profile
         self._misfits: deque[Sequence] = deque(maxlen=KEPT_MISFITS)
 
     @property
@@ -138,9 +135,9 @@ class Gate:
             cause = robot.UNDECIDED if cause == TAKEN else cause
         if continues:
             self._last_number, self._last_packet_ms, self._peer = number, now_ms, source
+            was_undecided = self.profile is None
             self._choice.accept_packet()
-            if self._is_undecided and (profile := self._choice.profile) is not None:
-                self._is_undecided = False
+            if was_undecided and (profile := self.profile) is not None:
                 self._say(
                     f"console: profile {profile.name}, {profile.title}. {self._choice.reason}"
                 )
@@ -317,16 +314,16 @@ class ItpServer:
         soft_estopped: bool = False,
         pedal: bool = True,
         drives: bool = True,
-    ) -> bool:
+    ) -> None:
         """Send the force of each arm (3, device units, frame 0 of the arm) to the console. Call it
         at most once a tick. pedal: False if a pedal that the console holds down does not count.
         drives: False if another console drives; then the force is zero. A stale console gets zero
-        force and pedal up until `RELEASE_MS`. Returns whether a packet was sent.
+        force and pedal up until `RELEASE_MS`, and then nothing.
         """
         now_ms = self._clock() * 1e-6
         peer = self.gate.peer(now_ms)
         if peer is None:
-            return False
+            return
         alive = now_ms - self._accepted_ms <= STALE_MS
         flags = self._present | SOFT_ESTOPPED * soft_estopped | DRIVES * drives
         components = [0] * 6
@@ -349,7 +346,6 @@ class ItpServer:
         # If the packet cannot be sent, the next tick sends a newer force.
         with contextlib.suppress(OSError):
             self._socket.sendto(datagram, peer)
-        return True
 
     def counters(self) -> dict[str, int]:
         """Return the counts of datagrams by `CAUSES`, and of force packets."""

@@ -8,7 +8,6 @@ anything else, such as a web page that probes local ports.
 
 import collections
 import contextlib
-import ipaddress
 import json
 import socket
 import time
@@ -18,9 +17,9 @@ from pydantic import BaseModel, field_validator
 from pydantic_core import to_json
 
 from ravenjax.errors import UserError
-from ravenjax.train.page import same_secret
+from ravenjax.train.page import is_loopback, same_secret
 from ravenjax.train.protocol import STALE_MS, Frame, Json
-from ravenjax.train.robot import UDP_PORT, Arms
+from ravenjax.train.robot import Arms
 from ravenjax.train.robot_link import WORDS, refuse_errors
 
 JOINT_PORT = 36002
@@ -172,7 +171,7 @@ class JointServer:
         # An error means that no listener waits, or that it has left.
         with contextlib.suppress(OSError):
             connection, address = self._socket.accept()
-            listener = LineConnection(connection, ipaddress.ip_address(address[0]).is_loopback)
+            listener = LineConnection(connection, is_loopback(address[0]))
             self.listeners.append(listener)
             self.counts["listeners"] += 1
             listener.send(self._greeting)
@@ -271,12 +270,7 @@ class RemoteRobot(RobotLink):
     _resets = 0  # number of orders "reset" without an answer so far
 
     def __init__(
-        self,
-        host: str,
-        itp_port: int = UDP_PORT,
-        joint_port: int = JOINT_PORT,
-        arms: Arms = (),
-        token: str | None = None,
+        self, host: str, itp_port: int, joint_port: int, arms: Arms, token: str | None = None
     ):
         """arms: the arms that the session needs. token: for orders to a robot on another machine.
         Raises UserError if no robot answers, or if the robot lacks an arm.

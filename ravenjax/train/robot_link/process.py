@@ -19,6 +19,7 @@ from ravenjax import interruption
 from ravenjax.errors import format_value
 from ravenjax.store.consoles import loading as profiles
 from ravenjax.train import scenario
+from ravenjax.train.page import is_loopback
 from ravenjax.train.protocol import Command, Event, Frame, Say
 from ravenjax.train.realtime import clock, loop
 from ravenjax.train.robot import NO_PACKET_SEQUENCE
@@ -120,11 +121,11 @@ class PacketSession:
             case "estop":
                 # The E-stop button is the last row of the fault table.
                 self.robot.press_estop(self.robot.blueprint.plan.runs - 1)
-                self.arbiter.require_lifts("", self.ticks)
+                self.arbiter.require_lifts("")
             case "restart":
                 self.robot.reset()
                 self._number, self._trips_read, self.checks = 0, 0.0, {}
-                self.arbiter.require_lifts("restart", self.ticks)
+                self.arbiter.require_lifts("restart")
             case "end":
                 self.over = True
 
@@ -243,7 +244,7 @@ def open_consoles(
         gate = Gate(session.arms, choices, options.console_host, say)
         server = ItpServer(gate, host, options.itp_port)
         stack.callback(server.close)
-        if host != "localhost" and not host.startswith("127."):
+        if not is_loopback(host):
             if not options.console_host:
                 say(
                     f"any machine that reaches {host} can drive this robot; --console-host ADDRESS"

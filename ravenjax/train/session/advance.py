@@ -34,8 +34,7 @@ class Director:
 
     hazard_number = -1
     """Number of the hazard that is armed, or that the instructor has ordered; -1: none."""
-    _is_armed = False
-    _armed_tick = 0
+    _armed_tick: int | None = None  # when this hazard was armed; None: it is not armed
     _ordered_number = -1  # hazard that the instructor has ordered; -1: none
     _disarm_ordered = False  # whether the instructor has ordered to disarm
     _earliest_tick = 0  # no hazard starts before
@@ -61,7 +60,7 @@ class Director:
         if message["do"] == "disarm":
             self._ordered_number, self._disarm_ordered = -1, True
         # `type` excludes True and False, which are instances of int.
-        elif type(number) is int and 0 <= number < len(self.hazards) and not self._is_armed:
+        elif type(number) is int and 0 <= number < len(self.hazards) and self._armed_tick is None:
             self._ordered_number = number
 
     def step(self, tick: int, frame: Frame, clock: int) -> list[tuple[str, int]]:
@@ -81,7 +80,7 @@ class Director:
         )
         self._ready_ms = self._ready_ms + 1 if ready else 0
         self._pedal_up_ms = 0 if pedal else self._pedal_up_ms + 1
-        if self._is_armed:
+        if self._armed_tick is not None:
             hazard = self.hazards[self.hazard_number]
             released = "release" in hazard.right_response and self._pedal_up_ms >= CLEARED_MS
             if self._disarm_ordered or released or tick - self._armed_tick >= hazard.lasts_ms:
@@ -98,12 +97,12 @@ class Director:
             self._ordered_number = -1
         else:
             self.plan.pop(0)
-        self.hazard_number, self._is_armed, self._armed_tick = next_number, True, tick
+        self.hazard_number, self._armed_tick = next_number, tick
         return [("arm", next_number)]
 
     def reset(self, tick: int) -> None:
         """Forget the armed hazard and the instructor's orders. Planned hazards stay planned."""
-        self.hazard_number, self._is_armed = -1, False
+        self.hazard_number, self._armed_tick = -1, None
         self._ordered_number, self._disarm_ordered = -1, False
         self._ready_ms, self._earliest_tick = 0, tick + GAP_MS
 
@@ -241,7 +240,7 @@ class Session:
             else:
                 self._read_checks()
                 self.robot.disarm()
-                self.judge.end_hazard(self.ticks)
+                self.judge.end_hazard()
         if computes_robot:
             self.robot.step()
         if self.view == protocol.VIRTUAL:
@@ -270,13 +269,13 @@ class Session:
             state["runlevel"] = int(self.frame.number("runlevel"))
         for kind, value in state.items():
             if value != self._reported_state.get(kind):
-                self._add_event(kind, **{_VALUE_KEYS.get(kind, kind): value})
+                self._record(kind, **{_VALUE_KEYS.get(kind, kind): value})
         self._reported_state |= state
         if self._is_running:
             self._update()
         reasons = {console: self._refusal_reason(console) for console in console_arbiter.NETWORK}
         for event in self.pedals.update(reasons):
-            self._add_event("refused", **event)
+            self._record("refused", **event)
         if self._is_running:
             self.ticks += 1
         return self._events
@@ -310,7 +309,7 @@ class Session:
             case "unheard":
                 why = str(command.get("why", ""))[:200]
                 if command.get("once"):
-                    self._add_event("refused", **self.pedals.report(console, why))
+                    self._record("refused", **self.pedals.report(console, why))
                 else:
                     self.arbiter.set_refusal(console, why)
             case "seat":
@@ -347,7 +346,7 @@ class Session:
                 self._hands.move_to(self.robot.motion[:, self.robot.next_tick - 1])
                 self.view = protocol.REAL
             case "note":
-                self._add_event("note", text=str(command.get("text", ""))[:500])
+                self._record("note", text=str(command.get("text", ""))[:500])
 
     def _instructor(self, command: Command):
         # Carries out a command of type "instructor". Pause, reset and disarm interrupt a hazard.
@@ -378,7 +377,7 @@ class Session:
         """Treat the pedal as up until the operator has lifted it. why: for the event. by_operator:
         the operator has handed the console over or left it.
         """
-        self.arbiter.require_lifts(why, self.ticks)
+        self.arbiter.require_lifts(why)
         self._hands.apply({"type": "input", "pedal": False, "arms": {}}, self.ticks)
         if by_operator:
             self.judge.leave_console()
@@ -388,7 +387,7 @@ class Session:
     def _start(self, cause: str):
         if self.started is None:
             self.started = self.ticks
-            self._add_event("started", by=cause)
+            self._record("started", by=cause)
 
     def _drive(self, hand: hands.Hands):
         # Writes this tick's motion into the motion tables, [columns, ticks]. The last column is the
@@ -440,7 +439,7 @@ class Session:
         outcomes = self.virtual.outcomes()
         for trip in self._trial_checks.new_trips(self.ticks, self.virtual.next_tick, outcomes):
             if trip.check.response in verdict.TOLD and trip.is_after_pause:
-                self._add_event("alarm", check=trip.check.name, count=trip.count, virtual=True)
+                self._record("alarm", check=trip.check.name, count=trip.count, virtual=True)
 
     def _stand_by(self) -> bool:
         """Restart the motion table of a robot that nobody has driven yet. Return whether the robot
@@ -450,18 +449,18 @@ class Session:
         if isinstance(self.robot, SimulatedRobot):
             if self.frame.number("runlevel") != PEDAL_UP:
                 return False
-            self.judge.forget_trips()
+            self.judge.restart()
         self.robot.stand_by()
         return True
 
     def _restart(self, why: str):
         # Homes the robot. Its hazard ends, and no pedal counts until it was lifted.
         self._read_checks()
-        self.arbiter.require_lifts(why, self.ticks)
+        self.arbiter.require_lifts(why)
         self.robot.reset()
         self._hands = self._new_hands()
         self.director.reset(self.ticks)
-        self.judge.restart(self.ticks)
+        self.judge.restart()
         self.task.restart()
         self.phase, self.view = protocol.READY, protocol.REAL
 
@@ -495,9 +494,10 @@ class Session:
             self._release_pedal("link")
             self.phase = protocol.LOST
         elif self.robot.reports_arrive and self.phase == protocol.LOST:
-            self.arbiter.require_lifts("link", self.ticks)
+            self.arbiter.require_lifts("link")
             self.phase = protocol.READY
-        self._events += self.task.step(frame, self.ticks)
+        for event in self.task.step(frame, self.ticks):
+            self._record(**event)
         is_due = self.ticks - self._reading_tick >= OUTCOMES_EVERY
         outcomes = self._new_outcomes() if is_due else None
         self.judge.step(self.ticks, frame, *(outcomes or ()))
@@ -534,13 +534,11 @@ class Session:
             self._read_checks()
             self.judge.close(self.ticks, reason)
             self.phase, self.ended = protocol.OVER, reason
-            self._add_event("end", reason=reason)
+            self._record("end", reason=reason)
 
-    def _add_event(self, kind: str, **content):
-        self._record(self.ticks, kind, **content)
-
-    def _record(self, tick: int, kind: str, **content):
-        self._events.append({"tick": tick, "kind": kind, **content})
+    def _record(self, kind: str, **content):
+        # Adds an event of this tick.
+        self._events.append({"tick": self.ticks, "kind": kind, **content})
 
     def _new_hands(self) -> hands.Hands:
         return hands.Hands(self.arms, self.scenario.scale, self.scenario.speeds)

@@ -106,7 +106,7 @@ class ConsoleArbiter:
     def __init__(
         self, record: Callable[..., None] = lambda *_, **__: None, by_pedals: bool = False
     ):
-        """record: called with the tick, the kind and the content of each event. by_pedals: whether
+        """record: called with the kind and the content of each event. by_pedals: whether
         pedals alone decide who drives.
         """
         self._record, self._by_pedals = record, by_pedals
@@ -127,7 +127,7 @@ class ConsoleArbiter:
         console, pedal = console_of(message), message["pedal"]
         last_tick = self._message_ticks.get(console)
         if last_tick is not None and tick - last_tick > STALE_MS:
-            self._require_lift(console, "silence", tick)
+            self._require_lift(console, "silence")
         has_free_seat = self.owner in (NOBODY, console)
         may_drive = has_free_seat or (self._by_pedals and not self.pedal_down)
         if pedal and not may_drive:
@@ -180,7 +180,7 @@ class ConsoleArbiter:
         console, action = console_of(command), command.get("do")
         sender = command.get("by", "operator")
         if action == "left":
-            self._require_lift(console, "left", tick)
+            self._require_lift(console, "left")
             if console != self.owner:
                 return False
             self._hand_over(NOBODY, "left", tick)
@@ -195,7 +195,7 @@ class ConsoleArbiter:
         elif action == "give" and sender != "instructor" and self.owner not in (console, NOBODY):
             refusal = f"{self.owner} has the console"
         if refusal:
-            self._record(tick, "refused", console=console, why=refusal)
+            self._record("refused", console=console, why=refusal)
             return False
         self._ready.discard(target)
         self._lift_causes[target] = "handover"
@@ -207,14 +207,14 @@ class ConsoleArbiter:
         gone_ms = STALE_MS if self._by_pedals else GONE_MS
         if self.owner == NOBODY or tick - self._message_ticks.get(self.owner, tick) <= gone_ms:
             return False
-        self._require_lift(self.owner, "silence", tick)
+        self._require_lift(self.owner, "silence")
         self._hand_over(NOBODY, "silent", tick)
         return True
 
-    def require_lifts(self, cause: str, tick: int) -> None:
+    def require_lifts(self, cause: str) -> None:
         """Require that every pedal is lifted before it counts again."""
         if self._ready:
-            self._record(tick, "rearm", why=cause)
+            self._record("rearm", why=cause)
         self._ready.clear()
         self._lift_causes = dict.fromkeys(CONSOLES, cause)
         self.pedal_down = False
@@ -224,14 +224,14 @@ class ConsoleArbiter:
         self.owner, self.pedal_down = console, False
         # A console that has just got the seat does not count as silent.
         self._message_ticks[console] = tick
-        self._record(tick, "owner", console=console, by=sender)
+        self._record("owner", console=console, by=sender)
 
-    def _require_lift(self, console: str, cause: str, tick: int):
+    def _require_lift(self, console: str, cause: str):
         if console in self._ready:
             self._ready.discard(console)
             self._lift_causes[console] = cause
             if console == self.owner:
-                self._record(tick, "rearm", why=cause)
+                self._record("rearm", why=cause)
 
 
 def console_of(message: Command) -> str:

@@ -48,7 +48,7 @@ class Follower:
     _felt_force = False  # in the previous tick
     _unmoved_ms = 0  # time for which the robot has not moved with the pedal down
 
-    def __init__(self, task: Task, arms: Arms, speeds: Speeds, reaction: str = "release"):
+    def __init__(self, task: Task, arms: Arms, speeds: Speeds, reaction: str):
         """reaction: one of `REACTIONS`."""
         self._task, self._arms, self._reaction = task, arms, reaction
         self._gain = GAIN_PER_S * 1e3 / speeds.move_mm_s
@@ -91,9 +91,7 @@ class Follower:
     def _hand(self, arm: ArmName, frame: Frame, speed_share: float) -> Command:
         # Returns speeds of the hand toward the task's next aim; {} if the arm has none.
         # speed_share: of the usual speed.
-        jpos = frame[f"{arm}/link_jpos"].tolist()
-        axis = frame[f"{arm}/tip"].tolist()
-        tip = protocol.to_world(arm, protocol.closing_point(arm, axis, jpos))
+        jpos, tip = frame[f"{arm}/link_jpos"].tolist(), protocol.tip_in_world(frame, arm)
         aim = self._task.next_aim(arm, tip)
         if aim is None:
             return {}

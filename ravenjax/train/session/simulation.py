@@ -199,8 +199,7 @@ class SimulatedRobot:
         self._robot = Stepper(code, blueprint.inputs)
         self._golden = Stepper(code, blueprint.inputs, self._robot.flat)
         self._outputs = np.zeros((2, code.outputs), np.float32)
-        first_address, row_bytes = self._outputs.ctypes.data, self._outputs.strides[0]
-        self._addresses = [first_address, first_address + row_bytes]
+        self._addresses = [output.ctypes.data for output in self._outputs]
         self.row = self._outputs[0, : blueprint.layout.simulated]
         # [columns, ticks], filled row by row.
         self.motion = self._robot.flat.reshape(len(code.tables), -1)

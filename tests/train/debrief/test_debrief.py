@@ -2,12 +2,12 @@
 
 import dataclasses
 import re
-import shutil
 
 import numpy as np
 import pytest
 import synthetic_session as synthetic
 import waiting
+from chromium import CHROMIUM, NEEDED
 
 from ravenjax.cli import main
 from ravenjax.errors import StoreError
@@ -193,20 +193,14 @@ def test_the_replay_has_the_worlds_places_and_a_mark_for_every_hazard(recording,
     assert figures.player_data(recording.without_pauses(), {}, [MET]) is None
 
 
+@NEEDED
 @pytest.mark.slow
 def test_the_page_opens_offline_fits_and_plays_the_session_again(folder):
     sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    chromium = (
-        shutil.which("chromium")
-        or shutil.which("chromium-browser")
-        or shutil.which("google-chrome")
-    )
-    if chromium is None:
-        pytest.skip("no chromium on the path (apt-get install chromium)")
     asked, told = [], []
     with sync_api.sync_playwright() as playwright:
         browser = playwright.chromium.launch(
-            executable_path=chromium, args=["--no-sandbox", "--disable-gpu"]
+            executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"]
         )
         page = browser.new_page(viewport={"width": 1280, "height": 900})
         page.set_default_timeout(waiting.DEADLINE_MS)

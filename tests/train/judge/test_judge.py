@@ -3,13 +3,9 @@ tick.
 """
 
 import pytest
-from made_frames import kinds, made, running
+from made_frames import FAULT, kinds, made, running
 
 from ravenjax.train.judge import COLUMNS, SLOW_FOR_MS, Judge
-
-FAULT = [
-    {"site": "usb_out", "channel": "elbow", "effect": "offset", "value": 700, "duration_ms": 2000}
-]
 
 
 class Play:
@@ -31,8 +27,8 @@ class Play:
         self.speed = 0.0  # um of the hand in a ms
         self.off_mm = dict.fromkeys(arms, 0.0)
 
-    def record(self, tick, kind, **facts):
-        self.events.append({"tick": tick, "kind": kind, **facts})
+    def record(self, kind, **facts):
+        self.events.append({"tick": self.tick, "kind": kind, **facts})
 
     def run(self, ticks=1, **channels):
         """ARM__off_mm: unintended motion of the tip, in the channel of a live robot or in that
@@ -65,7 +61,7 @@ class Play:
         return self
 
     def over(self):
-        self.judge.end_hazard(self.tick)
+        self.judge.end_hazard()
         return self.judge.rows(session="s", participant="p", group="g", seed=9)[-1]
 
     def of(self, kind):
@@ -168,7 +164,7 @@ def test_a_restart_counts_once_the_robot_no_longer_follows_and_ends_the_hazard()
     play.run(10).strike(gold__known_mm=1.0).say(do="restart")
     assert not play.of("response")
     play.run(100, runlevel=2).say(do="restart")
-    play.judge.restart(play.tick)
+    play.judge.restart()
     (row,) = play.judge.rows()
     assert (row["response"], row["outcome"]) == ("restart", "avoided") and row["halted"]
     assert kinds(play.events)[-3:] == ["response", "hazard_over", "hazard_row"]

@@ -8,15 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_frames import made, running
+from made_frames import FAULT, made, running
 
 from ravenjax.robots.raven2.declaration import CHECKS
 from ravenjax.train.judge import Judge
 
 TICKS, STRIKE, LOOK = 500, 40, 10
-FAULT = [
-    {"site": "usb_out", "channel": "elbow", "effect": "offset", "value": 700, "duration_ms": 2000}
-]
 DISTANCES = ("unintended_mm", "loss_mm", "false_report_mm")
 ACTIONS = {"stop": "stopped", "flag": "flagged", "limit": "limited"}
 
@@ -55,7 +52,7 @@ def judged(data, limit_mm):
     """The judge's row, its events, and the rows of the frames as a recording has them."""
     chosen, hazards = scenario_of(limit_mm)
     events, rows, frame = [], [], running()
-    tell = lambda tick, kind, **facts: events.append({"tick": tick, "kind": kind, **facts})  # noqa: E731
+    tell = lambda kind, **facts: events.append({"kind": kind, **facts})  # noqa: E731
     judge = Judge(chosen, hazards, True, tell)
     names = [name.removeprefix("check_") for name in data if name.startswith("check_")]
     for tick in range(TICKS):

@@ -1,8 +1,8 @@
 """A browser, and a session without its physics, for the tests of a module."""
 
 import pytest
+from chromium import CHROMIUM
 from fake_session import FakeSession
-from page_visit import CHROMIUM, FLAT
 
 
 @pytest.fixture(scope="module")
@@ -14,7 +14,9 @@ def chromium():
 
 @pytest.fixture(scope="module")
 def browser(chromium):
-    launched = chromium.launch(executable_path=CHROMIUM, args=FLAT)
+    # without the scene: sixty frames a second, with a GPU or not
+    arguments = ["--no-sandbox", "--disable-gpu"]
+    launched = chromium.launch(executable_path=CHROMIUM, args=arguments)
     yield launched
     launched.close()
 

@@ -1,25 +1,11 @@
 """A window on the page in a real browser."""
 
-import shutil
-
 import pytest
 import waiting
+from chromium import NEEDED
 
-CHROMIUM = (
-    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-)
-BROWSER = [
-    pytest.mark.skipif(
-        CHROMIUM is None, reason="no chromium on the path (apt-get install chromium)"
-    ),
-    # two processes and a browser; `test_page_server` speaks to the same page without one
-    pytest.mark.slow,
-]
-DRAWN = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-FLAT = [
-    "--no-sandbox",
-    "--disable-gpu",
-]  # without the scene: sixty frames a second, with a GPU or not
+# two processes and a browser; `test_page_server` speaks to the same page without one
+BROWSER = [NEEDED, pytest.mark.slow]
 HERE = ("http://127.0.0.1", "ws://127.0.0.1", "data:", "blob:")
 GAMEPAD = """
 window.pad = null;

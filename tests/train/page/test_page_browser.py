@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 import waiting
+from chromium import ARGUMENTS, CHROMIUM
 from fake_session import AS_INSTRUCTOR, HEADER, INSTRUCTOR, FakeSession
-from page_visit import BROWSER, CHROMIUM, DRAWN, Visit, click, until
+from page_visit import BROWSER, Visit, click, until
 
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.store.logs.session import description
@@ -29,7 +30,7 @@ def pressed(session, since, wanted):
 
 @pytest.mark.slow  # not on a machine with a GPU
 def test_the_scene_comes_with_everything_in_it_and_asks_nobody_else(chromium, session):
-    browser = chromium.launch(executable_path=CHROMIUM, args=DRAWN)
+    browser = chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
     with Visit(browser, session, "role=operator&scene=on&quality=low", 800) as page:
         until(page, "[...document.querySelectorAll('#root canvas')].some((one) => one.width > 0)")
         assert (

@@ -4,8 +4,9 @@ stereo side by side.
 
 import pytest
 import waiting
+from chromium import ARGUMENTS, CHROMIUM
 from fake_session import FakeSession
-from page_visit import BROWSER, CHROMIUM, DRAWN, Visit, until
+from page_visit import BROWSER, Visit, until
 
 pytestmark = BROWSER
 WIDTH = 1366
@@ -19,7 +20,7 @@ BOX = "JSON.parse(JSON.stringify(document.querySelector({!r}).getBoundingClientR
 def page(chromium):
     session = FakeSession()
     session.wait()
-    browser = chromium.launch(executable_path=CHROMIUM, args=DRAWN)
+    browser = chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
     with Visit(browser, session, "role=operator&scene=on&quality=low", WIDTH) as opened:
         opened.set_default_timeout(3 * waiting.DEADLINE_MS)
         until(opened, DRAWS.format("document.getElementById('root')"))

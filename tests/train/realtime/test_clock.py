@@ -87,7 +87,6 @@ assert now() == before
 """
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="schedulers and affinities are Linux's")
 def test_what_is_asked_of_the_system_is_given_back():
     done = subprocess.run(
         [sys.executable, "-c", GIVEN_BACK], capture_output=True, text=True, check=False

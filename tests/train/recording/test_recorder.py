@@ -46,7 +46,7 @@ class Session:
         self.folder = folder
         self.frames = Ring.create(capacity, 4 * LAYOUT.size)
         self.events = Ring.create(256, EVENT_BYTES)
-        given = self.frames.name, self.events.name, LAYOUT.names(), folder, HEADER
+        given = self.frames.name, self.events.name, LAYOUT.names(), folder, HEADER, dict
         context = multiprocessing.get_context("spawn")
         self.process = context.Process(target=recorder.record_session, args=given, daemon=True)
 

@@ -132,9 +132,9 @@ def test_nobody_there():
     port = free.getsockname()[1]
     free.close()
     with pytest.raises(UserError, match=rf"no robot answers at 127.0.0.1:{port}.*ravenjax robot"):
-        RemoteRobot("127.0.0.1", port, port)
+        RemoteRobot("127.0.0.1", port, port, GOLD)
     with pytest.raises(UserError, match="give a host name or an address"):
-        RemoteRobot("no.such.host.invalid")
+        RemoteRobot("no.such.host.invalid", port, port, GOLD)
 
 
 def test_an_arm_that_is_missing(robot):

@@ -9,7 +9,7 @@ class Play:
     def __init__(self):
         self.tick, self.events, self.reached = 0, [], []
         self.arbiter = ConsoleArbiter(
-            lambda tick, kind, **what: self.events.append({"tick": tick, "kind": kind, **what})
+            lambda kind, **what: self.events.append({"tick": self.tick, "kind": kind, **what})
         )
 
     def say(self, console, pedal, ms=0, good=True):

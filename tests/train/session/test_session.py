@@ -79,13 +79,10 @@ def channel(session, rows, name):
     return rows[:, session.layout.places[name]]
 
 
-def follower(session, **settings):
-    return scripts.Follower(session.task, session.arms, CHOSEN.speeds, **settings)
-
-
 def test_a_session_comes_again_to_the_bit_from_what_was_said(made, tmp_path):
     first = Session(CHOSEN, 5, ready=made)
-    rows, events, hazards = whole(first, follower(first))
+    operator = scripts.Follower(first.task, first.arms, CHOSEN.speeds, "release")
+    rows, events, hazards = whole(first, operator)
     (tmp_path / "commands.jsonl").write_text("".join(first.command_lines))
     second = Session(CHOSEN, 5, ready=made)
     again = scripts.Scripted(str(tmp_path / "commands.jsonl"), second)

@@ -37,7 +37,7 @@ def test_a_target_is_reached_by_holding_the_tip_there():
     assert hold(one, frame, 1, 101) == []
     put(frame, "gold", at)
     assert hold(one, frame, 100, 102) == []
-    assert hold(one, frame, 1, 202) == [{"tick": 202, "kind": "target", "target": 1}]
+    assert hold(one, frame, 1, 202) == [{"kind": "target", "target": 1}]
     assert one.progress == pytest.approx(1 / 3) and not one.done
 
 

@@ -97,9 +97,7 @@ class SetpointFollower:
         or if the pedal is up.
         """
         start = self.commanded
-        if start is None:
-            return False
-        if np.linalg.norm(target.position_um - start.position_um) > MAX_DISTANCE_UM:
+        if start is None or math.dist(target.position_um, start.position_um) > MAX_DISTANCE_UM:
             return False
         self.target = target
         return True

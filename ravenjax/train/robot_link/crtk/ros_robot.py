@@ -36,13 +36,7 @@ class RosRobot(RobotLink):
     _first_stamp_ns = 0
 
     def __init__(
-        self,
-        host: str,
-        itp_port: int,
-        arms: Arms,
-        tools: tuple[str, ...],
-        transport: Any,
-        say: Say = print,
+        self, host: str, itp_port: int, arms: Arms, tools: tuple[str, ...], transport: Any, say: Say
     ):
         """tools: one for each arm. transport: for the topics of `topics`. say: prints a message if
         ROS fails. Raises UserError if the host has no address.

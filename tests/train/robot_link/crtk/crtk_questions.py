@@ -31,6 +31,16 @@ HELD_UP = 0.1  # s without a word of the robot, or without a moment for this pro
 MORE = 40.0  # s for all questions that are asked again
 
 
+def topics(joints, pose, twist, wrench, state, text, joy):
+    """The classes of what an arm tells, by word, and of what it is told, by topic."""
+    kinds = {"measured_js": joints, "setpoint_js": joints, "operating_state": state}
+    kinds |= {"measured_cp": pose, "setpoint_cp": pose, "measured_cv": twist}
+    kinds |= {"cue_cf": wrench, "measured_cf": wrench}
+    commands = {"arm1/state_command": text, "arm1/servo_cp": pose}
+    commands |= dict.fromkeys(("arm1/servo_jp", "arm1/servo_jr", "arm1/move_jp"), joints)
+    return kinds, commands | dict.fromkeys(("console/operator_present", "console/clutch"), joy)
+
+
 def until(true, seconds=20.0):
     end = time.time() + seconds
     while time.time() < end:

@@ -65,25 +65,9 @@ OperatingState = message(
 )
 StringStamped = message("crtk_msgs/StringStamped", header=Header, string=str)
 
-KINDS = {
-    "measured_js": JointState,
-    "setpoint_js": JointState,
-    "measured_cp": PoseStamped,
-    "setpoint_cp": PoseStamped,
-    "measured_cv": TwistStamped,
-    "cue_cf": WrenchStamped,
-    "measured_cf": WrenchStamped,
-    "operating_state": OperatingState,
-}
-COMMANDS = {
-    "arm1/state_command": StringStamped,
-    "arm1/servo_cp": PoseStamped,
-    "arm1/servo_jp": JointState,
-    "arm1/servo_jr": JointState,
-    "arm1/move_jp": JointState,
-    "console/operator_present": Joy,
-    "console/clutch": Joy,
-}
+KINDS, COMMANDS = crtk_questions.topics(
+    JointState, PoseStamped, TwistStamped, WrenchStamped, OperatingState, StringStamped, Joy
+)
 
 
 class Peer:
