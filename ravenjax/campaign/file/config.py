@@ -229,6 +229,11 @@ class CampaignConfig(Section):
             for r, run in enumerate(group.run):
                 yield ("group", g, "run", r, "parameters"), run.parameters
 
+    @property
+    def axes_by_path(self) -> dict[str, Axis]:
+        """Path -> axis of each parameter in the tables of the file; the last table counts."""
+        return {path: axis for _, table in self.parameter_tables() for path, axis in table.items()}
+
     def unread(self, path: str) -> str:
         """Return why the parameter at `path` has no effect in this campaign, or ""."""
         return ""

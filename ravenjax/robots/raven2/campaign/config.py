@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -153,7 +153,7 @@ class RavenConfig(CampaignConfig):
         # Describes the operator's reaction to the cue in words.
         if self.reaction is None:
             return ""
-        varies = any("reaction.action" in table for _, table in self.parameter_tables())
+        varies = "reaction.action" in self.axes_by_path
         variation = "as reaction.action varies, or " if varies else ""
         return f"; at the cue: {variation}{MEANINGS[self.reaction.action]}"
 
@@ -183,7 +183,7 @@ class RavenConfig(CampaignConfig):
                 largest = float(np.max(np.abs(angle)))
                 if key.endswith("_deg") and 0 < largest <= math.pi:
                     yield (name, key), f"got {angle} degrees{suggest_unit(key, angle)}"
-        axes = {path: axis for _, table in self.parameter_tables() for path, axis in table.items()}
+        axes = self.axes_by_path
         errors = [path for path in axes if ".kinematic_errors." in path]
         only_scales = all(path.endswith(".scale") for path in errors)
         measured = self.campaign.kinematic_errors == "measured"
@@ -220,7 +220,7 @@ class RavenConfig(CampaignConfig):
 
     def notices_of_runs(self, plan: Any) -> Iterator[tuple[str, np.ndarray, str]]:
         """See `CampaignConfig.notices_of_runs`."""
-        paths = {path for _, table in self.parameter_tables() for path in table}
+        paths = self.axes_by_path.keys()
         groups = plan.rows["group"].cat.codes.to_numpy()
 
         def groups_without_use(uses: np.ndarray) -> np.ndarray:
@@ -249,7 +249,7 @@ class RavenConfig(CampaignConfig):
             yield from self._reaction_notices(plan, paths, groups_without_use)
 
     def _reaction_notices(
-        self, plan, paths: set[str], groups_without_use: Callable[[np.ndarray], np.ndarray]
+        self, plan, paths: Collection[str], groups_without_use: Callable[[np.ndarray], np.ndarray]
     ) -> Iterator[tuple[str, np.ndarray, str]]:
         # Yields (key, which runs, message) for values of [reaction] without effect.
         written = {
