@@ -65,9 +65,8 @@ def test_the_equation_of_motion_is_the_stated_one() -> None:
             jaws = HOME_JPOS[5:]
             locked = Vec((*(q[i] for i in range(5)), *jaws))
             turning = Vec((*(v[i] for i in range(5)), 0.0, 0.0))
-            gravity_0 = Vec(
-                (-9.81, 0.0, 0.0)
-            )  # of no consequence: the controller's G(q) cancels it
+            # Of no consequence: the controller's G(q) cancels it.
+            gravity_0 = Vec((-9.81, 0.0, 0.0))
             mass, bias = link_dynamics.mass_matrix_and_bias("gold", locked, turning, gravity_0)
             _, weight = link_dynamics.mass_matrix_and_bias(
                 "gold", locked, Vec.full(7, 0.0), gravity_0
@@ -136,9 +135,8 @@ def test_it_follows_increments_to_where_they_lead() -> None:
 @pytest.mark.slow
 def test_with_the_pedal_up_it_goes_where_the_robot_is_measured_if_told_so() -> None:
     with jax.enable_x64(True):
-        there = tuple(
-            q + 0.01 * (i + 1) * (i < 5) for i, q in enumerate(HOME_JPOS)
-        )  # jaws are asked for, not left
+        # Jaws are asked for, not left.
+        there = tuple(q + 0.01 * (i + 1) * (i < 5) for i, q in enumerate(HOME_JPOS))
         moving, lifted = [clean((30, 0, 0))] * 100, [clean(engaged=0)] * 2
         left, _ = run(SETUP, moving + lifted, measured=there)
         along, _ = run(SETUP, moving + lifted, measured=there, resync=1)
@@ -146,12 +144,10 @@ def test_with_the_pedal_up_it_goes_where_the_robot_is_measured_if_told_so() -> N
         np.testing.assert_allclose(np.array(along.jpos), there, atol=1e-9)
         np.testing.assert_allclose(np.array(along.target.jpos_d), there, atol=1e-9)
         on, _ = run(SETUP, moving + lifted + [clean()] * 500, measured=there, resync=1)
-        np.testing.assert_allclose(
-            np.array(on.jpos)[:5], there[:5], atol=1e-4
-        )  # no jump at the next pedal-down
-        np.testing.assert_allclose(
-            np.array(on.jpos)[5:], there[5:], atol=1e-3
-        )  # openings are whole mrad
+        # No jump at the next pedal-down.
+        np.testing.assert_allclose(np.array(on.jpos)[:5], there[:5], atol=1e-4)
+        # Openings are whole mrad.
+        np.testing.assert_allclose(np.array(on.jpos)[5:], there[5:], atol=1e-3)
 
 
 def test_the_pedal_up_holds_and_reanchors() -> None:
@@ -182,9 +178,8 @@ def test_targets_stop_at_the_soft_limits_and_the_console_slips() -> None:
         state, _ = run(SETUP, [clean(step_um)] * 400, start)
         assert float(state.target.jpos_d[2]) <= 0.56 + 1e-9 and float(state.jpos[2]) < 0.5605
         back, _ = run(SETUP, [clean(step_um)] * 400 + [clean(-step_um)] * 100, start)
-        assert (
-            float(back.target.jpos_d[2]) < 0.5555
-        )  # 6 mm back from the limit, not from 24 mm beyond it
+        # 6 mm back from the limit, not from 24 mm beyond it.
+        assert float(back.target.jpos_d[2]) < 0.5555
 
 
 def test_an_unreachable_absolute_target_is_held_off() -> None:
