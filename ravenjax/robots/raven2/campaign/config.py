@@ -448,11 +448,8 @@ def _oldest_packet_ms(groups: Iterable[Group], longest: int) -> float:
     # Returns the age in ms of the oldest packet that network faults may send again in any run. The
     # age is 0 if no packet is sent again, and infinite if it has no bound. longest: largest number
     # of cycles that a packet lasts.
-    oldest = 0.0
-    for group in groups:
-        for faults in (group.fault, *map(group.faults_of, group.run)):
-            oldest = max(oldest, _age_ms(faults, longest))
-    return oldest
+    runs = (run for group in groups for run in (group.fault, *map(group.faults_of, group.run)))
+    return max((_age_ms(faults, longest) for faults in runs), default=0.0)
 
 
 def _age_ms(faults: Iterable[Fault], longest: int) -> float:

@@ -202,8 +202,7 @@ def _add_loads(state, sight: Sight) -> Any:
 
 
 def _add_touches(state, sight: Sight) -> Any:
-    touches = (out.touch for out in sight.signals.plant)
-    return touch.step(state, tuple(contact for contact in touches if contact is not None))
+    return touch.step(state, tuple(out.touch for out in sight.signals.plant))
 
 
 STAGES: dict[str, Stage] = {
