@@ -18,7 +18,6 @@ from ravenjax.campaign.file.group import ALL, Fault, Group, Run
 from ravenjax.campaign.file.location import Complaint
 from ravenjax.errors import UserError, suggest_unit
 from ravenjax.parts import part
-from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.robots.raven2.campaign.sections import (
     Hand,
     Limits,
@@ -28,7 +27,6 @@ from ravenjax.robots.raven2.campaign.sections import (
     Reaction,
 )
 from ravenjax.robots.raven2.console.motions import MOTIONS
-from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.robots.raven2.plant.kinematic_errors import MEASURED
@@ -112,24 +110,9 @@ class RavenConfig(CampaignConfig):
         return self.operator.label
 
     @property
-    def reacts(self) -> bool:
-        """Whether the operator may react to the haptic cue."""
-        return self.reaction is not None
-
-    @property
     def watches_cables(self) -> bool:
         """Whether the mechanics have tensions that can be compared with a cable's strength."""
         return parameter_sets.has_realistic_tension(self.campaign.parameter_set)
-
-    @property
-    def touches(self) -> bool:
-        """Whether contact forces of the robot are outcomes."""
-        return self.campaign.contact
-
-    @property
-    def robot_label(self) -> str:
-        """Name of the control software that runs."""
-        return self.campaign.software
 
     def lines(self) -> Iterator[tuple[str, str]]:
         """Yield (heading, text) for each line that describes the settings of the campaign."""
@@ -154,7 +137,7 @@ class RavenConfig(CampaignConfig):
         if self.reaction is None:
             return ""
         varies = "reaction.action" in self.axes_by_path
-        variation = "as reaction.action varies, or " if varies else ""
+        variation = "as reaction.action varies, or " * varies
         return f"; at the cue: {variation}{MEANINGS[self.reaction.action]}"
 
     def settings(self) -> dict[str, Any]:
@@ -162,14 +145,9 @@ class RavenConfig(CampaignConfig):
         return super().settings() | {
             "software": self.campaign.software,
             "operator": self.operator.model_dump(mode="json", exclude_none=True),
-            "reaction": None if self.reaction is None else self.reaction.model_dump(mode="json"),
-            "hand": None if self.hand is None else self.hand.model_dump(mode="json"),
+            "reaction": self.reaction and self.reaction.model_dump(mode="json"),
+            "hand": self.hand and self.hand.model_dump(mode="json"),
         }
-
-    @property
-    def substeps(self) -> int:
-        """Number of plant steps in a tick."""
-        return self.campaign.substeps
 
     def generated_motions(self) -> tuple[str, ...]:
         """Return the names of the motions that the robot can generate."""
@@ -205,7 +183,7 @@ class RavenConfig(CampaignConfig):
                 ("operator", "offset_mm"),
                 "has no effect with place = 'home', which moves the tip to the home pose",
             )
-        starts = dict(zip(JOINTS, HOME_JPOS, strict=True)) | self.operator.start.si()
+        starts = self.operator.start.jpos()
         for joint, (low, high) in self.limits.si().items():
             if self.operator.file is None and not low <= starts[joint] <= high:
                 yield ("operator", "start"), f"{joint} starts outside its range in [limits]"
