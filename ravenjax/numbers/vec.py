@@ -141,6 +141,11 @@ def largest(numbers: Iterable[Scalar]) -> Scalar:
     return reduce(jnp.maximum, numbers)
 
 
+def clamp(x: Scalar, low: Scalar, high: Scalar) -> Scalar:
+    """Return the nearest number to `x` from `low` to `high`."""
+    return jnp.minimum(jnp.maximum(x, low), high)
+
+
 def number_at(index: Scalar, numbers: Sequence[float]) -> Scalar:
     """Return the number (float32) at an index (int32), which may differ between runs."""
     result = jnp.float32(numbers[0])

@@ -125,7 +125,7 @@ def _feel_cue(state, sight: Sight) -> Any:
         pedal_down=sight.pedal_down,
         tick=sight.tick,
     )
-    state, correction = reaction.feel_cue(setup, params.reaction, state, senses)
+    state, correction = reaction.feel_cue(params.reaction, state, senses)
     sight.hands = operator.add_tip_motion(setup, params.operator, sight.hands, correction)
     return state
 

@@ -41,13 +41,13 @@ def clean(delta_um=(0, 0, 0), quat=STILL, grasp=0, engaged=1, setup=SETUP) -> no
 
 
 def by_targets(setup: RavenSetup, targets: np.ndarray, params=None) -> np.ndarray:
-    params = params or nominal.params(setup, "gold")
+    params = params or nominal.params(setup)
 
     def tick(state, row):
-        state = nominal.track_target(setup, "gold", params, state, Vec(row[i] for i in range(7)))
+        state = nominal.track_target("gold", params, state, Vec(row[i] for i in range(7)))
         return state, jnp.stack(state.jpos)
 
-    start = nominal.init(setup, "gold", params, HOME_JPOS)
+    start = nominal.init(setup, "gold", HOME_JPOS)
     rows = jnp.asarray(targets, setup.precision.real)
     return np.asarray(quickly.jit(lambda s, u: jax.lax.scan(tick, s, u))(start, rows)[1])
 
@@ -56,7 +56,7 @@ def by_targets(setup: RavenSetup, targets: np.ndarray, params=None) -> np.ndarra
 def test_the_equation_of_motion_is_the_stated_one() -> None:
     """Without dry friction, against Radau on the equation as written."""
     with jax.enable_x64(True):
-        params = replace(nominal.params(SETUP, "gold"), kc=Vec.full(5, 0.0))
+        params = replace(nominal.params(SETUP), kc=Vec.full(5, 0.0))
         targets = smooth_targets(700)
         ours = by_targets(SETUP, targets, params)
 
@@ -96,8 +96,8 @@ def test_the_equation_of_motion_is_the_stated_one() -> None:
 
 
 def run(setup: RavenSetup, commands: list, start=HOME_JPOS, measured=HOME_JPOS, resync=0):
-    params = replace(nominal.params(setup, "gold"), resync=np.int32(resync))
-    begin = nominal.init(setup, "gold", params, start)
+    params = replace(nominal.params(setup), resync=np.int32(resync))
+    begin = nominal.init(setup, "gold", start)
     state = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.result_type(leaf)), begin)
     step = compiled_step(setup)
     for command in commands:
@@ -123,7 +123,7 @@ def test_it_follows_increments_to_where_they_lead() -> None:
         np.testing.assert_allclose(np.array(state.target.position_um) * 1e-6, expected, atol=2e-6)
         # Dry friction of the model's joints: it stops where a spring no longer moves it, 0.3 m from
         # the axes at most.
-        params = nominal.params(SETUP, "gold")
+        params = nominal.params(SETUP)
         short = sum(
             float(params.kc[i] / params.kp[i]) * lever for i, lever in enumerate((0.3, 0.3, 1.0))
         )

@@ -189,7 +189,7 @@ def test_the_motor_angle_keeps_tiny_increments() -> None:
     def creep(angle, _):
         return drives.advance_angle(angle, jnp.float32(1e-5)), None
 
-    start = drives.at_angle(jnp.float32(899.6370423253))
+    start = drives.advance_angle(drives.REFERENCE, jnp.float32(899.6370423253))
     end, _ = jax.jit(lambda angle: jax.lax.scan(creep, angle, None, length=10_000))(start)
     turned = (
         int(end.count) - int(start.count) + float(end.fraction) - float(start.fraction)
