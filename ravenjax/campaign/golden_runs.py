@@ -141,9 +141,6 @@ class FastForwardPlan:
 
     def _largest_of_runs(self, values: np.ndarray) -> np.ndarray:
         # Returns for each golden run the largest value of its runs. values: [runs].
-        if self._golden_count == 1:
-            # This is faster for campaigns of millions of runs.
-            return values.max(keepdims=True).astype(np.int64)
         largest = np.zeros(self._golden_count, np.int64)
         np.maximum.at(largest, self._plan.golden, values)
         return largest

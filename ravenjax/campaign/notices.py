@@ -311,7 +311,7 @@ def _pedal_values(plan: Plan, up: float, down: float) -> np.ndarray:
     faults, clocks, ticks = plan.faults, plan.any_clocks, plan.program.ticks
     numbers = np.full(faults["code"].shape, np.nan)
     # The fork of 2015 is in pedal-down before the foot presses the pedal.
-    if clocks is None or plan.config.reacts or plan.program.setup.software != "raven2":
+    if clocks is None or plan.program.setup.reacts or plan.program.setup.software != "raven2":
         return numbers
     starts, closes = faults["start"], span.last_window_ends(faults, ticks, clocks)
     by_time = (faults["trigger"] == TRIGGER_CODES["time"]) & (closes > 0)

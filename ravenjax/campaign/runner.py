@@ -186,7 +186,7 @@ def shape_of(plan: Plan) -> schema.Shape:
         reacts=setup.reacts,
         hand_yields=setup.hand_yields,
         cables=plan.config.watches_cables,
-        contact=plan.config.touches,
+        contact=getattr(setup, "contact", False),
         detectors=tuple(use.thresholds for use in setup.detectors),
         harms=tuple(harm.name for harm in setup.harms),
         observes=plan.program.ends,

@@ -8,6 +8,7 @@ import sys
 
 from cyclopts import App, CycloptsError
 
+import ravenjax
 from ravenjax.cli import console
 
 USER_ERROR, INTERRUPTED = 2, 130
@@ -30,7 +31,7 @@ app = App(
         " parallel.\n\nEvery command has the option `--trust`. It permits Python code that a"
         " campaign or a result folder names, although you have not run this code before."
     ),
-    version=lambda: _version(),
+    version=ravenjax.__version__,
     suppress_keyboard_interrupt=False,
 )
 for _command in COMMANDS.split():
@@ -81,13 +82,3 @@ def main(tokens: list[str] | None = None) -> int:
         return USER_ERROR
     # Only commands with an exit code of their own return a number.
     return result if isinstance(result, int) else 0
-
-
-def _version() -> str:
-    # Returns the version of the installed package.
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        return version("ravenjax")
-    except PackageNotFoundError:
-        return "unknown (not installed as a package)"

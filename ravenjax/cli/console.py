@@ -94,7 +94,13 @@ def emit_json(value: Any) -> None:
     """Print a value as JSON. NaN and infinite numbers become null, and paths become text."""
     import json
 
-    print(json.dumps(_plain(value), indent=1, ensure_ascii=False), file=out.file)
+    def convert(other: Any) -> Any:
+        # Converts arrays and numbers of NumPy to Python's, and all else, such as paths, to text.
+        return other.tolist() if hasattr(other, "tolist") else str(other)
+
+    text = json.dumps(_with_objects(value), default=convert)
+    plain = json.loads(text, parse_constant=lambda _: None)
+    print(json.dumps(plain, indent=1, ensure_ascii=False), file=out.file)
 
 
 def print_text(text: object, to: Console | None = None, style: str | None = None) -> None:
@@ -113,13 +119,14 @@ def print_findings(
 ) -> None:
     """Print sentences, tables and the paths of written files. As JSON, print one object with the
     keys `sentences` and `files` and those of `content`, without the tables. tables: (title, rows)
-    of each table; its first row has the headings.
+    of each table; its first row has the headings. A table with only its headings is not printed.
     """
     if as_json:
         return emit_json(content | {"sentences": sentences, "files": files})
     print_text("\n".join(sentences))
     for title, (columns, *rows) in tables:
-        print_table(title, columns, rows)
+        if rows:
+            print_table(title, columns, rows)
     return print_written(files)
 
 
@@ -202,18 +209,12 @@ def _row_objects(listing: Listing) -> list[dict[str, str]]:
     return [dict(zip(keys, row, strict=True)) for row in listing.rows]
 
 
-def _plain(value) -> Any:
-    """Convert a value to types that JSON has. A named tuple becomes an object."""
+def _with_objects(value) -> Any:
+    """Return nested values with a dict in place of each named tuple, and lists of other tuples."""
     if hasattr(value, "_asdict"):
         value = value._asdict()
-    # NumPy's scalars become Python's numbers.
-    if hasattr(value, "item") and getattr(value, "ndim", 0) == 0:
-        value = value.item()
     if isinstance(value, dict):
-        return {str(key): _plain(inner) for key, inner in value.items()}
+        return {str(key): _with_objects(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple | set):
-        return [_plain(inner) for inner in value]
-    if isinstance(value, float):
-        # The comparison is false for NaN, too.
-        return value if abs(value) < float("inf") else None
-    return value if isinstance(value, str | int | bool | None) else str(value)
+        return [_with_objects(inner) for inner in value]
+    return value

@@ -51,9 +51,8 @@ def trace(
         console.print_note(f"{folder} was computed by other code, so a run's outcome may differ")
     runs = run_ids or tuple(run.run_id for run in ranked)
     records = []
-    replayer = Replayer.of_folder(folder, engine) if runs else None
+    replayer = Replayer.of_folder(folder, engine)
     for run in runs:
-        assert replayer is not None
         replay = replayer.replay(run)
         row = replay.row.to_dict()
         summary = summarize_run(row, record.rules, replay.series, replay.golden, record.robot)
@@ -213,11 +212,9 @@ def _explain_each_run(out_folder: Path, record: Manifest, explanation: Explained
         if as_json:
             continue
         templates = ("links.txt.j2", "near_checks.txt.j2")
-        tables = [wording.fill_table(template, chain=explained) for template in templates]
+        tables = [("", wording.fill_table(template, chain=explained)) for template in templates]
         lines = [chain_words.chain_title(explained), *chain_words.chain_sentences(explained)]
-        # A table with only its headings is not printed.
-        filled = [("", table) for table in tables if len(table) > 1]
-        console.print_findings(["\n  ".join(lines)], as_json, filled, paths)
+        console.print_findings(["\n  ".join(lines)], as_json, tables, paths)
         console.print_text("")
     if as_json:
         console.emit_json(records)
@@ -241,8 +238,6 @@ def _summarize_runs(folder: Path, out_folder: Path, record: Manifest, as_json: b
         write_text(paths[-1], text)
     if chains.draw_charts(summary, out_folder / "signals.svg"):
         paths.append(out_folder / "signals.svg")
-    table = wording.fill_table("carriers.txt.j2", all=summary)
-    # A table with only its headings is not printed.
-    tables = [("", table)] if len(table) > 1 else []
+    tables = [("", wording.fill_table("carriers.txt.j2", all=summary))]
     sentences = chains.chain_sentences(summary)
     console.print_findings(sentences, as_json, tables, paths, **summary._asdict())

@@ -51,7 +51,7 @@ def verify(
         checks = [check._asdict() | {"fine": check.fine} for check in verified.checks]
         content = {"folder": folder, "fine": verified.fine, "checks": checks, "rerun": rerun}
         console.emit_json(content)
-        return 0 if verified.fine else 1
+        return int(not verified.fine)
     rows = [
         (check.name, "ok" if check.fine else "WRONG", check.looked_at) for check in verified.checks
     ]
@@ -67,7 +67,7 @@ def verify(
         ]
         columns = ("column", "runs that differ", "largest difference")
         console.print_table("Columns that differ when computed again", columns, rows)
-    return 0 if verified.fine else 1
+    return int(not verified.fine)
 
 
 def merge(

@@ -36,7 +36,7 @@ import numpy as np
 from ravenjax.errors import UserError
 from ravenjax.ir.program import Program
 from ravenjax.mechanics import rigid_program, rigid_tree
-from ravenjax.numbers import Scalar, Vec
+from ravenjax.numbers import Scalar, Vec, clamp
 from ravenjax.numbers.algebra import add, dot, matvec, minus, mul, plus, scale, solve_spd, transpose
 from ravenjax.numbers.lazy import jax, jnp
 
@@ -315,7 +315,7 @@ def _constraint_force(
             )
             magnitude = magnitudes[k] - residual / (response[k] + softness)
             if limit := mechanism.constraints[k].limit:
-                magnitude = jnp.minimum(jnp.maximum(magnitude, -limit), limit)
+                magnitude = clamp(magnitude, -limit, limit)
             magnitudes[k] = magnitude
     return matvec(transpose(directions), Vec(magnitudes))
 

@@ -91,7 +91,7 @@ def _home_joints(model: mujoco.MjModel, base: int) -> list[_HomeJoint]:
             continue
         position, rotation = poses[parent]
         position = position + _product(rotation, model.body_pos[body])
-        rotation = _product(rotation, _matrix(model.body_quat[body]))
+        rotation = _product(rotation, rotation_matrix(model.body_quat[body]))
         poses[body] = position, rotation
         carrier[body] = carrier[parent]
         first = int(model.body_jntadr[body])
@@ -111,7 +111,7 @@ def _home_joints(model: mujoco.MjModel, base: int) -> list[_HomeJoint]:
             )
             carrier[body] = len(joints) - 1
         if carrier[body] >= 0:
-            inertial = _product(rotation, _matrix(model.body_iquat[body]))
+            inertial = _product(rotation, rotation_matrix(model.body_iquat[body]))
             joints[carrier[body]].pseudo_inertia += pseudo_inertia(
                 float(model.body_mass[body]),
                 position + _product(rotation, model.body_ipos[body]),
@@ -282,7 +282,8 @@ def _round_right_angle(angle: float) -> float:
     return right_angle if abs(angle - right_angle) < 1e-12 else angle
 
 
-def _matrix(quaternion: np.ndarray) -> np.ndarray:
+def rotation_matrix(quaternion: np.ndarray) -> np.ndarray:
+    """Return the rotation matrix [3, 3] of a quaternion w, x, y, z."""
     matrix = np.zeros(9)
     mujoco.mju_quat2Mat(matrix, quaternion)
     return matrix.reshape(3, 3)

@@ -23,6 +23,7 @@ from ravenjax.numbers.vec import (
     Vec,
     as_int,
     cast,
+    clamp,
     earliest_tick,
     first_tick,
     if_rarely,

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import operator
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import reduce
 from typing import Any, TypeAlias, dataclass_transform
 
@@ -139,6 +139,19 @@ def where(condition: Scalar, yes: Any, no: Any) -> Any:
 def largest(numbers: Iterable[Scalar]) -> Scalar:
     """Return the largest of one or several numbers; NaN if one of them is NaN."""
     return reduce(jnp.maximum, numbers)
+
+
+def clamp(x: Scalar, low: Scalar, high: Scalar) -> Scalar:
+    """Return the nearest number to `x` from `low` to `high`."""
+    return jnp.minimum(jnp.maximum(x, low), high)
+
+
+def number_at(index: Scalar, numbers: Sequence[float]) -> Scalar:
+    """Return the number (float32) at an index (int32), which may differ between runs."""
+    result = jnp.float32(numbers[0])
+    for i, number in enumerate(numbers[1:], start=1):
+        result = jnp.where(index == i, jnp.float32(number), result)
+    return result
 
 
 def first_tick(tick: Scalar, occurs: Scalar, before: Scalar) -> Scalar:

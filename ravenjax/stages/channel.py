@@ -17,11 +17,10 @@ others overtook are therefore lost, as the robot's check of sequence numbers wou
 emulator's loss of the whole connection is the fault effect `drop`.
 """
 
-from collections.abc import Sequence
-
 from ravenjax.bundled import resources
 from ravenjax.numbers import Scalar, as_int, jnp, lax, record, where
 from ravenjax.numbers.counter_random import random_uniform
+from ravenjax.numbers.vec import number_at
 
 _TABLES = resources.read_tables(__file__, "channel.toml")
 TRANSITIONS: list[list[float]] = _TABLES["transitions"]
@@ -67,7 +66,7 @@ def step(state: ChannelState, seed: Scalar, packet: Scalar, fresh: Scalar) -> Ch
     continues = (state.burst > 0) & (
         random_uniform(key, packet, _CONTINUES) < quotient * jnp.sqrt(quotient)
     )
-    begins = random_uniform(key, packet, _BEGINS) < _by_quality(quality, LOSS)
+    begins = random_uniform(key, packet, _BEGINS) < number_at(quality, LOSS)
     burst = jnp.where(continues, state.burst + 1, as_int(begins))
     after = where(fresh, ChannelState(quality, burst), state)
     return where(seed != 0.0, after, init())
@@ -87,19 +86,11 @@ def _random_key(seed: Scalar) -> Scalar:
     return lax.bitcast_convert_type(lax.convert_element_type(seed, jnp.float32), jnp.uint32)
 
 
-def _by_quality(quality: Scalar, numbers: Sequence[float]) -> Scalar:
-    # Returns the number for the present quality.
-    result = jnp.float32(numbers[0])
-    for k, number in enumerate(numbers[1:], start=1):
-        result = jnp.where(quality == k, jnp.float32(number), result)
-    return result
-
-
 def _next_quality(quality: Scalar, drawn: Scalar) -> Scalar:
     """Return the next quality, int32. drawn: uniform random number in [0, 1)."""
     next_quality = jnp.int32(0)
     # The quality is at least k if `drawn` is not below the sum of the first k probabilities.
     for k in (1, 2, 3):
         sums = [sum(row[:k]) for row in TRANSITIONS]
-        next_quality = next_quality + as_int(drawn >= _by_quality(quality, sums))
+        next_quality = next_quality + as_int(drawn >= number_at(quality, sums))
     return next_quality

@@ -265,10 +265,8 @@ def _score_arm(
 
     params: a DetectorParams. arm: number of the arm.
     """
-    mpos = Vec(signal.mpos[arm][:POSITIONING])
-    mvel = Vec(signal.mvel[arm][:POSITIONING])
-    jpos = Vec(signal.jpos[arm][:POSITIONING])
-    jvel = Vec(signal.jvel[arm][:POSITIONING])
+    motions = signal.mpos, signal.mvel, signal.jpos, signal.jvel
+    mpos, mvel, jpos, jvel = (Vec(arms[arm][:POSITIONING]) for arms in motions)
     learned_steps = (params.shoulder, params.elbow, params.insertion)
 
     def largest_step(field: str, values: Vec, last_values: Vec) -> Scalar:

@@ -61,14 +61,6 @@ class HapticState:
 
 
 @record
-class HapticSignal:
-    model_position: Vec  # m, frame 0 of the arm
-    model_velocity: Vec  # m/s
-    robot_position: Vec  # m
-    robot_velocity: Vec  # m/s
-
-
-@record
 class HapticOutput:
     error: Vec  # m, e = p_model - p_robot
     distance: Scalar  # m, |e|
@@ -88,7 +80,7 @@ def params(setup: Setup) -> HapticParams:
     return HapticParams(cues=(cue,) * setup.cues)
 
 
-def init(setup: Setup, params: HapticParams) -> HapticState:
+def init(setup: Setup) -> HapticState:
     """Return the state before the first tick."""
     zero = jnp.int32(0)
     cue = CueState(
@@ -109,16 +101,22 @@ def cue_force(cue: CueParams, distance: Scalar, closing_speed: Scalar) -> Scalar
 
 
 def step(
-    setup: Setup, params: HapticParams, state: HapticState, signal: HapticSignal
+    params: HapticParams,
+    state: HapticState,
+    model_position: Vec,
+    model_velocity: Vec,
+    robot_position: Vec,
+    robot_velocity: Vec,
 ) -> tuple[HapticState, HapticOutput]:
-    """Compute one tick of one arm: return the state after the tick, and the force of each cue."""
-    error = signal.model_position - signal.robot_position
+    """Compute one tick of one arm: return the state after the tick, and the force of each cue.
+    Positions (m) and velocities (m/s) are in frame 0 of the arm.
+    """
+    error = model_position - robot_position
     distance = norm(error)
     # The direction of a tiny error is zero.
     inverse_distance = jnp.where(distance > TINY_M, 1.0 / jnp.maximum(distance, TINY_M), 0.0)
     direction = error * inverse_distance
-    relative_velocity = signal.model_velocity - signal.robot_velocity
-    closing_speed = dot(relative_velocity, direction)
+    closing_speed = dot(model_velocity - robot_velocity, direction)
 
     forces, cues = [], []
     for cue, before in zip(params.cues, state.cues, strict=True):

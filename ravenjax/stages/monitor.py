@@ -238,6 +238,11 @@ def _step_arm(
     packet_step = norm(pos - state.pos) * UM
     golden_packet_step = norm(golden_pos - state.golden_pos) * UM
     packet_jumped = (packet_step > params.jump_step) & ~(golden_packet_step > params.jump_step)
+
+    def largest_live(before: Scalar, distance: Scalar) -> Scalar:
+        # Returns the largest distance so far while the robot was live.
+        return jnp.where(live, jnp.maximum(before, distance), before)
+
     result = replace(
         after,
         pos=where(fresh, pos, state.pos),
@@ -245,20 +250,16 @@ def _step_arm(
         packet_jumped=jnp.where(fresh, packet_jumped, state.packet_jumped),
         tip_jumped=tip_jumped,
         peak_model=jnp.maximum(state.peak_model, model),
-        peak_live=jnp.where(live, jnp.maximum(state.peak_live, model), state.peak_live),
+        peak_live=largest_live(state.peak_live, model),
         square_model=state.square_model + model * model,
         peak_golden=jnp.maximum(state.peak_golden, golden),
         square_golden=state.square_golden + golden * golden,
-        unintended=jnp.where(
-            live, jnp.maximum(state.unintended, distances.unintended), state.unintended
-        ),
+        unintended=largest_live(state.unintended, distances.unintended),
         unintended_off=jnp.where(
             live, state.unintended_off, jnp.maximum(state.unintended_off, distances.unintended_off)
         ),
-        loss=jnp.where(live, jnp.maximum(state.loss, distances.loss), state.loss),
-        false_report=jnp.where(
-            live, jnp.maximum(state.false_report, distances.false_report), state.false_report
-        ),
+        loss=largest_live(state.loss, distances.loss),
+        false_report=largest_live(state.false_report, distances.false_report),
         idle_ticks=state.idle_ticks + as_int(idle),
         peak_step=jnp.maximum(state.peak_step, step),
         path=state.path + step,

@@ -17,6 +17,7 @@ import numpy as np
 
 from ravenjax.numbers import Scalar, as_int, jnp, record, where
 from ravenjax.numbers.counter_random import random_uniform
+from ravenjax.numbers.vec import number_at
 
 _LENGTH = 0
 """Index of the random number for the length, among those that are drawn for a packet."""
@@ -61,9 +62,6 @@ def packet_length(
     cycles = jnp.int32(1)
     for k in range(max(len(shares) for shares in cumulative)):
         # `drawn` is below 1, so a bound of 1 adds no cycle.
-        bounds = [np.float32(shares[k] if k < len(shares) else 1.0) for shares in cumulative]
-        bound = jnp.float32(bounds[0])
-        for i, other in enumerate(bounds[1:], start=1):
-            bound = jnp.where(choice == i, jnp.float32(other), bound)
-        cycles = cycles + as_int(drawn >= bound)
+        bounds = [float(shares[k]) if k < len(shares) else 1.0 for shares in cumulative]
+        cycles = cycles + as_int(drawn >= number_at(choice, bounds))
     return cycles

@@ -9,7 +9,7 @@ eights and halves of a word (S. E. Anderson, Bit Twiddling Hacks: counting bits 
 selecting the position of a bit with a given count).
 """
 
-from ravenjax.numbers import Scalar, Vec, as_int, jnp, lax
+from ravenjax.numbers import Scalar, Vec, as_int, clamp, jnp, lax
 
 WORD = 32
 """Number of ticks that one word stores, one bit each."""
@@ -61,7 +61,7 @@ def sent_within(history: Vec, ticks: Scalar) -> Scalar:
     """Return how many packets (int32) were sent in the last `ticks` ticks, this tick included."""
     total = jnp.int32(0)
     for index, word in enumerate(history):
-        bits = jnp.minimum(jnp.maximum(ticks - WORD * index, 0), WORD)
+        bits = clamp(ticks - WORD * index, 0, WORD)
         # A shift by 32 bits is not defined, so a whole word has another mask.
         mask = (_u32(1) << lax.convert_element_type(bits & (WORD - 1), jnp.uint32)) - _u32(1)
         count, *_ = _count_bits(word & jnp.where(bits == WORD, _u32(0xFFFFFFFF), mask))

@@ -58,9 +58,8 @@ class Packets:
     def __init__(self, ready: plan.Plan, tracer, row: int) -> None:
         self.sent, self.got = (packet(tracer, ready, row, struck) for struck in (False, True))
         self.ticks = np.flatnonzero(self.sent.received)  # of packet 0, 1, ..
-        self.struck = np.flatnonzero(
-            self.ticks >= START
-        )  # packets that are sent while the fault lasts
+        # Packets that are sent while the fault lasts.
+        self.struck = np.flatnonzero(self.ticks >= START)
 
     def numbers(self, of, ticks) -> np.ndarray:
         """What packets say, [ticks, numbers]."""
@@ -91,9 +90,8 @@ def test_a_delay_of_k_packets_delivers_the_packet_of_k_before(packets_of, choice
     packets, late = packets_of("late", choice, place), LATE[place]
     n = packets.struck
     arrived = packets.got.received[packets.ticks[n]] != 0
-    np.testing.assert_array_equal(
-        arrived, n - late >= n[0]
-    )  # what was there before does not come again
+    # What was there before does not come again.
+    np.testing.assert_array_equal(arrived, n - late >= n[0])
     n = n[arrived]
     assert len(n) > 20
     old = packets.numbers(packets.sent, packets.ticks[n - late])

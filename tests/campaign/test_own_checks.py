@@ -110,9 +110,8 @@ def test_the_text_of_the_built_in_clip_gives_its_motion_to_the_bit(tmp_path, eng
     assert (free["peak_model_deviation_mm"] != clipped["peak_model_deviation_mm"]).any()
     names = ("run_id", "response", "verdict", "told_ms", "built_in", "check_overdrive", "peak_dac")
     same = [name for name in clipped.columns if not name.startswith(names)]
-    require_equal(
-        limited.iloc[:2], clipped.iloc[:2], same
-    )  # the third run goes beyond the instant limit
+    # The third run goes beyond the instant limit.
+    require_equal(limited.iloc[:2], clipped.iloc[:2], same)
     np.testing.assert_array_equal(
         limited["check_own_mine_count"][:2], clipped["check_overdrive_clip_count"][:2]
     )
@@ -159,9 +158,8 @@ def test_a_board_that_refuses_holds_zero_and_lets_the_plc_stop_the_robot(tmp_pat
         "silent",
     )
     assert hard["check_soft_estop_count"] == 0  # the software knows nothing of it
-    assert (
-        700 + 75 - 26 <= hard["check_plc_watchdog_first_ms"] <= 700 + 76
-    )  # since the last edge of the wave
+    # Since the last edge of the wave.
+    assert 700 + 75 - 26 <= hard["check_plc_watchdog_first_ms"] <= 700 + 76
     assert (
         hard["check_plc_watchdog_first_ms"]
         < hard["check_estop_first_ms"]

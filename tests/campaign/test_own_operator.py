@@ -234,9 +234,8 @@ def test_its_parameters_are_swept_and_decide_with_its_text(tmp_path):
     table = rj.run(raw, engine="simd")
     paths = table.groupby("param:operator.own.hands.um")["golden_tip_path_mm"].max()
     way = 4 * 0.2 * 8 * 0.6  # mm in 0.6 s of pedal-down
-    assert (
-        paths[0] < paths[500] < paths[2000] and 0.2 * way < paths[2000] < 1.2 * way
-    )  # dry friction holds small ones
+    # Dry friction holds small ones.
+    assert paths[0] < paths[500] < paths[2000] and 0.2 * way < paths[2000] < 1.2 * way
     (tmp_path / "mine.py").write_text(HEAD + TREMOR.replace("200.0", "201.0"))
     assert not set(plan.make_plan(rj.load_campaign(raw)).rows["run_id"]) & set(table["run_id"])
 

@@ -26,11 +26,9 @@ def by_the_rule(p_model, v_model, p_robot, v_robot) -> float:
     return float(np.clip(force, 0.0, 0.05))
 
 
-def one_tick(setup, params, state, p_model, v_model, p_robot=(0, 0, 0), v_robot=(0, 0, 0)):
-    signal = haptics.HapticSignal(
-        *(Vec(jnp.float64(x) for x in item) for item in (p_model, v_model, p_robot, v_robot))
-    )
-    return haptics.step(setup, params, state, signal)
+def one_tick(params, state, p_model, v_model, p_robot=(0, 0, 0), v_robot=(0, 0, 0)):
+    motions = (Vec(map(jnp.float64, item)) for item in (p_model, v_model, p_robot, v_robot))
+    return haptics.step(params, state, *motions)
 
 
 @settings(max_examples=60, deadline=None)
@@ -38,9 +36,7 @@ def one_tick(setup, params, state, p_model, v_model, p_robot=(0, 0, 0), v_robot=
 def test_force_follows_the_rule(p_model, v_model, p_robot, v_robot) -> None:
     with jax.enable_x64(True):
         params = haptics.params(SETUP)
-        _, out = one_tick(
-            SETUP, params, haptics.init(SETUP, params), p_model, v_model, p_robot, v_robot
-        )
+        _, out = one_tick(params, haptics.init(SETUP), p_model, v_model, p_robot, v_robot)
         np.testing.assert_allclose(
             out.force[0], by_the_rule(p_model, v_model, p_robot, v_robot), atol=1e-12
         )
@@ -52,7 +48,7 @@ def test_published_points() -> None:
     """
     with jax.enable_x64(True):
         params = haptics.params(SETUP)
-        state = haptics.init(SETUP, params)
+        state = haptics.init(SETUP)
         points = [
             (2.9, 0, 0.0),
             (3.65, 0, 0.0164),
@@ -61,9 +57,9 @@ def test_published_points() -> None:
             (5, 0.08, 0.0297),
         ]
         for error_mm, closing, expected in points:
-            _, out = one_tick(SETUP, params, state, (error_mm * 1e-3, 0, 0), (closing, 0, 0))
+            _, out = one_tick(params, state, (error_mm * 1e-3, 0, 0), (closing, 0, 0))
             np.testing.assert_allclose(out.force[0], expected, atol=5e-5)
-        _, out = one_tick(SETUP, params, state, (0, 0, 0), (1, 1, 1))
+        _, out = one_tick(params, state, (0, 0, 0), (1, 1, 1))
         assert float(out.force[0]) == 0.0 and np.isfinite(np.asarray(out.direction)).all()
 
 
@@ -75,9 +71,9 @@ def test_cues_side_by_side_keep_their_own_record() -> None:
             haptics.CueParams(3e-3, 4.5, 0.0, 0.05),
         )
         params = haptics.HapticParams(cues=(fine, coarse))
-        state = haptics.init(setup, params)
+        state = haptics.init(setup)
         for error_mm in (0, 2, 4, 5, 2, 0, 4, 0):
-            state, _ = one_tick(setup, params, state, (error_mm * 1e-3, 0, 0), (0, 0, 0))
+            state, _ = one_tick(params, state, (error_mm * 1e-3, 0, 0), (0, 0, 0))
     first, second = state.cues
     assert [int(x) for x in (first.first_tick, first.ticks_active, first.impulses)] == [1, 5, 2]
     assert [int(x) for x in (second.first_tick, second.ticks_active, second.impulses)] == [2, 3, 2]

@@ -56,14 +56,12 @@ def fill_slot(
         name: codes_of(name, axes[name].values)[places[name]] for name in words if name != "site"
     }
     effect = codes["effect"]
-    # A network effect determines its channel. For other effects this code is 0, that of "".
-    network_channels = []
-    for name in words["effect"]:
-        network = effects.NETWORK_EFFECTS.get(name)
-        has_channel = network is not None and network.channel in words["channel"]
-        network_channels.append(network.channel if network and has_channel else "")
-    network_channel = codes_of("channel", network_channels)[effect]
-    codes["channel"] = np.where(network_channel > 0, network_channel, codes["channel"])
+    # A network effect determines its channel.
+    for name in axes["effect"].listed:
+        if network := effects.NETWORK_EFFECTS.get(name):
+            has_effect = effect == words["effect"].index(name)
+            channel = codes_of("channel", [network.channel])[0]
+            codes["channel"] = np.where(has_effect, channel, codes["channel"])
     value = axes["value"].at(places["value"])
     if not axes["value"].listed:
         # A value that is drawn for an integer channel is rounded to an integer.

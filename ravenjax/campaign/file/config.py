@@ -150,8 +150,6 @@ class CampaignConfig(Section):
 
     watches_cables: ClassVar[bool] = False
     """Whether overload of the robot's cables is an outcome."""
-    touches: ClassVar[bool] = False
-    """Whether contact of the robot with its surroundings is an outcome."""
 
     @property
     def slots(self) -> int:
@@ -160,11 +158,6 @@ class CampaignConfig(Section):
 
     # --- what a robot may add ---
 
-    @property
-    def robot_label(self) -> str:
-        """Text that describes the robot."""
-        return self.robot.title
-
     def lines(self) -> Iterator[tuple[str, str]]:
         """Yield name and value of settings of the robot and the operator, as texts for a table."""
         arms = self.campaign.arms
@@ -172,7 +165,9 @@ class CampaignConfig(Section):
         # The only arm of a robot from an MJCF file has the name "arm".
         if arms != ("arm",):
             text += " arms" if len(arms) > 1 else " arm"
-        yield "robot", f"{self.robot_label}, {text}{', with noise' if self.campaign.noise else ''}"
+        # A robot that has several versions of the control software is named by this version.
+        label = getattr(self.campaign, "software", self.robot.title)
+        yield "robot", f"{label}, {text}{', with noise' if self.campaign.noise else ''}"
         if self.campaign.observe_ms is not None:
             wait = f"{self.campaign.observe_ms:,} ms"
             yield "observed", f"until {wait} after the end of a run's last fault"
@@ -181,12 +176,8 @@ class CampaignConfig(Section):
         """The content of `lines` as values for JSON."""
         return {"robot": self.robot.name}
 
-    substeps: ClassVar[int] = 1
-    """Steps of the plant per tick."""
     operator_label: ClassVar[str] = "own"
     """Name of the operator's motion in tables."""
-    reacts: ClassVar[bool] = False
-    """Whether the operator may react to the cue."""
     random_packets: ClassVar[bool] = False
     """Whether each run draws the durations of the console's packets."""
     changeable: ClassVar[str] = ""
@@ -228,6 +219,11 @@ class CampaignConfig(Section):
             yield ("group", g, "cross"), group.cross
             for r, run in enumerate(group.run):
                 yield ("group", g, "run", r, "parameters"), run.parameters
+
+    @property
+    def axes_by_path(self) -> dict[str, Axis]:
+        """Path -> axis of each parameter in the tables of the file; the last table counts."""
+        return {path: axis for _, table in self.parameter_tables() for path, axis in table.items()}
 
     def unread(self, path: str) -> str:
         """Return why the parameter at `path` has no effect in this campaign, or ""."""

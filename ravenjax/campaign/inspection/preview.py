@@ -61,8 +61,8 @@ def preview_campaign(
         slots=max(1, config.slots),
         cues=len(record.cues),
         thresholds=sum(record.shape.detectors),
-        substeps=config.substeps,
-        reacts=config.reacts,
+        substeps=getattr(plan.program.setup, "substeps", 1),
+        reacts=plan.program.setup.reacts,
     )
     cost = estimate.estimate_cost(work, backend.name, estimate.measure_speed())
     cost, basis, content = _of_folder(folder, config, backend.name, cost, due)

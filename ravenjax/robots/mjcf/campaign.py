@@ -119,12 +119,13 @@ class Config(CampaignConfig):
     def notices(self) -> Iterator[Complaint]:
         """See `CampaignConfig.notices`."""
         yield from super().notices()
-        limited = {path.partition(".")[0] for path in self._set()}
+        axes = self.axes_by_path
+        limited = {path.partition(".")[0] for path in axes}
         for name in sorted(self.robot.checks.keys() - {"joint_limit"} - limited):
             yield ("parameters", name), f"the check {name} has no limit, so it never trips"
         slides = self.robot.linear
         for name in ("tracking", "velocity", "sensor") if {*slides} < {*self.robot.joints} else ():
-            if slides and name in self._set():
+            if slides and name in axes:
                 yield (
                     ("parameters", name),
                     "one number limits rotating joints, in rad, and sliding joints, in m; write a"
@@ -148,9 +149,6 @@ class Config(CampaignConfig):
                 " arm moves with the integrator implicitfast",
             )
 
-    def _set(self) -> set[str]:
-        return {path for _, table in self.parameter_tables() for path in table}
-
     @property
     def _arm(self) -> Any:
         robot: Any = self.robot
@@ -165,7 +163,7 @@ class Config(CampaignConfig):
         return [
             joint
             for joint, kind, *_ in self._joints()
-            if kind in kinds and not self._set() & {"kp", f"kp.{joint}"}
+            if kind in kinds and not self.axes_by_path.keys() & {"kp", f"kp.{joint}"}
         ]
 
     def deciding(self) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from ravenjax.faults.injection import Injector, channel_paths
 from ravenjax.mechanics import mechanism
 from ravenjax.numbers import cast_to_real, describe_fields, jnp, setup
 from ravenjax.numbers.algebra import minus, mul, plus
-from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, where
+from ravenjax.numbers.vec import Scalar, Vec, as_int, clamp, record, replace, where
 from ravenjax.parts import part
 from ravenjax.robots.mjcf import Arm
 from ravenjax.stages import check, detectors, haptics, monitor
@@ -118,7 +118,7 @@ def init(setup: ArmSetup, params: Params) -> State:
         *((jpos, jpos * 0.0), jpos, (tip, tip), jnp.bool_(False)),
         checks=(check.init(setup),) * len(setup.robot.checks),
         detectors=detectors.init(setup, params.detectors),
-        haptics=haptics.init(setup, params.haptics),
+        haptics=haptics.init(setup),
         monitor=monitor.init(setup, (tip,), (tip * 1e6,)),
         live=zero,
     )
@@ -148,7 +148,7 @@ def advance(
     (reported,) = inject("encoder", (state.jpos,))
     (second,) = inject("sensor", (state.jpos,))
     differ = _count(state.differ, second - reported, params.sensor)
-    (command,) = inject("command", (_clip(goal, params.lower, params.upper),))
+    (command,) = inject("command", (goal.map(clamp, params.lower, params.upper),))
     if params.held is not None:
         holds, good = params.held
         command = where(holds, good, command)
@@ -179,8 +179,8 @@ def advance(
     jvel = where(stopped, slower, jvel)
     jpos = where(stopped, state.jpos + slower * (1e-3 * ms), jpos)
 
-    wanted, before = (_clip(x, usual.lower, usual.upper) for x in (plan, state.plan))
-    ideal = _clip(_control(arm, usual, 1.0, *state.model, wanted, before), *arm.force)
+    wanted, before = (x.map(clamp, usual.lower, usual.upper) for x in (plan, state.plan))
+    ideal = _control(arm, usual, 1.0, *state.model, wanted, before).map(clamp, *arm.force)
     follows = _move(mechanism.step, arm, usual, state.model, ideal, 1.0)
     tip, seen, model = (
         mechanism.tip_position(arm.mechanism, joints) for joints in (jpos, reported, follows[0])
@@ -189,8 +189,7 @@ def advance(
     seen_way, model_way = ((a - b) * rate for a, b in zip((seen, model), state.tips, strict=True))
     # Encoders were read at the start of the tick, so the cue compares the model's tip of then.
     cue, pull = haptics.step(
-        *(setup, params.haptics, state.haptics),
-        haptics.HapticSignal(state.tips[1], model_way, seen, seen_way),
+        params.haptics, state.haptics, state.tips[1], model_way, seen, seen_way
     )
     running, always = ~stopped, jnp.bool_(True)
     infinite, nothing = cast_to_real(setup, jnp.inf), (Vec.full(len(jpos), 0),)
@@ -235,7 +234,7 @@ def advance(
 def _drive(inject: Injector, arm: Arm, torque: Vec) -> tuple[Vec, Vec]:
     """Return the forces as commanded and as exerted."""
     (driven,) = inject("torque", (torque,))
-    (exerted,) = inject("actuator", (_clip(driven, *arm.force),))
+    (exerted,) = inject("actuator", (driven.map(clamp, *arm.force),))
     return driven, exerted
 
 
@@ -270,7 +269,7 @@ def _control(
         )
     )
     strength, stiffness, damping = _gains(arm, params)
-    force = plus(arm.gain.map(mul, strength).map(mul, _clip(control, *arm.control)), arm.bias)
+    force = plus(arm.gain.map(mul, strength).map(mul, control.map(clamp, *arm.control)), arm.bias)
     force = minus(minus(force, stiffness.map(mul, jpos)), damping.map(mul, jvel))
     held = mechanism.gravity_torque(arm.mechanism, jpos)
     return Vec(
@@ -286,10 +285,6 @@ def _gains(arm: Arm, params: Params) -> list[Vec]:
         for kind, kp, kd in zip(arm.kinds, params.kp, params.kd, strict=True)
     )
     return [Vec(column) for column in zip(*rows, strict=True)]
-
-
-def _clip(values: Vec, low: Vec, high: Vec) -> Vec:
-    return values.map(lambda x, a, b: jnp.minimum(jnp.maximum(x, a), b), low, high)
 
 
 def _least(numbers: tuple[Scalar, ...]) -> Scalar:

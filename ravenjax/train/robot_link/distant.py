@@ -198,7 +198,7 @@ def _console_code(blueprint: Blueprint) -> StepCode:
     def begin(inputs) -> observers.ObserverState:
         start = cast_to_real(setup, params.start)
         tips = per_arm(setup, lambda i, arm: kinematics.forward_pose(arm, start[i]).position)
-        return observers.init(setup, params, start, tips)
+        return observers.init(setup, start, tips)
 
     def step(
         inputs, state: observers.ObserverState, now: Scalar, robot: RobotSignals, motion

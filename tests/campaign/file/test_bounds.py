@@ -113,15 +113,12 @@ def at_the_ends(paths, **own):
 @pytest.mark.slow
 def test_the_ends_of_every_range_can_be_run(every):
     """Whatever the table lets through, the robot's numbers stay numbers."""
-    idle = (
-        "control.teleoperation.grasp_",
-        "control.overdrive.dac_max.grasp2",
-    )  # not read here, and so refused
+    # Not read here, and so refused.
+    idle = ("control.teleoperation.grasp_", "control.overdrive.dac_max.grasp2")
     shown = {paths.without_arm(path, ARMS) for path in leaves(console="absolute")}
     shown = {path for path in shown if not path.startswith(idle)}
-    drawn = {
-        "network.packets"
-    }  # drawn packets have no length of their own, and the last choice needs shares
+    # Drawn packets have no length of their own, and the last choice needs shares.
+    drawn = {"network.packets"}
     table = pd.concat([at_the_ends(shown - drawn), at_the_ends(drawn, packets=[0.5, 0.5])])
     assert len(table) > 300
     failed = table.loc[table["failed"].astype(str) != "", "group"].tolist()

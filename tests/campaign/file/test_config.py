@@ -170,9 +170,8 @@ def test_too_many_runs(write):
 def test_all_mistakes_are_told_at_once_in_order_of_lines(write):
     text = GOOD.replace("usb_out", "usb").replace("reach", "rech").replace("overwrite", "over")
     numbers = [int(line.split(":")[1]) for line in complaint(write(text)).splitlines()]
-    assert (
-        numbers == sorted(numbers) and len(numbers) == 2
-    )  # the channels and effects of an unknown site say nothing
+    # The channels and effects of an unknown site say nothing.
+    assert numbers == sorted(numbers) and len(numbers) == 2
 
 
 @pytest.mark.parametrize("name", ["quik.toml", "/nowhere/quik.toml"])

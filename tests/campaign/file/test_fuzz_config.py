@@ -129,6 +129,5 @@ def test_a_wrong_value_is_located(tmp_path_factory, number, wrong):
             line, named, _ = complaint.removeprefix(f"{path}:").split(": ", 2)
             there = rows[int(line) - 1]
             last = re.sub(r"\[\d+\]", "", named).rpartition(".")[2]
-            assert there.startswith("[") or last in there, (
-                complaint
-            )  # of a key that is missing, the table
+            # Of a key that is missing, the table.
+            assert there.startswith("[") or last in there, complaint

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -18,7 +18,6 @@ from ravenjax.campaign.file.group import ALL, Fault, Group, Run
 from ravenjax.campaign.file.location import Complaint
 from ravenjax.errors import UserError, suggest_unit
 from ravenjax.parts import part
-from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.robots.raven2.campaign.sections import (
     Hand,
     Limits,
@@ -28,7 +27,6 @@ from ravenjax.robots.raven2.campaign.sections import (
     Reaction,
 )
 from ravenjax.robots.raven2.console.motions import MOTIONS
-from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.robots.raven2.plant.kinematic_errors import MEASURED
@@ -112,24 +110,9 @@ class RavenConfig(CampaignConfig):
         return self.operator.label
 
     @property
-    def reacts(self) -> bool:
-        """Whether the operator may react to the haptic cue."""
-        return self.reaction is not None
-
-    @property
     def watches_cables(self) -> bool:
         """Whether the mechanics have tensions that can be compared with a cable's strength."""
         return parameter_sets.has_realistic_tension(self.campaign.parameter_set)
-
-    @property
-    def touches(self) -> bool:
-        """Whether contact forces of the robot are outcomes."""
-        return self.campaign.contact
-
-    @property
-    def robot_label(self) -> str:
-        """Name of the control software that runs."""
-        return self.campaign.software
 
     def lines(self) -> Iterator[tuple[str, str]]:
         """Yield (heading, text) for each line that describes the settings of the campaign."""
@@ -153,8 +136,8 @@ class RavenConfig(CampaignConfig):
         # Describes the operator's reaction to the cue in words.
         if self.reaction is None:
             return ""
-        varies = any("reaction.action" in table for _, table in self.parameter_tables())
-        variation = "as reaction.action varies, or " if varies else ""
+        varies = "reaction.action" in self.axes_by_path
+        variation = "as reaction.action varies, or " * varies
         return f"; at the cue: {variation}{MEANINGS[self.reaction.action]}"
 
     def settings(self) -> dict[str, Any]:
@@ -162,14 +145,9 @@ class RavenConfig(CampaignConfig):
         return super().settings() | {
             "software": self.campaign.software,
             "operator": self.operator.model_dump(mode="json", exclude_none=True),
-            "reaction": None if self.reaction is None else self.reaction.model_dump(mode="json"),
-            "hand": None if self.hand is None else self.hand.model_dump(mode="json"),
+            "reaction": self.reaction and self.reaction.model_dump(mode="json"),
+            "hand": self.hand and self.hand.model_dump(mode="json"),
         }
-
-    @property
-    def substeps(self) -> int:
-        """Number of plant steps in a tick."""
-        return self.campaign.substeps
 
     def generated_motions(self) -> tuple[str, ...]:
         """Return the names of the motions that the robot can generate."""
@@ -183,7 +161,7 @@ class RavenConfig(CampaignConfig):
                 largest = float(np.max(np.abs(angle)))
                 if key.endswith("_deg") and 0 < largest <= math.pi:
                     yield (name, key), f"got {angle} degrees{suggest_unit(key, angle)}"
-        axes = {path: axis for _, table in self.parameter_tables() for path, axis in table.items()}
+        axes = self.axes_by_path
         errors = [path for path in axes if ".kinematic_errors." in path]
         only_scales = all(path.endswith(".scale") for path in errors)
         measured = self.campaign.kinematic_errors == "measured"
@@ -205,7 +183,7 @@ class RavenConfig(CampaignConfig):
                 ("operator", "offset_mm"),
                 "has no effect with place = 'home', which moves the tip to the home pose",
             )
-        starts = dict(zip(JOINTS, HOME_JPOS, strict=True)) | self.operator.start.si()
+        starts = self.operator.start.jpos()
         for joint, (low, high) in self.limits.si().items():
             if self.operator.file is None and not low <= starts[joint] <= high:
                 yield ("operator", "start"), f"{joint} starts outside its range in [limits]"
@@ -220,7 +198,7 @@ class RavenConfig(CampaignConfig):
 
     def notices_of_runs(self, plan: Any) -> Iterator[tuple[str, np.ndarray, str]]:
         """See `CampaignConfig.notices_of_runs`."""
-        paths = {path for _, table in self.parameter_tables() for path in table}
+        paths = self.axes_by_path.keys()
         groups = plan.rows["group"].cat.codes.to_numpy()
 
         def groups_without_use(uses: np.ndarray) -> np.ndarray:
@@ -249,7 +227,7 @@ class RavenConfig(CampaignConfig):
             yield from self._reaction_notices(plan, paths, groups_without_use)
 
     def _reaction_notices(
-        self, plan, paths: set[str], groups_without_use: Callable[[np.ndarray], np.ndarray]
+        self, plan, paths: Collection[str], groups_without_use: Callable[[np.ndarray], np.ndarray]
     ) -> Iterator[tuple[str, np.ndarray, str]]:
         # Yields (key, which runs, message) for values of [reaction] without effect.
         written = {
@@ -448,11 +426,8 @@ def _oldest_packet_ms(groups: Iterable[Group], longest: int) -> float:
     # Returns the age in ms of the oldest packet that network faults may send again in any run. The
     # age is 0 if no packet is sent again, and infinite if it has no bound. longest: largest number
     # of cycles that a packet lasts.
-    oldest = 0.0
-    for group in groups:
-        for faults in (group.fault, *map(group.faults_of, group.run)):
-            oldest = max(oldest, _age_ms(faults, longest))
-    return oldest
+    runs = (run for group in groups for run in (group.fault, *map(group.faults_of, group.run)))
+    return max((_age_ms(faults, longest) for faults in runs), default=0.0)
 
 
 def _age_ms(faults: Iterable[Fault], longest: int) -> float:

@@ -68,8 +68,6 @@ def operator_motion(config: RavenConfig) -> Motion:
         return replay.motion
     name = operator.motion or "suture"
     generated = motions.generate_motion(name, campaign.duration_s, campaign.arms, operator.seed)
-    file_start = operator.start.si()
-    home = zip(JOINTS, generated.start_jpos[0], strict=True)  # the same for all arms
-    start = tuple(file_start.get(joint, position) for joint, position in home)
+    start = tuple(operator.start.jpos().values())
     motion = generated.first_rows(campaign.ticks)
     return dataclasses.replace(motion, start_jpos=(start,) * len(campaign.arms))

@@ -59,7 +59,12 @@ def phase_intervals(config: RavenConfig) -> dict[str, np.ndarray]:
         "slow": pedal_down & ~fast,
         "in_tissue": in_tissue[row],
     }
-    return {name: _true_intervals(mask) for name, mask in masks.items()}
+    # [begin, end) of each interval of true ticks. With a zero at both ends, begins and ends of
+    # intervals alternate.
+    return {
+        name: np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
+        for name, mask in masks.items()
+    }
 
 
 def _fixed_number(config: RavenConfig, path: str, default: float) -> float:
@@ -76,9 +81,3 @@ def _tissue_depth(motion: Motion, arm_index: int, path: np.ndarray) -> np.ndarra
         start = kinematics.forward_pose(arm, Vec(map(np.float64, start_jpos))).position
         tip = start + position_from_itp(arm, Vec(path.T))
         return np.asarray(scene.tissue_depth(arm, tip))
-
-
-def _true_intervals(mask: np.ndarray) -> np.ndarray:
-    """Return [begin, end) of each interval of true ticks in `mask`, int64 [intervals, 2]."""
-    # With a zero at both ends, begins and ends of intervals alternate
-    return np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)

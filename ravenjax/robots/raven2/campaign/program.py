@@ -58,7 +58,7 @@ def prepare_campaign(
         packet_history=config.packet_history,
         command_delay=int(np.nan_to_num(varied.get(DELAY, 0)).clip(0, LONGEST_DELAY).max()),
         checks=tuple(check.use for check in config.check),
-        reacts=config.reacts,
+        reacts=config.reaction is not None,
         hand_yields=config.hand is not None,
     )
     return Prepared(

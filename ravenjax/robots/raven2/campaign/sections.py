@@ -17,8 +17,9 @@ from ravenjax.campaign.file.section import OneOf, Section
 from ravenjax.campaign.file.sections import CampaignSection
 from ravenjax.errors import format_value, require_utf8, suggest_name
 from ravenjax.parts import part
-from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.robots.raven2.arms import JOINTS, ArmName
 from ravenjax.robots.raven2.console.motions import MOTIONS
+from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.geometry.tools import TOOLS
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.store.motion.options import (
@@ -186,9 +187,10 @@ class Start(Section):
     wrist_deg: _Wrist | None = None
     """wrist of the instrument"""
 
-    def si(self) -> dict[str, float]:
-        """Return the joints in the file and their positions, rad and m."""
-        return {joint: value * factor for joint, factor, value in _keys(self)}
+    def jpos(self) -> dict[str, float]:
+        """Return the position of each joint, rad and m."""
+        home = dict(zip(JOINTS, HOME_JPOS, strict=True))
+        return home | {joint: value * factor for joint, factor, value in _keys(self)}
 
 
 def _keys(section: Section) -> Iterator[tuple[str, float, Any]]:
@@ -313,7 +315,7 @@ class Operator(Section):
     @model_validator(mode="after")
     def _check_keys(self) -> Operator:
         # Refuses keys for another kind of motion, a hash without a file, and a wrong window.
-        if self.file is not None and self.start.si():
+        if self.file is not None and self.start != Start():
             raise ValueError(
                 "start is for generated motions only; a recorded motion begins where it was"
                 " recorded: remove start"

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ravenjax.numbers import cast_to_real, describe_fields, for_each_arm, jnp, per_arm, run_eagerly
-from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, to_int32, where
+from ravenjax.numbers.vec import Scalar, Vec, as_int, clamp, record, replace, to_int32, where
 from ravenjax.parts import part
 from ravenjax.robots.raven2.console.motion import ARM_COLUMNS, NOMINAL_SCALE
 from ravenjax.robots.raven2.console.packet import SIZE_BYTES, Packet
@@ -67,7 +67,7 @@ def look_up_row(table: tuple[Any, ...], row: Scalar) -> MotionRow:
     """Return a row of a motion. row: its index, clamped to the first and last row. table: the
     columns of `Motion.table()`, each a 1-D array.
     """
-    row = jnp.minimum(jnp.maximum(as_int(row), 0), table[0].shape[0] - 1)
+    row = clamp(as_int(row), 0, table[0].shape[0] - 1)
     values = [column.at[row].get(mode="clip", wrap_negative_indices=False) for column in table]
     width = len(ARM_COLUMNS)
     arms = [values[i : i + width] for i in range(0, len(values) - 1, width)]

@@ -22,11 +22,11 @@ from operator import or_
 
 import numpy as np
 
-from ravenjax.numbers import describe_fields, jnp, lax, per_arm
+from ravenjax.numbers import describe_fields, jnp, lax
 from ravenjax.numbers.algebra import norm
-from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
+from ravenjax.numbers.vec import Scalar, Vec, as_int, first_tick, record, replace
 from ravenjax.robots.raven2.console.operator import Deviation
-from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup
+from ravenjax.robots.raven2.setup import PerArm, RavenSetup
 from ravenjax.vocabulary.reactions import CORRECT, NONE, RELEASE, SLOW
 
 TICK_S = 1e-3
@@ -114,7 +114,7 @@ def packet_deviation(
 
 
 def feel_cue(
-    setup: RavenSetup, params: ReactionParams, state: ReactionState, senses: OperatorSenses
+    params: ReactionParams, state: ReactionState, senses: OperatorSenses
 ) -> tuple[ReactionState, PerArm[Vec]]:
     """Return the state after this tick's cue, and the correcting motion of each tip, m, frame 0.
     The first pull in pedal-down starts the delay of the reaction.
@@ -122,15 +122,15 @@ def feel_cue(
     pull_is_felt = reduce(or_, (force > params.felt_force for force in senses.force))
     correcting = (state.acted >= 0) & (params.action == CORRECT) & senses.pedal_down
 
-    def correction(i: int, _: ArmName):
+    def correction(tip: Vec, model_tip: Vec, off_plan: Vec) -> Vec:
         # Returns the motion of one tip in this tick that reduces its distance, m.
         # off_plan is taken off, because the nominal model also follows the hands' deviation
-        error = senses.model_tip[i] - senses.off_plan[i] - senses.tip[i]
+        error = model_tip - off_plan - tip
         distance = norm(error)
         speed = jnp.minimum(distance * params.correct_per_s, params.correct_speed)
         share = jnp.where(correcting, speed * TICK_S / jnp.maximum(distance, MIN_DISTANCE_M), 0.0)
         return error * share
 
-    is_first = pull_is_felt & senses.pedal_down & (state.felt < 0)
-    state = replace(state, felt=jnp.where(is_first, senses.tick, state.felt))
-    return state, per_arm(setup, correction)
+    felt = first_tick(senses.tick, pull_is_felt & senses.pedal_down, state.felt)
+    state = replace(state, felt=felt)
+    return state, tuple(map(correction, senses.tip, senses.model_tip, senses.off_plan))

@@ -65,8 +65,6 @@ def joint_names(arm: ArmName) -> tuple[str, ...]:
 
 def frame_rotation(arm: ArmName) -> np.ndarray:
     """Return the rotation [3, 3] of the arm's frame 0 in the world."""
-    import mujoco
+    from ravenjax.mechanics.rigid_tree import rotation_matrix  # imports MuJoCo
 
-    rotation = np.zeros(9)
-    mujoco.mju_quat2Mat(rotation, operating_scene().body(base_body(arm)).quat)
-    return rotation.reshape(3, 3)
+    return rotation_matrix(operating_scene().body(base_body(arm)).quat)

@@ -21,7 +21,7 @@ The insertion axis can point from the wrist or toward it (depth 0, 1). The elbow
 from functools import partial
 from typing import NamedTuple
 
-from ravenjax.numbers import Scalar, Vec, as_int, if_rarely, jnp, record, replace, where
+from ravenjax.numbers import Scalar, Vec, as_int, clamp, if_rarely, jnp, record, replace, where
 from ravenjax.numbers.algebra import cross, dot, transpose
 from ravenjax.robots.raven2.geometry import joints
 from ravenjax.robots.raven2.geometry.joints import D4, GEOMETRY, GM1, GM2, GM3, LW, PI, Pose, Theta
@@ -194,7 +194,7 @@ def _solve_depth(arm: str, wrist: _Wrist, axes: _Axes, depth: Scalar) -> _BendPa
     ahead, behind = (wrist.direction, wrist.insertion), (-wrist.direction, -wrist.insertion)
     insertion_axis, distance = where(depth, ahead, behind)
     cosine = insertion_axis[2] * (-1.0 / (GM1 * GM3)) + GM2 * cos23 / (GM1 * GM3)
-    c2 = jnp.minimum(jnp.maximum(cosine, -1.0), 1.0)
+    c2 = clamp(cosine, -1.0, 1.0)
     s2 = jnp.sqrt((1.0 - c2) * (1.0 + c2))
 
     # With a clamped cosine, the insertion axis of theta1 and theta2 misses the wrist by some um

@@ -288,7 +288,7 @@ def control_cycle(
     signals = ControlSignals(
         arms=tuple(
             ArmSignals(**row)
-            for row in _rows_of(
+            for row in rows_of(
                 enc_val=read.enc_val,
                 mpos=mpos,
                 mvel=mvel,
@@ -331,8 +331,8 @@ def control_cycle(
     return state, signals
 
 
-def _rows_of(**columns: tuple[Any, ...]) -> list[dict[str, Any]]:
-    # Returns the fields of each arm. columns: name of a field -> its values, one per arm.
+def rows_of(**columns: tuple[Any, ...]) -> list[dict[str, Any]]:
+    """Return the fields of each arm. columns: name of a field -> its values, one per arm."""
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
@@ -345,7 +345,7 @@ def replace_fields(records: tuple[Any, ...], **columns: tuple[Any, ...]) -> tupl
     """Return the records of the arms with new values of some fields.
     columns: name of a field -> its new values, one per arm.
     """
-    rows = _rows_of(**columns)
+    rows = rows_of(**columns)
     return tuple(replace(old, **row) for old, row in zip(records, rows, strict=True))
 
 

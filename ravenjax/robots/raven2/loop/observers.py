@@ -51,13 +51,11 @@ class Observations(NamedTuple):
     live: Scalar  # bool
 
 
-def init(
-    setup: RavenSetup, params: TickParams, start: PerArm[Vec], tips: PerArm[Vec]
-) -> ObserverState:
+def init(setup: RavenSetup, start: PerArm[Vec], tips: PerArm[Vec]) -> ObserverState:
     """Return the observers of a robot at rest. start: 7 joints, rad and m. tips: true tips, m."""
     return ObserverState(
-        nominal=map_arms(setup, nominal.init, params.nominal, start),
-        haptics=for_each_arm(setup, haptics.init(setup, params.haptics)),
+        nominal=map_arms(setup, nominal.init, start),
+        haptics=for_each_arm(setup, haptics.init(setup)),
         monitor=monitor.init(setup, tips, _to_um(tips)),
     )
 
@@ -85,10 +83,9 @@ def update_model_and_cue(
         )
         jvel = cast_to_real(setup, jvel)
         tip = kinematics.forward_pose(arm, jpos).position
-        signal = haptics.HapticSignal(
-            model.tip_position, model.tip_velocity, tip, kinematics.tip_velocity(arm, jpos, jvel)
-        )
-        return tip, *haptics.step(setup, params.haptics, device_state, signal)
+        model_motion = model.tip_position, model.tip_velocity
+        motion = tip, kinematics.tip_velocity(arm, jpos, jvel)
+        return tip, *haptics.step(params.haptics, device_state, *model_motion, *motion)
 
     def make_command(*command) -> nominal.Command:
         # Returns the command for the nominal model of one arm.

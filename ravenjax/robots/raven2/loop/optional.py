@@ -125,7 +125,7 @@ def _feel_cue(state, sight: Sight) -> Any:
         pedal_down=sight.pedal_down,
         tick=sight.tick,
     )
-    state, correction = reaction.feel_cue(setup, params.reaction, state, senses)
+    state, correction = reaction.feel_cue(params.reaction, state, senses)
     sight.hands = operator.add_tip_motion(setup, params.operator, sight.hands, correction)
     return state
 
@@ -202,8 +202,7 @@ def _add_loads(state, sight: Sight) -> Any:
 
 
 def _add_touches(state, sight: Sight) -> Any:
-    touches = (out.touch for out in sight.signals.plant)
-    return touch.step(state, tuple(contact for contact in touches if contact is not None))
+    return touch.step(state, tuple(out.touch for out in sight.signals.plant))
 
 
 STAGES: dict[str, Stage] = {

@@ -13,6 +13,7 @@ from ravenjax.numbers import (
     Scalar,
     Vec,
     cast_to_real,
+    first_tick,
     for_each_arm,
     jnp,
     replace,
@@ -57,15 +58,14 @@ def params(
     start_jpos: 7 joints per arm, rad and m. parameter_set: mechanics of the virtual robot, one of
     `parameter_sets.Name`.
     """
-    sets = for_each_arm(setup, parameter_set)
     return TickParams(
         operator=operator.params(setup, start_jpos),
         network=NetworkParams(),
         usb=UsbParams(),
         control=control.params(setup),
         plc=plc.PlcParams(),
-        plant=map_arms(setup, plant.params, sets),
-        nominal=map_arms(setup, nominal.params, sets),
+        plant=map_arms(setup, plant.params, for_each_arm(setup, parameter_set)),
+        nominal=for_each_arm(setup, nominal.params(setup, parameter_set)),
         haptics=haptics.params(setup),
         reaction=reaction.ReactionParams() if setup.reacts else None,
         hand=hand.HandParams() if setup.hand_yields else None,
@@ -85,7 +85,7 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
     plants = map_arms(setup, plant.init, params.plant, jpos)
     robots = map_arms(setup, plant.observe_robot, params.plant, plants)
     tips = plant.true_tips(setup, params.plant, plants, robots)
-    observers_state = observers.init(setup, params, jpos, tips)
+    observers_state = observers.init(setup, jpos, tips)
     zero = jnp.int32(0)
     # The start of a run is a constant of the campaign, so it is computed now and not in the tick.
     with run_eagerly():
@@ -104,11 +104,9 @@ def init(setup: RavenSetup, params: TickParams) -> TickState:
         plant=plants,
         enc_val=tuple(out.enc_val for out in robots),
         motors=motor_angles(setup, robots),
-        nominal=observers_state.nominal,
-        haptics=observers_state.haptics,
+        **vars(observers_state),
         hands=operator.hands_on_plan(setup) if hands_may_move else operator.NO_OFFSETS,
         files=user_files.init(setup, params.checks, params.control.own),
-        monitor=observers_state.monitor,
         stages={name: stage.init(start) for name, stage in stages.items()},
         pedal_ticks=jnp.int32(-1),
         pedal_down_ticks=zero,
@@ -222,7 +220,7 @@ def act(
     holds = is_taken["hold"] & (state.plc.runlevel == run_levels.PEDAL_DOWN)
     operator_state = state.stages["reaction"]
     # The operator acts as if a cue were felt in this tick.
-    felt = jnp.where(lifts_foot & (operator_state.felt < 0), tick, operator_state.felt)
+    felt = first_tick(tick, lifts_foot, operator_state.felt)
     # A delay of one tick makes the motors follow the command of the last tick, which is replaced.
     last_tick, *earlier = state.commands
     state = replace(

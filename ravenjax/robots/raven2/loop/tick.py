@@ -263,11 +263,9 @@ def _move_robot(
     commands = boards.current_cmd
     for ticks, earlier in enumerate(state.commands, start=1):
         commands = where(params.usb.command_delay == ticks, earlier, commands)
-    plant_signals = []
-    for i, command in enumerate(commands):
-        faulty_values = {site: arms[i] for site, arms in mechanical_faults.items()}
-        plant_signals.append(plant.PlantSignal(command, brakes, **faulty_values))
-    moved = plant.step_all(setup, params.plant, state.plant, tuple(plant_signals), params.contact)
+    rows = control.rows_of(current_cmd=commands, **mechanical_faults)
+    plant_signals = tuple(plant.PlantSignal(brakes=brakes, **row) for row in rows)
+    moved = plant.step_all(setup, params.plant, state.plant, plant_signals, params.contact)
     robots = tuple(out for _, out in moved)
     state = replace(
         state,

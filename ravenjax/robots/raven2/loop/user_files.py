@@ -35,7 +35,7 @@ from operator import and_, or_
 from typing import Any
 
 from ravenjax.numbers import cast_to_real, for_each_arm, jnp, narrow_numbers, per_arm
-from ravenjax.numbers.vec import Scalar, Vec, cast, record, replace, where
+from ravenjax.numbers.vec import Scalar, Vec, cast, clamp, record, replace, where
 from ravenjax.parts import part
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.geometry import transmission
@@ -365,8 +365,5 @@ def _limit_commands(
     """
     nonzero = (reduce(or_, (x != 0 for x in command)) for command in commands)
     limited = list(map(and_, trips, nonzero))
-    saturated = tuple(
-        value.map(lambda x: jnp.minimum(jnp.maximum(x, dac.LOWEST), dac.HIGHEST))
-        for value in values
-    )
+    saturated = tuple(value.map(lambda x: clamp(x, dac.LOWEST, dac.HIGHEST)) for value in values)
     return _where_tripped(limited, saturated, commands)

@@ -25,7 +25,7 @@ import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ravenjax.numbers import Scalar, Vec, describe_fields, jnp, record, where
+from ravenjax.numbers import Scalar, Vec, clamp, describe_fields, jnp, record, where
 from ravenjax.numbers.algebra import add, dot, matvec, mul, norm, transpose
 from ravenjax.robots.raven2.geometry import instrument, scene
 from ravenjax.robots.raven2.setup import ArmName, PerArm
@@ -239,16 +239,12 @@ def _nearest_points(first: _Piece, second: _Piece) -> _Pair:
     a, b, e = dot(d1, d1), dot(d1, d2), dot(d2, d2)
     c, f = dot(d1, r), dot(d2, r)
     # The lower bound avoids a division by zero if the axes are parallel.
-    s = _clamp_share((b * f - c * e) / jnp.maximum(a * e - b * b, 1e-12))
-    t = _clamp_share((b * s + f) / e)
-    s = _clamp_share((b * t - c) / a)
+    s = clamp((b * f - c * e) / jnp.maximum(a * e - b * b, 1e-12), 0.0, 1.0)
+    t = clamp((b * s + f) / e, 0.0, 1.0)
+    s = clamp((b * t - c) / a, 0.0, 1.0)
     points = first.begin + d1 * s, second.begin + d2 * t
     separation = points[0] - points[1]
     distance = norm(separation)
     jaw_shares = s if first.is_jaws else s * 0.0, t if second.is_jaws else t * 0.0
     depth = first.radius + second.radius - distance
     return _Pair(depth, distance, separation, points, jaw_shares)
-
-
-def _clamp_share(x: Scalar) -> Scalar:
-    return jnp.minimum(jnp.maximum(x, 0.0), 1.0)

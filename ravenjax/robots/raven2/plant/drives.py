@@ -46,7 +46,7 @@ stiffness is *assumed*: metal on rubber, stiffer than the cable that presses the
 
 import math
 
-from ravenjax.numbers import Scalar, Vec, as_int, describe_fields, jnp, record
+from ravenjax.numbers import Scalar, Vec, as_int, clamp, describe_fields, jnp, record
 from ravenjax.numbers.algebra import add, mul
 from ravenjax.robots.raven2.geometry import limits, transmission
 from ravenjax.robots.raven2.geometry.tools import find_tool
@@ -77,18 +77,15 @@ class Angle:
     fraction: Scalar  # of a count, -0.5 to 0.5
 
 
-def at_angle(angle: Scalar) -> Angle:
-    """Return an angle (rad) as whole counts and a fraction."""
-    counts = angle * COUNTS_PER_RAD
-    whole = jnp.floor(counts + 0.5)
-    return Angle(as_int(whole), counts - whole)
-
-
 def advance_angle(angle: Angle, turned: Scalar) -> Angle:
     """Return the angle after turning by `turned` (rad)."""
-    counts = angle.fraction + turned * COUNTS_PER_RAD
+    counts = add(angle.fraction, turned * COUNTS_PER_RAD)
     whole = jnp.floor(counts + 0.5)
-    return Angle(angle.count + as_int(whole), counts - whole)
+    return Angle(add(angle.count, as_int(whole)), counts - whole)
+
+
+REFERENCE = Angle(0, 0.0)
+"""The angle at the reference count."""
 
 
 def angle_in_radians(angle: Angle, dtype: str) -> Scalar:
@@ -181,7 +178,7 @@ def limit_torque(
     """
     induced = back_emf * speed
     torque = jnp.minimum(jnp.maximum(torque, -stall_torque - induced), stall_torque - induced)
-    return jnp.minimum(jnp.maximum(torque, -torque_limit), torque_limit)
+    return clamp(torque, -torque_limit, torque_limit)
 
 
 def eliminate_motor(

@@ -28,9 +28,9 @@ pedal is up the model stands still, and its target is its pose, as in the robot.
 
 import numpy as np
 
-from ravenjax.numbers import cast_to_real, describe_fields, jnp
+from ravenjax.numbers import cast_to_real, describe_fields
 from ravenjax.numbers.algebra import mul, solve_spd
-from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace, to_int32, where
+from ravenjax.numbers.vec import Scalar, Vec, as_int, clamp, record, replace, to_int32, where
 from ravenjax.robots.raven2.dynamics import link_dynamics
 from ravenjax.robots.raven2.geometry import kinematics, limits, mapping, transmission
 from ravenjax.robots.raven2.original import constants as stored
@@ -103,9 +103,7 @@ class NominalOutput:
     tip_velocity: Vec  # m/s, 3
 
 
-def params(
-    setup: RavenSetup, arm: ArmName, parameter_set: str = parameter_sets.DEFAULT
-) -> NominalParams:
+def params(setup: RavenSetup, parameter_set: str = parameter_sets.DEFAULT) -> NominalParams:
     """Return the default parameters for a robot of that set, one of `parameter_sets.Name`."""
     values = parameter_sets.parameter_set(parameter_sets.nominal_set(parameter_set))
     # As in the software, the first arm's tool limits the joints of every arm.
@@ -134,7 +132,7 @@ def params(
     )
 
 
-def init(setup: RavenSetup, arm: ArmName, params: NominalParams, jpos0: Vec) -> NominalState:
+def init(setup: RavenSetup, arm: ArmName, jpos0: Vec) -> NominalState:
     """Return the state at rest at `jpos0` (rad, m), which is also its target."""
     jpos, still = cast_to_real(setup, (jpos0, Vec.full(7, 0.0)))
     return NominalState(jpos, still, still[0], init_target(arm, jpos))
@@ -158,7 +156,7 @@ def step(
     follows_robot = (params.resync != 0) & (command.engaged == 0)
     state = replace(state, jpos=where(follows_robot, measured, state.jpos))
     target = step_target(setup, arm, params.target, state.target, command, state.jpos)
-    tracking = replace(track_target(setup, arm, params, state, target.jpos_d), target=target)
+    tracking = replace(track_target(arm, params, state, target.jpos_d), target=target)
     at_rest = replace(state, jvel=state.jvel * 0.0, target=target)
     state = where(command.engaged != 0, tracking, at_rest)
     # The target keeps its types, which are integers in part.
@@ -171,7 +169,7 @@ def step(
 
 
 def track_target(
-    setup: RavenSetup, arm: ArmName, params: NominalParams, state: NominalState, jpos_d: Vec
+    arm: ArmName, params: NominalParams, state: NominalState, jpos_d: Vec
 ) -> NominalState:
     """Return the state after one linearly implicit step (1 ms) toward joints `jpos_d` (rad, m)."""
     dt = TICK_S
@@ -255,7 +253,7 @@ def _commanded_pose(
     position_um = state.position_um + mapping.position_from_itp(arm, command.delta_um)
     quat = mapping.quat_mul(mapping.quat_from_itp(arm, command.quat), state.quat)
     square = quat[0] * quat[0] + quat[1] * quat[1] + quat[2] * quat[2] + quat[3] * quat[3]
-    grasp = jnp.minimum(jnp.maximum(state.grasp_mrad - gain * command.grasp_mrad, lowest), highest)
+    grasp = clamp(state.grasp_mrad - gain * command.grasp_mrad, lowest, highest)
     # One Newton step of 1/sqrt in each tick keeps the length of the quaternion at 1.
     return position_um, quat * (1.5 - 0.5 * square), as_int(grasp)
 
@@ -265,7 +263,7 @@ def _clamp(setup: RavenSetup, params: TargetParams, jpos: Vec, yaw: Scalar) -> t
     angles, at_limit = list(jpos), False
     for i, (low, high) in enumerate(zip(params.lower, params.upper, strict=True)):
         at_limit = at_limit | (jpos[i] <= low) | (jpos[i] >= high)
-        angles[i] = jnp.minimum(jnp.maximum(jpos[i], low), high)
+        angles[i] = clamp(jpos[i], low, high)
     lowest_yaw = limits.soft_limits(setup.tools[0], setup.software).lower[5]
     if lowest_yaw is not None:
         at_limit = at_limit | (yaw <= lowest_yaw)

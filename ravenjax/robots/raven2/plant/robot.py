@@ -138,7 +138,7 @@ def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> Pl
         stretches.append(drives.resting_stretch(lever, stiffness, torques[i]))
     stretch = Vec(stretches)
     angles = _nominal_coupling(setup, arm).to_motors(jpos0) + stretch
-    motors = tuple(map(drives.at_angle, angles))
+    motors = tuple(drives.advance_angle(drives.REFERENCE, angle) for angle in angles)
     fractions = Vec(motor.fraction * transmission.ENCODER_RAD for motor in motors)
     zero = jnp.int32(0)
     return PlantState(

@@ -3,7 +3,7 @@
 raven2: t_to_DAC_val.cpp, utils.cpp.
 """
 
-from ravenjax.numbers import Scalar, Vec, jnp, to_int32
+from ravenjax.numbers import Scalar, Vec, clamp, jnp, to_int32
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.original import constants as stored
 from ravenjax.robots.raven2.setup import ArmName, RavenSetup
@@ -29,4 +29,4 @@ def stored_counts(counts: Vec, enabled: Scalar, otherwise: Vec) -> Vec:
 
 
 def _stored(count: Scalar, enabled: Scalar, otherwise: Scalar) -> Scalar:
-    return jnp.where(enabled, jnp.minimum(jnp.maximum(count, LOWEST), HIGHEST), otherwise)
+    return jnp.where(enabled, clamp(count, LOWEST, HIGHEST), otherwise)

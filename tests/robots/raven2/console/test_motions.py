@@ -129,6 +129,5 @@ def test_reachable_inside_the_soft_limits(solve, arm, scale):
             for j in (0, 1, 3, 4):
                 assert joints[:, j].min() > soft.lower[j] + margin, (name, seed, j)
                 assert joints[:, j].max() < soft.upper[j] - margin, (name, seed, j)
-            assert (
-                soft.lower[2] < joints[:, 2].min() and joints[:, 2].max() < 0.44
-            )  # m; the remote centre is at 0.457
+            # In m; the remote centre is at 0.457.
+            assert soft.lower[2] < joints[:, 2].min() and joints[:, 2].max() < 0.44

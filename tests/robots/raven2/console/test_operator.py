@@ -58,9 +58,8 @@ def test_increment_quaternions_compose_to_the_hand(motion):
         for step in steps:
             turn = step * turn
         apart = (turn * Rotation.from_quat(motion.quat[-1, i]).inv()).magnitude()
-        assert (
-            apart < 2e-5
-        )  # float32 columns: 6e-8 a tick over 6000 ticks, as a random walk and its bias
+        # Float32 columns: 6e-8 a tick over 6000 ticks, as a random walk and its bias.
+        assert apart < 2e-5
         assert np.abs(np.linalg.norm(np.stack(sent.quat[i], axis=1), axis=1) - 1.0).max() < 3e-7
 
 
@@ -82,14 +81,12 @@ def test_absolute_packets_are_the_pose_in_frame_0(motion, arm):
     with jax.enable_x64(True):
         sent = packets(make_setup("absolute", REFERENCE), motion, 0.1)
     sign = 1 if arm == "gold" else -1
-    start = np.array(
-        [-77946.997893, sign * -25265.555299, 13225.627957]
-    )  # home; raven2's own kinematics
+    # Home; raven2's own kinematics.
+    start = np.array([-77946.997893, sign * -25265.555299, 13225.627957])
     axes = np.array(ITP_AXES[arm])
     expected = start + motion.position_um[:, i].astype(np.float32) * 0.1 @ axes.T
-    assert (
-        np.abs(np.stack(sent.delta[i], axis=1) - np.trunc(expected)).max() <= 1
-    )  # a truncation at a whole number
+    # A truncation at a whole number.
+    assert np.abs(np.stack(sent.delta[i], axis=1) - np.trunc(expected)).max() <= 1
     assert (sent.size == 204).all()
     home = Rotation.from_quat(
         [float(c) for c in operator.params(make_setup(), motion.start_jpos).start_quat[i]]

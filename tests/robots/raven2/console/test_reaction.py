@@ -37,7 +37,7 @@ def felt(
 def after_pull(action, **changes):
     """State at tick 400, packet 390, of an operator who felt a pull in tick 100."""
     asked = params(action, **changes)
-    state, _ = reaction.feel_cue(SETUP, asked, reaction.init(), felt(0.01, 100))
+    state, _ = reaction.feel_cue(asked, reaction.init(), felt(0.01, 100))
     return asked, reaction.react_to_cue(SETUP, asked, state, jnp.int32(400), jnp.int32(390))
 
 
@@ -47,8 +47,8 @@ def deviation(asked, state, row):
 
 def test_the_action_begins_after_the_reaction_time():
     asked = params("release", delay_ms=250.0)
-    state, _ = reaction.feel_cue(SETUP, asked, reaction.init(), felt(0.01, 100))
-    state, _ = reaction.feel_cue(SETUP, asked, state, felt(0.02, 101))
+    state, _ = reaction.feel_cue(asked, reaction.init(), felt(0.01, 100))
+    state, _ = reaction.feel_cue(asked, state, felt(0.02, 101))
     assert int(state.felt) == 100
     early = reaction.react_to_cue(SETUP, asked, state, jnp.int32(349), jnp.int32(349))
     assert int(early.acted) == -1
@@ -61,7 +61,7 @@ def test_the_action_begins_after_the_reaction_time():
 @pytest.mark.parametrize("force, down", [(0.0, True), (0.005, True), (0.02, False)])
 def test_what_is_too_weak_or_comes_with_the_pedal_up_is_not_felt(force, down):
     asked = params("release", felt_force=0.005)
-    state, _ = reaction.feel_cue(SETUP, asked, reaction.init(), felt(force, 100, down=down))
+    state, _ = reaction.feel_cue(asked, reaction.init(), felt(force, 100, down=down))
     assert int(state.felt) == -1
 
 
@@ -90,7 +90,7 @@ def test_correction_goes_to_where_the_instrument_was_meant_to_be():
     for tick in range(400, 1400):
         distances.append(np.linalg.norm(offset + moved))
         shown = felt(0.05, tick, tip=offset + moved, model=moved, off_plan=moved)
-        state, (more,) = reaction.feel_cue(SETUP, asked, state, shown)
+        state, (more,) = reaction.feel_cue(asked, state, shown)
         moved = moved + np.array([float(x) for x in more])
     speed = -np.diff(distances) / 1e-3
     assert speed.max() <= 0.05 + 1e-9
@@ -101,7 +101,5 @@ def test_correction_goes_to_where_the_instrument_was_meant_to_be():
 @pytest.mark.parametrize("action, down", [("release", True), ("slow", True), ("correct", False)])
 def test_nobody_else_corrects(action, down):
     asked, state = after_pull(action)
-    _, (more,) = reaction.feel_cue(
-        SETUP, asked, state, felt(0.05, 400, tip=(0.004, 0, 0), down=down)
-    )
+    _, (more,) = reaction.feel_cue(asked, state, felt(0.05, 400, tip=(0.004, 0, 0), down=down))
     assert [float(x) for x in more] == [0.0, 0.0, 0.0]

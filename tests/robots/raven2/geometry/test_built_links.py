@@ -13,10 +13,8 @@ from ravenjax.robots.raven2.geometry import built_links, kinematics
 from ravenjax.robots.raven2.geometry.built_links import LinkErrors
 
 LOW, HIGH = (0.0, 0.8, 0.23, -3.0, -1.2, -1.0, -1.0), (1.6, 2.3, 0.56, 3.0, 1.2, 1.0, 1.0)
-ZEROS = {
-    "gold": (205.0, 180.0, 90.0),
-    "green": (25.0, 0.0, -90.0),
-}  # deg, theta of the table at joint 0
+# In deg: theta of the table at joint 0.
+ZEROS = {"gold": (205.0, 180.0, 90.0), "green": (25.0, 0.0, -90.0)}
 
 
 def by_matrices(arm: str, q: np.ndarray, errors: LinkErrors) -> np.ndarray:

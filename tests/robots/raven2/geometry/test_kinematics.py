@@ -164,9 +164,8 @@ def test_candidates_equal_the_originals_equations(arm):
         [random_joints(150, seed=1), random_joints(150, seed=2, low=[-3] * 7, high=[3] * 7)]
     )
     t06 = np.array([matrix(arm, q) for q in jpos])
-    t06[::3, :3, :3] += np.random.default_rng(3).normal(
-        0, 0.05, (100, 3, 3)
-    )  # the original does not ask for a rotation
+    # The original does not ask for a rotation.
+    t06[::3, :3, :3] += np.random.default_rng(3).normal(0, 0.05, (100, 3, 3))
     theta, valid = candidates(arm, t06)
     for i, t in enumerate(t06):
         expected, expected_valid, code = solutions(arm, t)

@@ -28,9 +28,8 @@ def test_it_moves_as_the_robot_of_a_campaign():
         encoders.append(reading.encoders)
         levels.append(int(reading.signals.runlevel))
         tips.append(reading.signals.tip)
-    there = trace.enc_val_cnt.values[
-        1:
-    ]  # of the tick before: software reads before the robot moves
+    # Of the tick before: software reads before the robot moves.
+    there = trace.enc_val_cnt.values[1:]
     travel = np.ptp(there, axis=0)
     assert travel.max() > 5000
     apart = np.abs(np.array(encoders)[:-1] - there)

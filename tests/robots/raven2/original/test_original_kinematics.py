@@ -18,14 +18,8 @@ from ravenjax.robots.raven2.geometry.joints import Pose
 from ravenjax.robots.raven2.original import literal
 
 DEG = math.pi / 180
-LOW = (
-    0,
-    45 * DEG,
-    0.23,
-    -182 * DEG,
-    -70 * DEG,
-    -105 * DEG,
-)  # shoulder, elbow, insertion, roll, wrist, yaw
+# Shoulder, elbow, insertion, roll, wrist, yaw.
+LOW = (0, 45 * DEG, 0.23, -182 * DEG, -70 * DEG, -105 * DEG)
 HIGH = (90 * DEG, 135 * DEG, 0.56, 182 * DEG, 70 * DEG, 105 * DEG)
 HOME = (30 * DEG, 90 * DEG, 0.4, 0.0, 0.0, 0.0)
 
@@ -99,9 +93,8 @@ def drawn(rng, low=LOW, high=HIGH):
 @pytest.mark.parametrize("arm", ARMS)
 def test_forward_is_the_originals_to_the_last_bit(arm):
     rng = random.Random(1)
-    turns = [
-        drawn(rng, [-18] * 6, [18] * 6) for _ in range(200)
-    ]  # up to three turns are taken off one by one
+    # Up to three turns are taken off one by one.
+    turns = [drawn(rng, [-18] * 6, [18] * 6) for _ in range(200)]
     for joints in (HOME, *(drawn(rng) for _ in range(200)), *turns):
         assert forward(arm, joints) == oracle.forward(number(arm), joints), joints
 

@@ -76,9 +76,8 @@ def test_parting_makes_no_energy_and_takes_that_of_the_spring() -> None:
         coast = constant([0] * N, 300)
         _, whole = simulate(one, coast, free, state=state)
         carried = columns(whole.carried)
-        strength = np.maximum(
-            0.9 * carried.max(axis=0), 1.01 * carried[:20].max(axis=0)
-        )  # none parts at once
+        # None parts at once.
+        strength = np.maximum(0.9 * carried.max(axis=0), 1.01 * carried[:20].max(axis=0))
         weak = replace(free, cable_strength=Vec(strength))
         breakable = replace(state, intact=Vec.full(N, 1.0))
         end, out = simulate(BREAKING, coast, weak, state=breakable)

@@ -188,9 +188,8 @@ def test_pressed_with_a_known_motor_torque_the_arm_comes_to_rest_where_statics_s
     with jax.enable_x64(True):
         params, states = begun(("gold",), [at_depth(0.5e-3)], [STILL])
         smooth = replace(TOUCH, friction=0.0)
-        hard = Vec(
-            0.0 if i == 2 else 100.0 for i in range(N)
-        )  # all motors but the insertion's stand still
+        # All motors but the insertion's stand still.
+        hard = Vec(0.0 if i == 2 else 100.0 for i in range(N))
         motor = replace(params[0].actuators, coulomb=hard, viscous=Vec.full(N, 0.005))
         held = replace(
             params[0],

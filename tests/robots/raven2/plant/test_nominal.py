@@ -41,13 +41,13 @@ def clean(delta_um=(0, 0, 0), quat=STILL, grasp=0, engaged=1, setup=SETUP) -> no
 
 
 def by_targets(setup: RavenSetup, targets: np.ndarray, params=None) -> np.ndarray:
-    params = params or nominal.params(setup, "gold")
+    params = params or nominal.params(setup)
 
     def tick(state, row):
-        state = nominal.track_target(setup, "gold", params, state, Vec(row[i] for i in range(7)))
+        state = nominal.track_target("gold", params, state, Vec(row[i] for i in range(7)))
         return state, jnp.stack(state.jpos)
 
-    start = nominal.init(setup, "gold", params, HOME_JPOS)
+    start = nominal.init(setup, "gold", HOME_JPOS)
     rows = jnp.asarray(targets, setup.precision.real)
     return np.asarray(quickly.jit(lambda s, u: jax.lax.scan(tick, s, u))(start, rows)[1])
 
@@ -56,7 +56,7 @@ def by_targets(setup: RavenSetup, targets: np.ndarray, params=None) -> np.ndarra
 def test_the_equation_of_motion_is_the_stated_one() -> None:
     """Without dry friction, against Radau on the equation as written."""
     with jax.enable_x64(True):
-        params = replace(nominal.params(SETUP, "gold"), kc=Vec.full(5, 0.0))
+        params = replace(nominal.params(SETUP), kc=Vec.full(5, 0.0))
         targets = smooth_targets(700)
         ours = by_targets(SETUP, targets, params)
 
@@ -65,9 +65,8 @@ def test_the_equation_of_motion_is_the_stated_one() -> None:
             jaws = HOME_JPOS[5:]
             locked = Vec((*(q[i] for i in range(5)), *jaws))
             turning = Vec((*(v[i] for i in range(5)), 0.0, 0.0))
-            gravity_0 = Vec(
-                (-9.81, 0.0, 0.0)
-            )  # of no consequence: the controller's G(q) cancels it
+            # Of no consequence: the controller's G(q) cancels it.
+            gravity_0 = Vec((-9.81, 0.0, 0.0))
             mass, bias = link_dynamics.mass_matrix_and_bias("gold", locked, turning, gravity_0)
             _, weight = link_dynamics.mass_matrix_and_bias(
                 "gold", locked, Vec.full(7, 0.0), gravity_0
@@ -97,8 +96,8 @@ def test_the_equation_of_motion_is_the_stated_one() -> None:
 
 
 def run(setup: RavenSetup, commands: list, start=HOME_JPOS, measured=HOME_JPOS, resync=0):
-    params = replace(nominal.params(setup, "gold"), resync=np.int32(resync))
-    begin = nominal.init(setup, "gold", params, start)
+    params = replace(nominal.params(setup), resync=np.int32(resync))
+    begin = nominal.init(setup, "gold", start)
     state = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.result_type(leaf)), begin)
     step = compiled_step(setup)
     for command in commands:
@@ -124,7 +123,7 @@ def test_it_follows_increments_to_where_they_lead() -> None:
         np.testing.assert_allclose(np.array(state.target.position_um) * 1e-6, expected, atol=2e-6)
         # Dry friction of the model's joints: it stops where a spring no longer moves it, 0.3 m from
         # the axes at most.
-        params = nominal.params(SETUP, "gold")
+        params = nominal.params(SETUP)
         short = sum(
             float(params.kc[i] / params.kp[i]) * lever for i, lever in enumerate((0.3, 0.3, 1.0))
         )
@@ -136,9 +135,8 @@ def test_it_follows_increments_to_where_they_lead() -> None:
 @pytest.mark.slow
 def test_with_the_pedal_up_it_goes_where_the_robot_is_measured_if_told_so() -> None:
     with jax.enable_x64(True):
-        there = tuple(
-            q + 0.01 * (i + 1) * (i < 5) for i, q in enumerate(HOME_JPOS)
-        )  # jaws are asked for, not left
+        # Jaws are asked for, not left.
+        there = tuple(q + 0.01 * (i + 1) * (i < 5) for i, q in enumerate(HOME_JPOS))
         moving, lifted = [clean((30, 0, 0))] * 100, [clean(engaged=0)] * 2
         left, _ = run(SETUP, moving + lifted, measured=there)
         along, _ = run(SETUP, moving + lifted, measured=there, resync=1)
@@ -146,12 +144,10 @@ def test_with_the_pedal_up_it_goes_where_the_robot_is_measured_if_told_so() -> N
         np.testing.assert_allclose(np.array(along.jpos), there, atol=1e-9)
         np.testing.assert_allclose(np.array(along.target.jpos_d), there, atol=1e-9)
         on, _ = run(SETUP, moving + lifted + [clean()] * 500, measured=there, resync=1)
-        np.testing.assert_allclose(
-            np.array(on.jpos)[:5], there[:5], atol=1e-4
-        )  # no jump at the next pedal-down
-        np.testing.assert_allclose(
-            np.array(on.jpos)[5:], there[5:], atol=1e-3
-        )  # openings are whole mrad
+        # No jump at the next pedal-down.
+        np.testing.assert_allclose(np.array(on.jpos)[:5], there[:5], atol=1e-4)
+        # Openings are whole mrad.
+        np.testing.assert_allclose(np.array(on.jpos)[5:], there[5:], atol=1e-3)
 
 
 def test_the_pedal_up_holds_and_reanchors() -> None:
@@ -182,9 +178,8 @@ def test_targets_stop_at_the_soft_limits_and_the_console_slips() -> None:
         state, _ = run(SETUP, [clean(step_um)] * 400, start)
         assert float(state.target.jpos_d[2]) <= 0.56 + 1e-9 and float(state.jpos[2]) < 0.5605
         back, _ = run(SETUP, [clean(step_um)] * 400 + [clean(-step_um)] * 100, start)
-        assert (
-            float(back.target.jpos_d[2]) < 0.5555
-        )  # 6 mm back from the limit, not from 24 mm beyond it
+        # 6 mm back from the limit, not from 24 mm beyond it.
+        assert float(back.target.jpos_d[2]) < 0.5555
 
 
 def test_an_unreachable_absolute_target_is_held_off() -> None:

@@ -82,6 +82,5 @@ def test_the_published_run_is_reproduced_over_all_its_rows(shared_data) -> None:
     with jax.enable_x64(True):
         euler = run_of_the_authors(recording, 101, authors.euler)
     expected = (71.2284068, 0.0429502821, 200.760881, 0.0919059818, 899.879223, -0.192890965)
-    np.testing.assert_allclose(
-        euler[100], expected, atol=2e-8
-    )  # chatter amplifies the inputs' printed digits
+    # Chatter amplifies the inputs' printed digits.
+    np.testing.assert_allclose(euler[100], expected, atol=2e-8)

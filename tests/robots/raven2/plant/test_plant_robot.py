@@ -189,7 +189,7 @@ def test_the_motor_angle_keeps_tiny_increments() -> None:
     def creep(angle, _):
         return drives.advance_angle(angle, jnp.float32(1e-5)), None
 
-    start = drives.at_angle(jnp.float32(899.6370423253))
+    start = drives.advance_angle(drives.REFERENCE, jnp.float32(899.6370423253))
     end, _ = jax.jit(lambda angle: jax.lax.scan(creep, angle, None, length=10_000))(start)
     turned = (
         int(end.count) - int(start.count) + float(end.fraction) - float(start.fraction)
@@ -216,18 +216,16 @@ def test_mechanical_faults_act_where_they_say() -> None:
         healthy = moved()
         assert healthy[0] > 0.02
         assert abs(moved(torque_scale=ones.replace(0, 0.0))[0]) < 1e-6
-        assert (
-            abs(moved(cable_scale=ones.replace(0, 0.0))[0]) < 1e-3
-        )  # the motor turns, the link does not follow
+        # The motor turns, the link does not follow.
+        assert abs(moved(cable_scale=ones.replace(0, 0.0))[0]) < 1e-3
         assert moved(friction_scale=ones.replace(0, 5.0))[0] < 0.7 * healthy[0]
         pushed = columns(
             simulate(
                 one, commands, params, brakes=1, external_torque=Vec.full(N, 0.0).replace(1, 4.0)
             )[1].jpos
         )
-        assert (
-            2e-3 < pushed[-1, 1] - HOME_JPOS[1] < 5e-3
-        )  # 3.8 N m beyond friction on 1115 N m/rad of cable
+        # 3.8 N m beyond friction on 1115 N m/rad of cable.
+        assert 2e-3 < pushed[-1, 1] - HOME_JPOS[1] < 5e-3
 
 
 @pytest.mark.slow

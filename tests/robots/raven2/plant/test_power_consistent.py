@@ -99,9 +99,8 @@ def test_brakes_stop_a_moving_arm_within_the_distance_of_their_torque() -> None:
     )
     distance = at_grip**2 * inertia / (2.0 * torque)
     assert abs(speed) > 20.0 and abs(columns(out.mvel)[-1, 0]) < 1e-3
-    assert abs(angle[-1] - angle[grips - 1]) == pytest.approx(
-        distance, rel=0.35
-    )  # the elastic cable parts the two
+    # The elastic cable parts the two.
+    assert abs(angle[-1] - angle[grips - 1]) == pytest.approx(distance, rel=0.35)
 
 
 def test_a_force_on_the_arm_moves_it_as_far_as_its_cable_and_braked_motor_give_way() -> None:

@@ -70,9 +70,8 @@ class Pair:
         """Motors at the home pose, but for the wrist where told."""
         mech = copy.deepcopy(mech)
         mech.joint[oracle.WR].jpos_d = np.float32(self.wrist_rad)
-        self.old.inverse_coupling(
-            mech
-        )  # positioning joints; the tool motors follow the insertion motor
+        # Positioning joints; the tool motors follow the insertion motor.
+        self.old.inverse_coupling(mech)
         mech.joint[oracle.ZI].mpos = mech.joint[oracle.ZI].mpos_d
         self.old.inverse_coupling(mech)
         joints = [mech.joint[k] for k in oracle.USED]

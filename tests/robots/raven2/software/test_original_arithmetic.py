@@ -142,9 +142,8 @@ def test_poses_are_cut_to_micrometres_and_opening_to_milliradians_in_float32():
 def test_joint_limits_are_float32_values_and_include_equality():
     bench = Bench(joints=((30 * oracle.DEG, 46 * oracle.DEG, *HOME[2:]), HOME))
     bench.pedal_down()
-    bench.joints[0][1] = (
-        43 * oracle.DEG
-    )  # in pedal-up the wanted pose follows the measured one, and is clamped
+    # In pedal-up the wanted pose follows the measured one, and is clamped.
+    bench.joints[0][1] = 43 * oracle.DEG
     output = bench.run(2, 20)
     assert output.signals.clamped
     assert float(output.signals.arms[0].jpos_d[1]) == 0.7853981852531433

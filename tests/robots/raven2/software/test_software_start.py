@@ -86,9 +86,8 @@ def test_pedal_down_from_the_first_cycle_on_asks_for_what_is_there(software):
         there = ControlSoftware(software, jpos=[legal_joints(rng)] * 2, runlevel=3)
         output = there.step(np.array(there.state.usb.enc_val), pins=0b11 << 6)
         for arm in output.signals.arms:
-            assert (
-                np.abs(np.subtract(arm.mpos_d, arm.mpos)).max() < 0.02
-            )  # rad; the insertion motor turns 2 rad a mm
+            # In rad; the insertion motor turns 2 rad a mm.
+            assert np.abs(np.subtract(arm.mpos_d, arm.mpos)).max() < 0.02
 
 
 def arrived(seed: int, ticks: int, options: dict):

@@ -47,9 +47,8 @@ def test_power_up_to_pedal_down_and_back() -> None:
     state = plc.init(SETUP, run_levels.E_STOP)
     state, outs = drive(state, 150, pins=0)
     levels = [int(out.runlevel) for out in outs]
-    assert (
-        levels[:100] == [0] * 100 and levels[-1] == run_levels.INIT
-    )  # start pressed after 100 ms of living watchdog
+    # Start pressed after 100 ms of living watchdog.
+    assert levels[:100] == [0] * 100 and levels[-1] == run_levels.INIT
     assert int(outs[0].brakes) == 1 and int(outs[-1].brakes) == 0
     state, outs = drive(state, 1, pins=READY)
     assert int(outs[-1].runlevel) == run_levels.PEDAL_UP and int(outs[-1].brakes) == 1
@@ -65,9 +64,8 @@ def test_power_up_to_pedal_down_and_back() -> None:
 def test_a_watchdog_without_edges_trips_after_one_and_a_half_periods(level: int) -> None:
     state, _ = drive(plc.init(SETUP), 100, pins=READY | PEDAL)
     assert int(state.runlevel) == run_levels.PEDAL_DOWN
-    quiet = (
-        int(state.quiet_ticks[0]) if level == 0 else -1
-    )  # the wave ends low: a high pin is one more edge
+    # The wave ends low: a high pin is one more edge.
+    quiet = int(state.quiet_ticks[0]) if level == 0 else -1
     state, outs = drive(state, 120, pins=READY | PEDAL, wave=lambda _: level)
     levels = [int(out.runlevel) for out in outs]
     assert levels.index(run_levels.E_STOP) == 75 - quiet
