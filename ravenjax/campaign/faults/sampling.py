@@ -1,6 +1,6 @@
 """Samples the design of a group: which value each run has for each variable key. Latin hypercubes
-are those of SciPy, bit by bit. They are drawn here because the import of `scipy.stats` takes half a
-second of a start that may take 2.5 s.
+and Sobol points are those of SciPy, bit by bit. They are drawn here because the import of
+`scipy.stats` takes half a second of a start that may take 2.5 s.
 """
 
 import math
@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ravenjax.bundled import resources
 from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.group import SAMPLED, Group
 
@@ -75,17 +76,33 @@ def _draw_places(
 
 
 def _draw_points(design: str, rows: int, dimensions: int, rng: np.random.Generator) -> np.ndarray:
-    # Draws points of the unit cube, float [rows, dimensions].
+    # Draws points of the unit cube, float [rows, dimensions]. As in SciPy, designs other than
+    # `random` use a new generator, spawned from `rng`.
     if design == "random" or dimensions == 0:
         return rng.random((rows, dimensions))
     if design == "lhs":
         # Each dimension has one point in each of `rows` cells, at a random place within the cell.
-        # As in SciPy, a new generator draws, spawned from `rng`.
         spawned = rng.spawn(1)[0]
         distances = spawned.random((rows, dimensions))
         cells = spawned.permuted(np.tile(np.arange(1, rows + 1), (dimensions, 1)), axis=1)
         return (cells.T - distances) / rows
-    from scipy.stats import qmc
+    table = resources.read_tables(__file__, "sobol.toml")["directions"][:dimensions]
+    if dimensions > len(table):
+        from scipy.stats import qmc
 
-    # SciPy warns of any number of points that is not a power of two.
-    return qmc.Sobol(dimensions, rng=rng).random(1 << (rows - 1).bit_length())[:rows]
+        # SciPy warns of any number of points that is not a power of two.
+        return qmc.Sobol(dimensions, rng=rng).random(1 << (rows - 1).bit_length())[:rows]
+    spawned = rng.spawn(1)[0]
+    # Sobol points, as whole numbers of 30 bits: a random first point, and directions that are
+    # scrambled by random triangular matrices of bits.
+    size, dtype = (dimensions, 30), np.uint32
+    bit_values = dtype(1) << np.arange(30, dtype=dtype)
+    first = spawned.integers(2, size=size, dtype=dtype) @ bit_values
+    matrices = np.tril(spawned.integers(2, size=(*size, 30), dtype=dtype)) | np.eye(30, dtype=dtype)
+    bits = np.array(table, dtype)[..., None] // bit_values[::-1] % 2
+    directions = bits @ matrices.swapaxes(1, 2) % 2 @ bit_values[::-1]
+    # A point differs from the point before it by one direction: the lowest set bit of its number.
+    numbers = np.arange(1, rows)
+    lowest_bits = np.bitwise_count((numbers & -numbers) - 1)
+    points = np.bitwise_xor.accumulate(np.c_[first, directions[:, lowest_bits]], axis=1)
+    return points.T / 2.0**30
