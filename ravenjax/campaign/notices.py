@@ -200,11 +200,22 @@ def _of_faults(plan: Plan) -> OfRuns:
     unread = [plan.config.robot.sites[site].unread for site, _ in _channels(plan)]
     unread = np.array([False, *unread])
     columns = [values for name, values in faults.items() if name != "key"]
-    twice, drawn = np.zeros_like(there), [EFFECT_CODES[name] for name in RANDOM]
+    twice, hidden = np.zeros_like(there), np.zeros_like(there)
+    drawn = [EFFECT_CODES[name] for name in RANDOM]
+    timed = there & (faults["trigger"] == TRIGGER_CODES["time"])
+    overwrites = timed & (every == 0) & (faults["effect"] == EFFECT_CODES["overwrite"])
     for slot in range(1, there.shape[1]):
         same = [values[:, :slot] == values[:, slot : slot + 1] for values in columns]
         fixed = there[:, slot] & ~np.isin(faults["effect"][:, slot], drawn)
-        twice[:, slot] = fixed & np.logical_and.reduce(same).any(axis=1)
+        equal = np.logical_and.reduce(same)
+        twice[:, slot] = fixed & equal.any(axis=1)
+        # Of two faults on one channel, the one in the later slot acts last.
+        channel = faults["code"][:, :slot] == faults["code"][:, slot : slot + 1]
+        within = (start[:, :slot] >= start[:, slot : slot + 1]) & (
+            closes[:, :slot] <= closes[:, slot : slot + 1]
+        )
+        hides = overwrites[:, slot : slot + 1] & timed[:, :slot] & channel & within
+        hidden[:, :slot] |= hides & ~equal
     early, down = np.zeros_like(there), ticks
     if clocks is not None:
         first = clocks.first_down(ticks)
@@ -226,6 +237,7 @@ def _of_faults(plan: Plan) -> OfRuns:
         ("value", there & _idle(plan), "changes the signal by at most one count, or not at all"),
         ("site", unread[faults["code"]], "nothing in the robot reads this signal"),
         ("site", twice, "the run has the same fault twice"),
+        ("site", hidden, "has no effect: a later fault overwrites the signal during all of it"),
     ):
         yield from ((f"fault[{slot}].{key}", marks, words) for slot, marks in enumerate(which.T))
 

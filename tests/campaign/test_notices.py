@@ -103,6 +103,9 @@ def test_what_cannot_act_is_noted(fault, sections, said):
 
 def test_the_same_fault_or_hazard_twice_is_noted():
     assert "fault[1].site: the run has the same fault twice" in of(more=(FAULT,))
+    cover = {**FAULT, "effect": "overwrite", "value": 9000, "start_ms": 0, "duration_ms": "end"}
+    for later, hides in ((cover, True), ({**cover, "start_ms": 1999}, False)):
+        assert ("fault[0].site: has no effect: a later fault" in of(more=(later,))) is hides
     for channel, copies in (("shoulder", False), ("elbow", True)):
         pair = FAULT, {**FAULT, "channel": channel, "value": 9000}
         groups = [{"name": str(k), "fault": faults} for k, faults in enumerate((pair, pair[::-1]))]
