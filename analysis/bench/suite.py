@@ -54,8 +54,8 @@ def list_parts(gpus: int) -> list[Part]:
         Part("published model", "peers", peers.measure_published_model, 3, 2, (), True),
         Part("jax.vmap(mjx.step)", "peers", peers.measure_mjx_step, 30, 10),
         Part("MuJoCo Warp", "peers", peers.measure_mjx_step, 150, 10, ("warp",), gpus=1),
-        Part("engine xla", "engines", engine, 14, 8, ("xla",)),
-        Part("engine mjx", "engines", engine, 38, 8, ("mjx",)),
+        Part("engine xla", "engines", engine, 30, 8, ("xla",)),
+        Part("engine mjx", "engines", engine, 60, 8, ("mjx",)),
     ]
 
 

@@ -90,7 +90,7 @@ def test_ratios_are_those_of_the_best():
 def test_a_part_asked_for_alone(name, capsys, tmp_path, monkeypatch):
     monkeypatch.setattr(suite, "share_time", lambda left_s, parts: 0.5)
     page = tmp_path / "page.md"
-    command = ["bench", "--only", name, "--seconds", "300", "--json", "--markdown", str(page)]
+    command = ["bench", "--only", name, "--seconds", "900", "--json", "--markdown", str(page)]
     assert main(command) == 0
     found = json.loads(capsys.readouterr().out)
     gpus = next(row["is"] for row in found["machine"] if row["what"] == "gpus")
