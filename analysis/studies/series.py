@@ -130,7 +130,7 @@ class _Code:
         for name in names:
             if name.startswith(_OWN):
                 state = self._states(ready, dtypes)
-                own = state.stages["own_operator"].own
+                own = state.stages["own_operator"].file_state
                 places[name] = jax.tree.leaves(getattr(own, name.removeprefix(_OWN)))
             else:
                 places[name] = jax.tree.leaves(SIGNALS[name][0](signals))
