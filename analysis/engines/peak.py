@@ -16,12 +16,13 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import joblib
 import numpy as np
 import tick_operations
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 
-from bench import engines, machine, workload
+from bench import engines, workload
 from bench.workload import Workload
 from ravenjax.engines.cpu import jit
 
@@ -48,7 +49,7 @@ extern "C" __global__ void peak(float* room, int rounds) {{
 
 def measure_cpu(seconds: float, rounds: int = 1_000_000) -> float:
     """Return operations per second of all cores that this process may use."""
-    threads, width = machine.count_usable_cpus(), jit.host_target().width
+    threads, width = joblib.cpu_count(), jit.host_target().width
     peak = jit.compile_functions(_llvm(width), ["peak"]).function(
         "peak", [ctypes.c_void_p, ctypes.c_int64]
     )

@@ -15,6 +15,7 @@ from typing import get_args
 
 import numpy as np
 from scipy.special import betaln, xlog1py, xlogy
+from statsmodels.stats.proportion import proportion_confint
 
 from ravenjax.campaign.file.sections import Stop
 from ravenjax.stats.intervals import anytime_bounds, rate_bounds
@@ -150,7 +151,8 @@ def rules(half_width: float, alpha: float) -> dict[str, tuple[Bounds, tuple[floa
     """Return (bounds, looks) of each rule that needs only counts."""
 
     def exact(looks: tuple[float, ...]) -> tuple[Bounds, tuple[float, ...]]:
-        return partial(rate_bounds, alpha=alpha / len(looks), method="beta"), looks
+        # Clopper and Pearson's interval.
+        return partial(proportion_confint, alpha=alpha / len(looks), method="beta"), looks
 
     ratio = partial(anytime_bounds, half_width=half_width, alpha=alpha)
     centred = partial(around, half_width=half_width)
