@@ -100,8 +100,10 @@ def suggest_unit(key: str, value: Any, low: float = -math.inf, high: float = mat
     unit, factor = _UNITS.get(key.rpartition("_")[2], ("", 0.0))
     several = isinstance(value, list | tuple)
     numbers: list[Any] = [*value] if several else [value]
-    # A truth value is no number.
-    plausible = (type(x) in (int, float) and low <= x * factor <= high for x in numbers)
+    # A truth value is no number. Larger whole numbers may not fit into a float.
+    plausible = (
+        type(x) in (int, float) and abs(x) < 1e12 and low <= x * factor <= high for x in numbers
+    )
     if not unit or not all(plausible):
         return ""
     meant = [float(f"{x * factor:.4g}") for x in numbers]
