@@ -155,6 +155,8 @@ def test_what_acts_is_not_noted():
         ({}, {"parameters": {"plant.friction_scale": True}}, "got True, expected a number"),
         ({"value": {"uniform": [-0.4, 0.4]}}, {}, "write whole ends, such as -1 and 1"),
         ({"value": {"loguniform": [1.2, 1.8]}}, {}, "shoulder is a whole number (cnt)"),
+        ({"start_ms": {"uniform": [500.2, 500.6]}}, {}, "whole ends, such as 500 and 501"),
+        ({"duration_ms": {"loguniform": [1.5, 1.5]}}, {}, "write whole ends, such as 1 and 2"),
     ],
 )
 def test_a_value_of_another_type_is_refused(fault, sections, said):

@@ -95,6 +95,14 @@ class Axis:
         return (low - TAIL * high, low + TAIL * high) if self.kind == "normal" else (low, high)
 
     @property
+    def fits_whole_numbers(self) -> bool:
+        """Whether a distribution can be rounded to whole numbers and never leave its range."""
+        low, high = self.extent
+        if self.kind == "uniform":
+            return not (low % 1 or high % 1)
+        return math.ceil(low) <= math.floor(high)
+
+    @property
     def phases(self) -> tuple[str, ...]:
         """The phases of the operation in the values, each once."""
         if self.kind == PHASE:
@@ -160,6 +168,7 @@ class KeyDefinition(NamedTuple):
     forms: tuple[str, ...] = ("uniform", "loguniform", "normal", "choice", LIST)
     least: float = -math.inf
     largest: float = math.inf
+    whole: bool = False  # whether values are whole numbers
 
     def parse_value(self, raw: Any) -> Any:
         """Return one value. Raise ValueError with what was expected for an invalid value."""
@@ -211,6 +220,12 @@ class KeyDefinition(NamedTuple):
         least = -self.largest if kind == "normal" else self.least
         if not least <= axis.extent[0] <= axis.extent[1] <= self.largest:
             raise ValueError(f"got {kind} = {format_value(list(raw))}, expected {self.expected}")
+        if self.whole and not axis.fits_whole_numbers:
+            low, high = axis.extent
+            raise ValueError(
+                f"got {kind} = {format_value(list(raw))}, expected {self.expected}: write whole"
+                f" ends, such as {math.floor(low)} and {math.ceil(high)}"
+            )
         return axis
 
     def json_schema(self) -> dict[str, Any]:
@@ -265,7 +280,7 @@ def time_axis(least: int, endless: bool = False) -> KeyDefinition:
             )
         return int(raw)
 
-    return KeyDefinition(expected, parse, schema, least=least, largest=LONGEST_MS)
+    return KeyDefinition(expected, parse, schema, least=least, largest=LONGEST_MS, whole=True)
 
 
 def word_axis(what: str, known: Iterable[str] | None = None) -> KeyDefinition:

@@ -232,7 +232,7 @@ def _find_value_error(
     drawn = not axis.listed
     if drawn and rule.rounded:
         low, high = axis.extent
-        if math.ceil(low) > math.floor(high) or (axis.kind == "uniform" and value % 1):
+        if not axis.fits_whole_numbers:
             return (
                 f"got {axis.kind} = {list(axis.values)}, but {channel.name} is a whole number"
                 f" ({channel.unit}): write whole ends, such as {math.floor(low)} and"

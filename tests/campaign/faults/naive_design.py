@@ -213,6 +213,7 @@ def draw(axis, u):
         real = low + high * float(ndtri(min(max(u, 1e-12), 1.0 - 1e-12)))
     elif kind == "loguniform":
         real = float(np.exp(math.log(low) + u * (math.log(high) - math.log(low))))
+        return real, min(max(round(real), math.ceil(low)), math.floor(high))
     else:
         whole = min(
             math.floor(low) + math.floor(u * (math.floor(high) - math.floor(low) + 1.0)), high
