@@ -157,8 +157,8 @@ class Manifest(BaseModel):
         # Returns what must be equal for a campaign to continue in the folder.
         names = "config_hash", "seed", "engine", "device", "versions", "settings", "shard"
         config = by_content(self.config, self.operator)
-        own = {"code": self.code_hash[:16], "config": config}
-        return self.model_dump(include={*names}) | own
+        inputs = {"code": self.code_hash[:16], "config": config}
+        return self.model_dump(include={*names}) | inputs
 
     def differences(self, other: Manifest, word: str = "requested") -> list[str]:
         """Return the differences from `other` that affect outcomes, one line each.

@@ -170,14 +170,14 @@ def _replays(
         kernel = compiled(count)
         columns = {f"loop.{path}": np.asarray(values[path], np.float32) for path in varied}
 
-        def block(start: int) -> np.ndarray:
+        def replay_block(start: int) -> np.ndarray:
             # Replays some parameter sets. Returns joints [rows, n, 7] at the log's samples.
             rows = min(kernel.lanes, count - start)
             lanes = np.minimum(start + np.arange(kernel.size(rows)), count - 1)
-            some = {path: column[lanes] for path, column in columns.items()}
-            result = kernel.run(Block(some, (), None), motion)
+            of_block = {path: column[lanes] for path, column in columns.items()}
+            result = kernel.run(Block(of_block, (), None), motion)
             return np.moveaxis(result.reference[log.cycles, :, :rows], -1, 0).astype(np.float64)
 
-        return np.concatenate(threads.map_in_threads(block, range(0, count, kernel.lanes)))
+        return np.concatenate(threads.map_in_threads(replay_block, range(0, count, kernel.lanes)))
 
     return replay

@@ -147,7 +147,7 @@ def load_recording(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions
     poses = unfiltered
     if options.cutoff_hz is not None:
         spans = resampling.true_stretches(covered, cuts)
-        smooth = (resampling.low_pass(one, options.cutoff_hz, spans) for one in unfiltered[1:])
+        smooth = (resampling.low_pass(x, options.cutoff_hz, spans) for x in unfiltered[1:])
         poses = Poses(unfiltered.arms, *smooth)
         length = np.linalg.norm(poses.quat, axis=-1, keepdims=True)
         poses = poses._replace(quat=poses.quat / length)

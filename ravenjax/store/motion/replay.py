@@ -344,13 +344,13 @@ def _require_moving(
         for arm, extent, still in zip(poses.arms, extent_m, at_rest, strict=True)
         if still
     ]
-    text = f"no motion {span}: {' and '.join(extents)}, expected more than {STILL_M * 1e6:g} um"
+    message = f"no motion {span}: {' and '.join(extents)}, expected more than {STILL_M * 1e6:g} um"
     if at_rest.all():
         raise UserError(
-            f"{recording.path}: {text}. Choose another part (operator.window_s)."
+            f"{recording.path}: {message}. Choose another part (operator.window_s)."
             ' For hands at rest write operator.motion = "still" instead of the file'
         )
-    return (text,) if at_rest.any() else ()
+    return (message,) if at_rest.any() else ()
 
 
 def _itp(

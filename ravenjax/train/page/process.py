@@ -145,7 +145,7 @@ class PageConnection(ServerConnection):
     _is_get = False
 
     def data_received(self, data: bytes) -> None:
-        self._is_get = self._is_get or data[:4] in b"GET "
+        self._is_get = self._is_get or b"GET ".startswith(data[:4])
         if self._is_get:
             super().data_received(data)
             return

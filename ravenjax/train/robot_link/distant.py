@@ -133,7 +133,8 @@ class DistantRobot:
         """
         mode, *delta = map(int, numbers[:7])
         grasp = map(int, numbers[15:])
-        checksum = mode + self._sequence + sum(delta)
+        # The sum of the fields, as a signed number of 32 bits.
+        checksum = (mode + self._sequence + sum(delta) + 2**31) % 2**32 - 2**31
         return FIELDS.pack(
             self._sequence, 0, 0, *delta, *numbers[7:15], 0, 0, *grasp, mode, checksum
         )
