@@ -31,8 +31,10 @@ _HASH_BYTES = 32
 
 
 def cache_folder(kind: str) -> Path | None:
-    """Return the cache folder for a kind of code, and create it if needed. Return None if the cache
-    is off or cannot be created. Raise UserError if other users may write into the folder.
+    """Return the cache folder for a kind of code, and create it if needed.
+
+    Return None if the cache is off or cannot be created. Raise UserError if other users may write
+    into the folder.
     """
     configured = os.environ.get(VARIABLE, "")
     if configured.lower() == "off":
@@ -59,9 +61,10 @@ def cache_folder(kind: str) -> Path | None:
 
 
 def enable_cache() -> None:
-    """Turn on JAX's persistent cache of compiled programs when JAX is first used. A cache that the
-    user has configured is not changed. Machines with different CPUs may share a home folder, so
-    each kind of CPU has a separate cache folder.
+    """Turn on JAX's persistent cache of compiled programs when JAX is first used.
+
+    A cache that the user has configured is not changed. Machines with different CPUs may share a
+    home folder, so each kind of CPU has a separate cache folder.
     """
     folder = cache_folder(f"xla-{_hash_cpu_features()}")
 
@@ -74,6 +77,7 @@ def enable_cache() -> None:
 
 def object_cache() -> MutableMapping[str, bytes] | None:
     """Return the disk cache for traces and compiled code of engines, a mapping from key to bytes.
+
     Return None if the cache is off. Raise UserError if the configured size is not a number.
     """
     folder = cache_folder("objects")
@@ -86,7 +90,9 @@ def object_cache() -> MutableMapping[str, bytes] | None:
 
 def cached_engine(name: str, precision: Precision, ticks: int | None = None) -> Engine:
     """Return the engine `name`, with this cache for its traces and compiled code. ticks: see
-    `selection.select_engine`. Raise UserError for an engine that cannot run.
+    `selection.select_engine`.
+
+    Raise UserError for an engine that cannot run.
     """
     enable_cache()
     return selection.select_engine(name, precision, object_cache(), ticks)

@@ -1,8 +1,10 @@
 """Computes the runs of a campaign on an engine, in parallel blocks, together with their golden
-runs. Up to the first tick in which a fault may act, a run equals its golden run. If enough runs
-share a golden run, they start from checkpoints of it. Rows are returned in order, one window of
-rows at a time. While the last blocks of a window are computed, other threads already begin the next
-window. So no thread waits for the slowest block.
+runs.
+
+Up to the first tick in which a fault may act, a run equals its golden run. If enough runs share a
+golden run, they start from checkpoints of it. Rows are returned in order, one window of rows at a
+time. While the last blocks of a window are computed, other threads already begin the next window.
+So no thread waits for the slowest block.
 """
 
 from __future__ import annotations
@@ -87,6 +89,7 @@ class Computation:
 
     def blocks(self, ranges: Sequence[range]) -> Generator[OutcomePair]:
         """Yield the outcomes of the rows of `ranges`, and those of their golden runs, in order.
+
         Each item is a window of rows. Close the generator to cancel the work in progress. Use the
         generator inside `interruption.delay_signals`.
         """

@@ -1,7 +1,8 @@
-"""Computes the golden runs of a campaign and decides which runs start from their checkpoints. Up to
-the first tick in which a fault may act, a run equals its golden run bit by bit. If enough runs
-share a golden run, it is computed a second time with checkpoints, and these runs start from the
-checkpoints. If each run has a different golden run, checkpoints would save no time.
+"""Computes the golden runs of a campaign and decides which runs start from their checkpoints.
+
+Up to the first tick in which a fault may act, a run equals its golden run bit by bit. If enough
+runs share a golden run, it is computed a second time with checkpoints, and these runs start from
+the checkpoints. If each run has a different golden run, checkpoints would save no time.
 """
 
 from __future__ import annotations

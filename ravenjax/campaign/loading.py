@@ -1,6 +1,7 @@
-"""Reads and checks a campaign file, and applies overrides from the command line. Reading is fast:
-it compiles nothing and does not import the simulation. One error reports all mistakes, each with
-the file, the line, the key, the value and the expected values.
+"""Reads and checks a campaign file, and applies overrides from the command line.
+
+Reading is fast: it compiles nothing and does not import the simulation. One error reports all
+mistakes, each with the file, the line, the key, the value and the expected values.
 """
 
 from collections.abc import Iterable, Iterator, Sequence

@@ -1,5 +1,6 @@
-"""Divides a campaign into windows that fit in memory, and windows into blocks for an engine. The
-module also joins the results of blocks to the files of the result folder.
+"""Divides a campaign into windows that fit in memory, and windows into blocks for an engine.
+
+The module also joins the results of blocks to the files of the result folder.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -1,6 +1,7 @@
-"""Reads a file with parameters of a calibrated robot: `[parameters] from = "my_robot.toml"`. The
-file has a table [parameters], and a table [campaign] with the settings for which its numbers are
-valid. If the campaign also sets a parameter, the campaign's value is used.
+"""Reads a file with parameters of a calibrated robot: `[parameters] from = "my_robot.toml"`.
+
+The file has a table [parameters], and a table [campaign] with the settings for which its numbers
+are valid. If the campaign also sets a parameter, the campaign's value is used.
 """
 
 from pathlib import Path

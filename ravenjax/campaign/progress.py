@@ -1,7 +1,8 @@
-"""Reports the progress of a campaign, and writes progress.json in its result folder. The file is
-replaced atomically, at most once a second. An error while writing it never delays or ends a
-campaign. If the process is killed, its last progress.json remains. The file names the process
-(`pid`, `host`) and the time (`updated`).
+"""Reports the progress of a campaign, and writes progress.json in its result folder.
+
+The file is replaced atomically, at most once a second. An error while writing it never delays or
+ends a campaign. If the process is killed, its last progress.json remains. The file names the
+process (`pid`, `host`) and the time (`updated`).
 """
 
 import contextlib

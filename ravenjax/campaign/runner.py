@@ -1,4 +1,5 @@
 """Runs a campaign: computes its missing runs and stores them as Parquet files in the result folder.
+
 Each file, a *part*, begins at a multiple of the chunk size. The result of a run does not depend on
 the chunk size, on the executor that computes it, or on earlier runs.
 """

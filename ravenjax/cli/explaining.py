@@ -1,5 +1,6 @@
-"""The commands `ravenjax trace` and `ravenjax explain`, which compute runs again. `trace` writes
-the time series of runs. `explain` shows how a fault becomes a failure.
+"""The commands `ravenjax trace` and `ravenjax explain`, which compute runs again.
+
+`trace` writes the time series of runs. `explain` shows how a fault becomes a failure.
 """
 
 from __future__ import annotations

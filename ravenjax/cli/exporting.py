@@ -1,6 +1,7 @@
-"""The commands `ravenjax explore`, `ravenjax export` and `ravenjax schema`. `explore` writes a page
-that simulates faults, `export` writes a robot as a C library, and `schema` prints the schema of
-campaign, search and scenario files.
+"""The commands `ravenjax explore`, `ravenjax export` and `ravenjax schema`.
+
+`explore` writes a page that simulates faults, `export` writes a robot as a C library, and `schema`
+prints the schema of campaign, search and scenario files.
 """
 
 import json

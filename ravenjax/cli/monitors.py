@@ -1,6 +1,7 @@
-"""The commands `ravenjax monitor` and `ravenjax counterfactual`. `monitor` calibrates checks on
-fault-free motion to a stated false-alarm rate, and tests whether the calibration is still valid.
-`counterfactual` finds checks for faults that evade the robot's checks.
+"""The commands `ravenjax monitor` and `ravenjax counterfactual`.
+
+`monitor` calibrates checks on fault-free motion to a stated false-alarm rate, and tests whether the
+calibration is still valid. `counterfactual` finds checks for faults that evade the robot's checks.
 """
 
 import contextlib

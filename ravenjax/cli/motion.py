@@ -1,5 +1,6 @@
-"""Commands on recordings of operators, `ravenjax motion`, and logs of robots, `calibrate`. The
-module also prints what `ravenjax run` says about a recorded operator.
+"""Commands on recordings of operators, `ravenjax motion`, and logs of robots, `calibrate`.
+
+The module also prints what `ravenjax run` says about a recorded operator.
 """
 
 from __future__ import annotations

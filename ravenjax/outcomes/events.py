@@ -1,5 +1,6 @@
-"""Defines events of runs as SQL expressions over columns of the result table, for DuckDB. Stop
-rules, reports and searches use the same events, on Parquet files, Arrow tables and DataFrames.
+"""Defines events of runs as SQL expressions over columns of the result table, for DuckDB.
+
+Stop rules, reports and searches use the same events, on Parquet files, Arrow tables and DataFrames.
 """
 
 from __future__ import annotations

@@ -1,5 +1,6 @@
-"""Computes response, hazard and verdict of each run from an engine's output, with NumPy. The
-docstring of `ravenjax.outcomes` defines these words.
+"""Computes response, hazard and verdict of each run from an engine's output, with NumPy.
+
+The docstring of `ravenjax.outcomes` defines these words.
 """
 
 from collections.abc import Iterable, Mapping

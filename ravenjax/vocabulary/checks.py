@@ -1,5 +1,6 @@
-"""Defines a check: its name, the unit of its margin, its input, and what it does when it trips. A
-robot has built-in checks. A campaign may add users' checks: Python files at a seam of the tick.
+"""Defines a check: its name, the unit of its margin, its input, and what it does when it trips.
+
+A robot has built-in checks. A campaign may add users' checks: Python files at a seam of the tick.
 """
 
 import dataclasses

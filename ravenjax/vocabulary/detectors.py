@@ -1,5 +1,7 @@
-"""Lists the kinds of detectors. A detector computes a score from signals and changes nothing.
-`ravenjax.stages.detectors` computes the scores.
+"""Lists the kinds of detectors.
+
+A detector computes a score from signals and changes nothing. `ravenjax.stages.detectors` computes
+the scores.
 """
 
 import dataclasses

@@ -1,7 +1,8 @@
-"""Defines for any robot what a fault does to a number, and when the fault acts. A fault acts on one
-channel of one site. While its window is open, it applies one effect with one value. The window
-opens when the trigger's clock reaches `start`, and lasts `duration`. If `every` is above 0, the
-window opens again after each `every`.
+"""Defines for any robot what a fault does to a number, and when the fault acts.
+
+A fault acts on one channel of one site. While its window is open, it applies one effect with one
+value. The window opens when the trigger's clock reaches `start`, and lasts `duration`. If `every`
+is above 0, the window opens again after each `every`.
 """
 
 from typing import Literal, NamedTuple

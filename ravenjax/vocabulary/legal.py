@@ -1,6 +1,7 @@
-"""Decides which values a fault effect may have at a channel. A value must fit the channel's number
-type, so that the stored value equals the value in the campaign file. A DAC word has 16 bits. A
-larger value needs the campaign's permission.
+"""Decides which values a fault effect may have at a channel.
+
+A value must fit the channel's number type, so that the stored value equals the value in the
+campaign file. A DAC word has 16 bits. A larger value needs the campaign's permission.
 """
 
 import math

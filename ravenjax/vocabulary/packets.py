@@ -1,9 +1,11 @@
 """Defines how many control cycles a console's packet lasts: distributions and measurements.
 docs/explanation/simulated.md describes the measurements; `analysis/validation/packets.py` repeats
-them on public recordings. In the file recording_gold_joints123 a repeated desired position is
-visible, because one DAC count is 0.9 mrad of a motor, and a fast motor moves 5 to 20 mrad in a
-cycle. The file cannot distinguish a packet of two cycles from two packets with the same position.
-The file operator_positions is no evidence, because its packets arrive in bursts.
+them on public recordings.
+
+In the file recording_gold_joints123 a repeated desired position is visible, because one DAC count
+is 0.9 mrad of a motor, and a fast motor moves 5 to 20 mrad in a cycle. The file cannot distinguish
+a packet of two cycles from two packets with the same position. The file operator_positions is no
+evidence, because its packets arrive in bursts.
 """
 
 from collections.abc import Sequence

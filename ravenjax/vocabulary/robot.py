@@ -1,6 +1,7 @@
-"""Defines what a robot declares as data: the names in its campaign files and result tables. Needs
-no JAX. The code of a robot (its tick, its sections of a campaign file, its time series) is imported
-from its package only when it is needed.
+"""Defines what a robot declares as data: the names in its campaign files and result tables.
+
+Needs no JAX. The code of a robot (its tick, its sections of a campaign file, its time series) is
+imported from its package only when it is needed.
 """
 
 from __future__ import annotations

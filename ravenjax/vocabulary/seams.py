@@ -1,6 +1,7 @@
-"""Defines the seams of a robot: the signals between two parts of its tick. A fault acts at a fault
-site (`ravenjax.vocabulary.sites`). Its effect can be observed at a seam. Most seams are also fault
-sites. A robot declares its seams in the order of its tick.
+"""Defines the seams of a robot: the signals between two parts of its tick.
+
+A fault acts at a fault site (`ravenjax.vocabulary.sites`). Its effect can be observed at a seam.
+Most seams are also fault sites. A robot declares its seams in the order of its tick.
 """
 
 import dataclasses

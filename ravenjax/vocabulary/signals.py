@@ -1,5 +1,6 @@
-"""Defines the signals of a robot that users' checks and detectors may read. A robot declares the
-signals that a monitor can use in `Robot.signals`.
+"""Defines the signals of a robot that users' checks and detectors may read.
+
+A robot declares the signals that a monitor can use in `Robot.signals`.
 """
 
 import dataclasses

@@ -64,9 +64,10 @@ class Executor(Protocol):
         ...
 
     def run(self, work: Work, chunks: Sequence[range]) -> None:
-        """Compute and deliver every chunk exactly once. If a chunk fails, the others are still
-        delivered. Then UserError names the failed chunk and the reason. If a signal or an error of
-        `deliver` ends the work early, delivered chunks stay.
+        """Compute and deliver every chunk exactly once.
+
+        If a chunk fails, the others are still delivered. Then UserError names the failed chunk and
+        the reason. If a signal or an error of `deliver` ends the work early, delivered chunks stay.
         """
         ...
 
@@ -82,8 +83,9 @@ def finish_chunk(plan: Plan, part: PartRows, pack: Pack) -> FinishedChunk:
 
 
 class BackgroundQueue:
-    """Runs function calls in other threads, with a limited number of waiting calls. At the end of
-    its `with` block it waits for running calls.
+    """Runs function calls in other threads, with a limited number of waiting calls.
+
+    At the end of its `with` block it waits for running calls.
     """
 
     def __init__(self, threads: int):
@@ -98,8 +100,9 @@ class BackgroundQueue:
         self._pool.shutdown(wait=True)
 
     def call(self, function: Callable[..., Any], *arguments: Any) -> None:
-        """Call `function` in another thread. Wait while too many calls are waiting. Raise the
-        exception of an earlier call that failed.
+        """Call `function` in another thread.
+
+        Wait while too many calls are waiting. Raise the exception of an earlier call that failed.
         """
         while self._pending and (len(self._pending) >= self._max_calls or self._pending[0].done()):
             interruption.wait_for_result(self._pending.popleft())

@@ -1,6 +1,7 @@
-"""Divides a campaign into shards, one for each job of a batch scheduler: `--shard 2/7`. A campaign
-consists of chunks, which are ranges of runs. Chunk k belongs to shard k mod N. So each shard has
-runs of every group, and all shards need about the same time.
+"""Divides a campaign into shards, one for each job of a batch scheduler: `--shard 2/7`.
+
+A campaign consists of chunks, which are ranges of runs. Chunk k belongs to shard k mod N. So each
+shard has runs of every group, and all shards need about the same time.
 """
 
 import re

@@ -1,5 +1,6 @@
-"""Expands a campaign into its fault table: one row per run, one column per input of a run. The
-expansion is deterministic. A group's random draws depend only on the campaign's seed and on the
+"""Expands a campaign into its fault table: one row per run, one column per input of a run.
+
+The expansion is deterministic. A group's random draws depend only on the campaign's seed and on the
 group's name and design. They do not depend on other groups, on chunk size or on storage order. The
 `run_id` of a row is a hash of its content and of all settings of the campaign. Equal runs therefore
 have equal ids, in whatever row. Whole columns are computed, because a campaign may have millions of
@@ -50,10 +51,11 @@ class _Piece(NamedTuple):
 
 
 def table_columns(config: CampaignConfig) -> pd.DataFrame:
-    """Return the whole fault table, with the columns of `ravenjax.store.schema`. `run_id` is a
-    number (uint64). With [stop], the first rows of each group are a random sample of the group.
-    `campaign.limit` does not shorten the table; `runner` does. If a group does not set a parameter,
-    its rows have NaN, which means the robot's value.
+    """Return the whole fault table, with the columns of `ravenjax.store.schema`.
+
+    `run_id` is a number (uint64). With [stop], the first rows of each group are a random sample of
+    the group. `campaign.limit` does not shorten the table; `runner` does. If a group does not set a
+    parameter, its rows have NaN, which means the robot's value.
     """
     moments = Moments(config)
     pieces = [piece for group in config.group for piece in _pieces(config, group, moments)]
@@ -177,9 +179,10 @@ def _crossings(config: CampaignConfig, group: Group) -> list[dict[str, np.ndarra
 def faults_and_axes(
     config: CampaignConfig, group: Group
 ) -> Iterator[tuple[tuple[Fault, ...], dict[Key, Axis]]]:
-    """Yield (faults, axes) of a group, or of each entry of design "list". An axis has the values or
-    the distribution of a key. The order is: keys of the first fault in the order of `FIELDS`, keys
-    of the next fault, and so on, then parameters.
+    """Yield (faults, axes) of a group, or of each entry of design "list".
+
+    An axis has the values or the distribution of a key. The order is: keys of the first fault in
+    the order of `FIELDS`, keys of the next fault, and so on, then parameters.
     """
     for run in group.run or [Run()]:
         faults = group.faults_of(run)

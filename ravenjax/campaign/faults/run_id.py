@@ -1,8 +1,9 @@
-"""Computes run ids: 64-bit hashes of all inputs of a run, as 16 hexadecimal digits. The name and
-value of each column are hashed with a key of the campaign. The sum of these hashes is hashed again,
-so the order of columns does not matter. Empty values (NaN, or an empty word) are left out. Numbers
-are hashed with the finaliser of SplitMix64 (Steele, Lea, Flood, "Fast splittable pseudorandom
-number generators", 2014).
+"""Computes run ids: 64-bit hashes of all inputs of a run, as 16 hexadecimal digits.
+
+The name and value of each column are hashed with a key of the campaign. The sum of these hashes is
+hashed again, so the order of columns does not matter. Empty values (NaN, or an empty word) are left
+out. Numbers are hashed with the finaliser of SplitMix64 (Steele, Lea, Flood, "Fast splittable
+pseudorandom number generators", 2014).
 """
 
 import hashlib

@@ -1,6 +1,7 @@
-"""Samples the design of a group: which value each run has for each variable key. Latin hypercubes
-and Sobol points are those of SciPy, bit by bit. They are drawn here because the import of
-`scipy.stats` takes half a second of a start that may take 2.5 s.
+"""Samples the design of a group: which value each run has for each variable key.
+
+Latin hypercubes and Sobol points are those of SciPy, bit by bit. They are drawn here because the
+import of `scipy.stats` takes half a second of a start that may take 2.5 s.
 """
 
 import math
@@ -18,8 +19,9 @@ Key = tuple[int, str]
 
 
 class Sample(NamedTuple):
-    """The runs of a group, or of one entry of design "list". From run to run, repeats vary fastest,
-    then the values of the last list.
+    """The runs of a group, or of one entry of design "list".
+
+    From run to run, repeats vary fastest, then the values of the last list.
     """
 
     runs: int

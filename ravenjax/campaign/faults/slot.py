@@ -1,7 +1,8 @@
 """Makes the columns of one fault slot of the fault table, in a normal form: equal faults have equal
-columns. Fields that an effect does not use are NaN or 0. A network effect has the channel on which
-it acts. Times are whole numbers of at least 0. Drawn values are rounded if the channel is an
-integer.
+columns.
+
+Fields that an effect does not use are NaN or 0. A network effect has the channel on which it acts.
+Times are whole numbers of at least 0. Drawn values are rounded if the channel is an integer.
 """
 
 import functools
@@ -44,6 +45,7 @@ def fill_slot(
     robot: Robot, fault: Fault, axes: Mapping[str, Axis], places: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
     """Return the columns FIELDS of a fault, each [runs], or [] if all runs have the same value.
+
     Words are stored as indices into `words_of`. axes: values or distribution of each field except
     the site. places: position of each run on each axis.
     """

@@ -14,10 +14,11 @@ _TIME, _PACKET, _PEDAL = (TRIGGER_CODES[name] for name in ("time", "packet", "pe
 
 
 def first_active_ticks(faults: Faults, ticks: int) -> np.ndarray:
-    """Return the first tick in which a fault of each run may act, int32 [runs]. Up to that tick the
-    run equals its golden run bit by bit. The result is `ticks` for a run in which no fault acts.
-    Windows that count packets are treated as if a packet arrived in each tick. Windows that count
-    time in pedal-down are treated as if the pedal was always down.
+    """Return the first tick in which a fault of each run may act, int32 [runs].
+
+    Up to that tick the run equals its golden run bit by bit. The result is `ticks` for a run in
+    which no fault acts. Windows that count packets are treated as if a packet arrived in each tick.
+    Windows that count time in pedal-down are treated as if the pedal was always down.
     """
     first = np.full(faults["code"].shape, ticks, np.int64)
     for trigger, indices, _, opening in _group_by_trigger(faults):

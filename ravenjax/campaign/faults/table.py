@@ -34,7 +34,9 @@ def count_slots(table: pd.DataFrame) -> int:
 
 def table_injection(table: pd.DataFrame, robot: Robot) -> Injection:
     """Return the sites, channels, effects and triggers that occur in the table, in the robot's
-    order. They select the code that injects faults. Network effects are replaced by plain effects.
+    order.
+
+    They select the code that injects faults. Network effects are replaced by plain effects.
     """
     effects: dict[Target, set[str]] = {}
     triggers = set()
@@ -69,10 +71,11 @@ def injection_targets(injection: Injection) -> list[Target]:
 def fault_arrays(
     table: pd.DataFrame, injection: Injection, tick_ms: int = 1
 ) -> dict[str, np.ndarray]:
-    """Return the faults of each run as arrays [runs, injection.slots]. An empty slot has code 0.
-    code, effect and trigger are int32; value is float32. start, duration, every and period are
-    int32 in ticks of `tick_ms`; with trigger "packet", all but the period are numbers of packets
-    instead. key is uint32: the random-number stream of that run and slot.
+    """Return the faults of each run as arrays [runs, injection.slots].
+
+    An empty slot has code 0. code, effect and trigger are int32; value is float32. start, duration,
+    every and period are int32 in ticks of `tick_ms`; with trigger "packet", all but the period are
+    numbers of packets instead. key is uint32: the random-number stream of that run and slot.
     """
     code_of = {target: code for code, target in enumerate(injection_targets(injection), start=1)}
     out = {name: np.zeros((len(table), injection.slots), dtype) for name, dtype in ARRAYS.items()}
@@ -107,8 +110,9 @@ def fault_arrays(
 
 
 def shared_ids(table: pd.DataFrame) -> np.ndarray:
-    """Return the id from which each run's random numbers follow, uint64 [rows]. It is the run's id,
-    or the id of the first run that differs only in crossed parameters.
+    """Return the id from which each run's random numbers follow, uint64 [rows].
+
+    It is the run's id, or the id of the first run that differs only in crossed parameters.
     """
     return table[SHARED if SHARED in table else "run_id"].to_numpy()
 

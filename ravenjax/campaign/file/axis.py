@@ -1,5 +1,6 @@
-"""Defines how a key of a campaign file varies: one value, a list of values, or a distribution. A
-list may also be written `{ list = [..] }`. Its items are then separate values of the key, not the
+"""Defines how a key of a campaign file varies: one value, a list of values, or a distribution.
+
+A list may also be written `{ list = [..] }`. Its items are then separate values of the key, not the
 numbers of one vector.
 """
 
@@ -59,10 +60,12 @@ class Moment(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Axis:
-    """The values of one key over the runs of a group. Kind `fixed` has one value. The values of
-    `list` are enumerated by designs grid and zip, and drawn at random by random, lhs and sobol. All
-    other kinds are distributions. The values of `phase` are the name of the phase, and later also
-    (begin, end) of each stretch of the phase in ms: integers, ascending, without the end.
+    """The values of one key over the runs of a group.
+
+    Kind `fixed` has one value. The values of `list` are enumerated by designs grid and zip, and
+    drawn at random by random, lhs and sobol. All other kinds are distributions. The values of
+    `phase` are the name of the phase, and later also (begin, end) of each stretch of the phase in
+    ms: integers, ascending, without the end.
     """
 
     kind: Kind
@@ -110,8 +113,9 @@ class Axis:
         return tuple(dict.fromkeys(v.phase for v in self.values if isinstance(v, Moment)))
 
     def places(self, unit: np.ndarray) -> np.ndarray:
-        """Convert quantiles [n] in [0, 1) to positions for `at`. Each listed value is equally
-        likely.
+        """Convert quantiles [n] in [0, 1) to positions for `at`.
+
+        Each listed value is equally likely.
         """
         if not self.listed:
             return unit
@@ -120,7 +124,9 @@ class Axis:
     def at(self, places: np.ndarray, whole: int = 0) -> np.ndarray:
         """Return the numbers at `places`, float64 of the same shape. places: indices of listed
         values, or quantiles in [0, 1) of a distribution. whole: round drawn numbers to multiples of
-        this integer. Listed values are not rounded.
+        this integer.
+
+        Listed values are not rounded.
         """
         if self.listed:
             numbers = [UNTIL_END if value == END else value for value in self.values]

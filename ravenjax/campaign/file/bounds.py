@@ -1,6 +1,7 @@
-"""Checks that the parameters in a campaign file lie within the ranges that the robot declares. The
-check imports the modules of the robot's tick, which is slow. Parameters are therefore checked when
-the campaign is planned, not when its file is read.
+"""Checks that the parameters in a campaign file lie within the ranges that the robot declares.
+
+The check imports the modules of the robot's tick, which is slow. Parameters are therefore checked
+when the campaign is planned, not when its file is read.
 """
 
 from __future__ import annotations
@@ -26,8 +27,9 @@ if TYPE_CHECKING:
 
 @functools.cache
 def parameter_bounds(robot: Robot) -> tuple[tuple[str, Quantity], ...]:
-    """Return (path, allowed values) of each parameter of a robot, in order. Paths have the form of
-    `shorten_path`. Joints with different ranges have several entries.
+    """Return (path, allowed values) of each parameter of a robot, in order.
+
+    Paths have the form of `shorten_path`. Joints with different ranges have several entries.
     """
     return tuple(quantity.list_quantities(robot.part("campaign").Params))
 
@@ -50,9 +52,10 @@ Ranges = tuple[tuple[str, Quantity], ...]
 
 
 def allowed_values(robot: Robot, path: str, added: Ranges = ()) -> list[Quantity]:
-    """Return the allowed values of the parameter at `path`, [] if there is no such parameter. There
-    are several entries if `path` names a vector with different ranges. added: parameters that the
-    campaign adds to the parameters of its robot.
+    """Return the allowed values of the parameter at `path`, [] if there is no such parameter.
+
+    There are several entries if `path` names a vector with different ranges. added: parameters that
+    the campaign adds to the parameters of its robot.
     """
     short_path = shorten_path(robot, path)
     rows = [row for name, row in (*parameter_bounds(robot), *added) if name == short_path]

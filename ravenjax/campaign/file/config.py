@@ -1,5 +1,6 @@
-"""Defines the pydantic model of a whole campaign file, and values from several sections. A robot
-may add sections. `loading` reads a file, and `semantics` checks rules for several sections.
+"""Defines the pydantic model of a whole campaign file, and values from several sections.
+
+A robot may add sections. `loading` reads a file, and `semantics` checks rules for several sections.
 """
 
 from __future__ import annotations
@@ -68,7 +69,9 @@ class CampaignConfig(Section):
 
     def with_files(self, folder: Path) -> CampaignConfig:
         """Return a copy in which paths of Python files, which are relative to `folder`, are
-        absolute. Raise UserError for a file that cannot be used.
+        absolute.
+
+        Raise UserError for a file that cannot be used.
         """
         located = {}
         for kind in ("detector", "check"):
@@ -106,8 +109,9 @@ class CampaignConfig(Section):
 
     @property
     def robot(self) -> Robot:
-        """The campaign's robot, with the user's checks added. Its site `parameter` has the
-        parameters that faults name.
+        """The campaign's robot, with the user's checks added.
+
+        Its site `parameter` has the parameters that faults name.
         """
         robot = robots.find_robot(self.campaign.robot)
         groups, channels = self._cached_channels
@@ -234,8 +238,9 @@ class CampaignConfig(Section):
         return fault.wraps
 
     def deciding(self) -> dict[str, Any]:
-        """Return the settings on which all runs depend, for the hash of run ids. Defaults are left
-        out, so that a new key does not change the ids of existing campaigns.
+        """Return the settings on which all runs depend, for the hash of run ids.
+
+        Defaults are left out, so that a new key does not change the ids of existing campaigns.
         """
         ignored = {"name", "description", "seed", "limit", "chunk"}
         stops = [

@@ -41,8 +41,10 @@ PATHS = ("parameters", "cross")
 
 
 def flatten_table(table: Any, prefix: str = "") -> Any:
-    """Join the nested keys of a table of parameters into dotted paths. Distributions stay tables.
-    prefix: beginning of all paths. Anything else than a table is returned unchanged.
+    """Join the nested keys of a table of parameters into dotted paths.
+
+    Distributions stay tables. prefix: beginning of all paths. Anything else than a table is
+    returned unchanged.
     """
     if not isinstance(table, Mapping):
         return table

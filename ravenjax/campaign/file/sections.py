@@ -1,6 +1,7 @@
-"""Defines the sections of a campaign file that every robot has, as pydantic models. They are
-[campaign], [haptics], [[detector]], [[check]], [outcomes] and [stop]. The models define keys, units
-and ranges. The module `group` defines groups of runs.
+"""Defines the sections of a campaign file that every robot has, as pydantic models.
+
+They are [campaign], [haptics], [[detector]], [[check]], [outcomes] and [stop]. The models define
+keys, units and ranges. The module `group` defines groups of runs.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
 """Checks rules of a campaign file that involve several sections, or the fault sites of the robot.
+
 The module `bounds` checks ranges of parameters.
 """
 

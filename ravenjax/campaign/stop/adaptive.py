@@ -1,5 +1,6 @@
-"""Runs a campaign with a rule [stop]: the campaign ends when its rates are precise enough. The
-rates are examined at looks that were planned in advance. The decisions depend only on finished
+"""Runs a campaign with a rule [stop]: the campaign ends when its rates are precise enough.
+
+The rates are examined at looks that were planned in advance. The decisions depend only on finished
 runs. Therefore a resumed campaign makes the same decisions and writes the same bytes.
 `decisions.jsonl` in the result folder records each look.
 """
