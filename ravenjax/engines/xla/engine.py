@@ -31,10 +31,9 @@ SERIES_BYTES = 2**30
 SMALL_LANES = 256
 """Lanes of a block of few rows, such as golden runs. On a CPU also of others, if runs are few."""
 CPU_LANES = 2**12
-"""Largest number of lanes of a block on a CPU core.
-
-A tick has some hundred compiled loops. Their fixed cost takes half of the time of a block of 256
-lanes, and a fifth with 2048 (analysis/engines/README.md).
+"""Largest number of lanes of a block of engine xla on a CPU core. In a block of SMALL_LANES half of
+the time is the fixed cost of some hundred loops. Blocks of engine mjx stay small, because XLA can
+wait forever for matrix products of 2048 lanes (analysis/engines/README.md).
 """
 ACCELERATOR_LANES = 2**19
 """Largest number of lanes of a block on each accelerator.
@@ -62,7 +61,7 @@ def _accelerators() -> tuple[Any, ...]:
     return () if jax.default_backend() == "cpu" else tuple(jax.devices())
 
 
-def _choose_lanes(runs: int, cores: int) -> int:
+def _choose_lanes(runs: int, cores: int, by_mjx: bool) -> int:
     """Return the lanes of a block: for all accelerators together, or for one CPU core."""
     share, limit, multiple = -(-runs // cores), SMALL_LANES, LANE_MULTIPLE
     if devices := _accelerators():
@@ -70,7 +69,7 @@ def _choose_lanes(runs: int, cores: int) -> int:
         fitting = memory // LANE_BYTES // LANE_MULTIPLE * LANE_MULTIPLE
         share, limit = runs, min(ACCELERATOR_LANES, fitting) * len(devices)
         multiple = LANE_MULTIPLE * len(devices)
-    elif share >= 4 * SMALL_LANES:
+    elif share >= 4 * SMALL_LANES and not by_mjx:
         # Blocks of equal size, because a smaller one computes as many lanes. A second size of block
         # has to be compiled, which is too slow for fewer runs.
         limit = -(-share // -(-share // CPU_LANES))
@@ -252,7 +251,8 @@ class ScanEngine:
 
     def compile(self, program: TickProgram, runs: int) -> ScanKernel:
         """See `interface.Engine`. Block sizes do not depend on the chunk size of the results."""
-        return ScanKernel(self._program(program), _choose_lanes(runs, self.threads))
+        lanes = _choose_lanes(runs, self.threads, by_mjx=self.name == "mjx")
+        return ScanKernel(self._program(program), lanes)
 
     def tracer(self, program: TickProgram, lanes: int) -> Tracer:
         """See `interface.Engine`."""
