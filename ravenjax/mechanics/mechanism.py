@@ -28,6 +28,7 @@ import copy
 import dataclasses
 import functools
 import io
+import threading
 from typing import Any
 
 import mujoco
@@ -42,6 +43,7 @@ from ravenjax.numbers.lazy import jax, jnp
 
 SWEEPS = 10
 """Sweeps over the constraints of a step."""
+_MJX_IMPORT = threading.Lock()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -277,7 +279,8 @@ def _put_model(model: mujoco.MjModel, dtype: str) -> tuple[Any, Any, Any]:
     dtype: type of JAX's numbers, which selects the stored result.
     """
     # The import takes half a second and prints a line for each optional backend that is missing.
-    with contextlib.redirect_stdout(io.StringIO()):
+    # Without the lock, two threads that compile would leave sys.stdout redirected.
+    with _MJX_IMPORT, contextlib.redirect_stdout(io.StringIO()):
         from mujoco import mjx
     with jax.ensure_compile_time_eval():
         return mjx, mjx.put_model(model), mjx.make_data(model)
