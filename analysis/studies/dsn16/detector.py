@@ -9,15 +9,12 @@ row and the next.
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.numbers.lazy import jax
-from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.campaign.config import require_raven
-from ravenjax.robots.raven2.geometry import kinematics
-from studies.dsn16.attacks import VariantRuns, holds, other_jump_rules, read_runs
+from studies.dsn16.attacks import VariantRuns, holds, in_window, read_runs, tips
 from studies.series import Recorder, Row, Series
 from studies.study import Cell, Line, Published, Variant
 
@@ -100,6 +97,7 @@ class Watched(NamedTuple):
     largest_mvel: np.ndarray
     # bool [runs]: the reported tip moved more than 1 mm within two packets, a jump by the text.
     leaps: np.ndarray
+    jump_packet: np.ndarray  # int [runs], packet at the time of the first jump; 0: no jump
     # [runs, 3, 7] rad and m, reported in the packets of the first jump's steps; NaN: no jump.
     joints: np.ndarray
 
@@ -115,21 +113,22 @@ def learn_thresholds(folders: Mapping[str, Path]) -> dict[str, np.ndarray]:
 
 def watch(folder: Path, runs: VariantRuns, thresholds: Mapping[str, np.ndarray]) -> Watched:
     """Run the detector on every faulty run of a folder."""
-    faults = runs.frame.set_index("index")[["start", "duration", "jump_packet"]]
+    faults = runs.frame.set_index("index")[["start", "duration", "jump_ms"]]
 
-    def watch_run(row: Row, series: Series) -> tuple[list[np.ndarray], float, bool, np.ndarray]:
-        found, (start, duration, ended) = log(series), faults.loc[row["index"]].tolist()
+    def watch_run(row: Row, series: Series) -> tuple[Any, ...]:
+        found, (start, duration, jump_ms) = log(series), faults.loc[row["index"]].tolist()
         moved = steps(found)[_window(found, start, duration), 1] / thresholds[CHOSEN][1]
         alarms = [run_alarms(found, level, start, duration) for level in thresholds.values()]
         leaps = [
             (np.linalg.norm(found.tip[rows:] - found.tip[:-rows], axis=1) > LEAP_UM).any()
             for rows in (1, 2)
         ]
-        joints = np.full((3, found.joints.shape[1]), np.nan)
-        if ended:
-            last = int(np.searchsorted(found.packet, ended))
+        packet, joints = 0, np.full((3, found.joints.shape[1]), np.nan)
+        if jump_ms >= 0:
+            packet = int(series["last_seq"][jump_ms])
+            last = int(np.searchsorted(found.packet, packet))
             joints = found.joints[last - 2 : last + 1].astype(float)
-        return alarms, float(moved.max(initial=0.0)), any(leaps), joints
+        return alarms, float(moved.max(initial=0.0)), any(leaps), packet, joints
 
     measured = Recorder(LOGGED).measure(folder, watch_run, faults.index.tolist())
     alarms, *others = map(np.array, zip(*measured, strict=True))
@@ -144,7 +143,7 @@ def attribute(joints: np.ndarray, limit_mm: float) -> np.ndarray:
     observed = np.arange(joints.shape[-1]) < len(JOINTS)
 
     def jumps(moving: np.ndarray) -> np.ndarray:
-        lengths = np.linalg.norm(_tip(np.where(moving, after, before)) - _tip(before), axis=-1)
+        lengths = np.linalg.norm(tips(np.where(moving, after, before)) - tips(before), axis=-1)
         return (lengths * 1e3 > limit_mm).all(axis=1)
 
     first, tool = jumps(observed), jumps(~observed)
@@ -152,16 +151,9 @@ def attribute(joints: np.ndarray, limit_mm: float) -> np.ndarray:
     return kinds & np.isfinite(joints[:, :1, 0])
 
 
-def _tip(joints: np.ndarray) -> np.ndarray:
-    """Return tips [.., 3] m of joints [.., 7]."""
-    with jax.enable_x64(True):
-        position = kinematics.forward_pose("gold", Vec(np.moveaxis(joints, -1, 0))).position
-    return np.stack([np.asarray(x) for x in position], axis=-1)
-
-
-def visible_line(runs: VariantRuns, watched: Watched) -> Line:
+def visible_line(watched: Watched) -> Line:
     """Return a line on whether the published detector can see most of the predicted jumps."""
-    alarms = watched.alarms[CHOSEN][(runs.frame["jump_packet"] > 0).to_numpy()]
+    alarms = watched.alarms[CHOSEN][watched.jump_packet > 0]
     count, fused, none = len(alarms), int(alarms[:, 3].sum()), int((~alarms[:, :3].any(1)).sum())
     return holds(
         "the predicted jumps are ones that the published detector can see",
@@ -174,7 +166,7 @@ def visible_line(runs: VariantRuns, watched: Watched) -> Line:
 
 def jump_note(runs: VariantRuns, watched: Watched) -> str:
     """Say which joints make the jumps."""
-    jumped = int((runs.frame["jump_packet"] > 0).sum())
+    jumped = int((watched.jump_packet > 0).sum())
     kinds = attribute(watched.joints, require_raven(runs.config).outcomes.jump_step_mm).sum(axis=0)
     listed = ", by ".join(f"{kind} {count}" for kind, count in zip(KINDS, kinds, strict=True))
     return f"{runs.name}: {jumped} of {len(runs.frame)} runs jump, by {listed}."
@@ -191,8 +183,16 @@ class Scenario(NamedTuple):
     @property
     def counted(self) -> list[VariantRuns]:
         """Return the baseline, the baseline with other rules for a jump, and the variants."""
-        first, *others = self.runs.values()
-        return [first, *other_jump_rules(first, self.watched.leaps), *others]
+        base, *others = self.runs.values()
+        inside = in_window(base.frame, self.watched.jump_packet)
+        window = "jumps only inside t1 .. t1 + d + 1"
+        text = "text's rule: the tip moves over 1 mm within two packets"
+        return [
+            base,
+            base.counting(inside, "inside_window", window),
+            base.counting(self.watched.leaps, "jump_text", text),
+            *others,
+        ]
 
 
 def read_scenario(variants: Sequence[Variant], folders: Mapping[str, Path]) -> Scenario:
