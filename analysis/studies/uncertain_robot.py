@@ -75,6 +75,11 @@ class Uncertain(NamedTuple):
         """Return the column of the result table."""
         return f"param:{self.path}"
 
+    @property
+    def range(self) -> str:
+        """Return the ends of the range in words."""
+        return f"{self.low:g} to {self.high:g}"
+
     def values(self, frame: pd.DataFrame) -> np.ndarray:
         """Return its value in each run of a result table."""
         varied = frame.get(self.column, pd.Series(self.nominal, frame.index))
@@ -169,26 +174,24 @@ def dependences(
     """
     found = []
     for event in EVENTS:
-        hit = flags[event].to_numpy(bool)
-        mine = [_dependence(event, one, hit, one.values(frame)) for one in parameters]
+        hit, mine = flags[event].to_numpy(bool), []
+        for parameter in parameters:
+            values = parameter.values(frame)
+            code = thirds(values)
+            n, k = np.bincount(code, minlength=3), np.bincount(code, hit, minlength=3).astype(int)
+            levels = {
+                name: share_of_cells(k[i], n[i])
+                for i, name in enumerate(THIRDS)
+                if 0 < n[i] < len(code)
+            }
+            gap = Estimate(np.nan, np.nan, np.nan)
+            if len(levels) > 1:
+                first, *_, last = levels.values()
+                gap = rate_difference(last.k, last.n, first.k, first.n)
+            p = _p(hit, code[:, None] == np.flatnonzero(n), values)
+            mine.append(Dependence(event, parameter, p, levels, gap))
         found += sorted(mine, key=lambda at: (np.isnan(at.p), at.p, -abs(at.difference.value)))
     return found
-
-
-def _dependence(
-    event: str, parameter: Uncertain, hit: np.ndarray, values: np.ndarray
-) -> Dependence:
-    code = thirds(values)
-    n, k = np.bincount(code, minlength=3), np.bincount(code, hit, minlength=3).astype(int)
-    levels = {
-        name: share_of_cells(k[i], n[i]) for i, name in enumerate(THIRDS) if 0 < n[i] < len(code)
-    }
-    gap = Estimate(np.nan, np.nan, np.nan)
-    if len(levels) > 1:
-        first, *_, last = levels.values()
-        gap = rate_difference(last.k, last.n, first.k, first.n)
-    p = _p(hit, code[:, None] == np.flatnonzero(n), values)
-    return Dependence(event, parameter, p, levels, gap)
 
 
 def _p(hit: np.ndarray, member: np.ndarray, values: np.ndarray) -> float:
@@ -253,14 +256,6 @@ def sensitivity_rows(out: Path, engine: str) -> Iterator[tuple[Cell, ...]]:
 # --- tables ---
 
 
-def parameter_rows() -> Iterator[tuple[Cell, ...]]:
-    """Yield ranges and their sources."""
-    for one in PARAMETERS:
-        unit = bounds.allowed_values(ROBOT, one.path)[0].unit
-        span = f"{one.low:g} to {one.high:g}"
-        yield one.words, one.path, span, one.nominal, unit, one.law, one.source
-
-
 def conclusion_rows(
     robots: Robots, found: Sequence[Dependence], drawn: Sequence[Dependence]
 ) -> Iterator[tuple[Cell, ...]]:
@@ -273,7 +268,8 @@ def conclusion_rows(
     for event, words in EVENTS.items():
         (low, low_robot), (high, high_robot) = extremes(robots, event)
         effects = [
-            f"{effect.parameter.words} ({signed(effect.difference.value)})"
+            f"{effect.parameter.words} ({'+' if effect.difference.value > 0 else ''}"
+            f"{format_number(100.0 * effect.difference.value, 2)})"
             for effect in alone
             if effect.event == event
         ]
@@ -284,19 +280,12 @@ def conclusion_rows(
         yield words, known, ends, f"{low_robot}; {high_robot}", *dependent
 
 
-def signed(difference: float) -> str:
-    """Write a signed number: +1.2, in points."""
-    text = format_number(100.0 * difference, 2)
-    return f"+{text}" if difference > 0 else text
-
-
 def end_rows(found: Sequence[Dependence]) -> Iterator[tuple[Cell, ...]]:
     """Yield every rate at both ends of every parameter."""
     for effect, finding in adjusted(found):
-        varied, (low, high) = effect.parameter, effect.levels.values()
-        parameter = f"{varied.words}, {varied.low:g} to {varied.high:g}"
-        gap = difference_and_p(effect, finding)
-        yield EVENTS[effect.event], parameter, low.n, rate(low), rate(high), *gap
+        parameter, (low, high) = effect.parameter, effect.levels.values()
+        words, gap = f"{parameter.words}, {parameter.range}", difference_and_p(effect, finding)
+        yield EVENTS[effect.event], words, low.n, rate(low), rate(high), *gap
 
 
 def third_rows(drawn: Sequence[Dependence]) -> Iterator[tuple[Cell, ...]]:
@@ -314,13 +303,13 @@ def difference_and_p(effect: Dependence, finding: Finding) -> tuple[str, str]:
     return plain(points, 2), format_number(finding.adjusted, 2)
 
 
-def layer_rows(robots: Robots, event: str) -> Iterator[tuple[Cell, ...]]:
+def layer_rows(robots: Robots) -> Iterator[tuple[Cell, ...]]:
     """Yield whether the order of layers depends on the robot."""
     rates = {}
     for name in LAYERS.values():
         parts = [events.loc[events["layer"] == name] for events in robots.values()]
         if all(map(len, parts)):
-            rates[name] = [rate_of(part, event) for part in parts]
+            rates[name] = [rate_of(part, LAYER_EVENT) for part in parts]
     order = [sorted(rates, key=lambda name: -rates[name][k].value) for k in range(len(robots))]
     for name, mine in rates.items():
         low, high = (format_percent(end(found.value for found in mine)) for end in (min, max))
@@ -330,27 +319,29 @@ def layer_rows(robots: Robots, event: str) -> Iterator[tuple[Cell, ...]]:
 
 def compare(context: study.Context) -> study.Findings:
     """Compare rates on every robot, and find what decides how far a fault moves the tip."""
-    folders = context.folders
-    ends = {
-        one: robots_at_ends(
-            folders[f"alone_{one.path.removeprefix('plant.').replace('.', '_')}"], one
-        )
-        for one in PARAMETERS
-    }
-    robots = {KNOWN_ROBOT: read(folders[KNOWN])[1]}
-    for pair in ends.values():
-        robots |= pair
+    folders, robots, ends = context.folders, {}, {}
+    robots[KNOWN_ROBOT] = read(folders[KNOWN])[1]
+    for one in PARAMETERS:
+        name = one.path.removeprefix("plant.").replace(".", "_")
+        ends[one] = robots_at_ends(folders[f"alone_{name}"], one)
+        robots |= ends[one]
     robots |= {f"set {name}": read(folders[f"set_{name}"])[1] for name in SETS}
     effects = parameter_effects(ends)
     frames, flags = zip(*(read(folders[f"drawn_{seed}"]) for seed in SEEDS), strict=True)
     drawn = dependences(pd.concat(frames), pd.concat(flags), PARAMETERS)
+    searches = folders[KNOWN].parent.parent / "searches"
+    units_of = {one: bounds.allowed_values(ROBOT, one.path)[0].unit for one in PARAMETERS}
     tables = {
         "conclusions": conclusion_rows(robots, effects, drawn),
-        "layers": layer_rows(robots, LAYER_EVENT),
-        "parameters": parameter_rows(),
+        "layers": layer_rows(robots),
+        # Ranges and their sources
+        "parameters": (
+            (one.words, one.path, one.range, one.nominal, unit, one.law, one.source)
+            for one, unit in units_of.items()
+        ),
         "ends": end_rows(effects),
         "thirds": third_rows(drawn),
-        "sensitivity": sensitivity_rows(folders[KNOWN].parent.parent / "searches", context.engine),
+        "sensitivity": sensitivity_rows(searches, context.engine),
     }
     (outcome,) = study.read_toml(SEARCH)["search"]["outcomes"]
     words = {"robots": len(robots), "event": EVENTS[LAYER_EVENT], "outcome": outcome}
