@@ -44,36 +44,21 @@ WRIST = (
 BAND = (0.75, 1.25)
 """Band of agreement: a following error within a quarter of the recorded one."""
 
-FITTED_KINDS = ("friction", "offsets")
-
-
-class RecordedArm(NamedTuple):
-    """A recording of an arm."""
-
-    words: str
-    controller: position_loop.Controller
-    period_ms: float
-    fitted: tuple[int, ...]  # joints whose friction and offsets the first half gives
-
-
-ARMS = {
-    # Teleoperation, 21 s
-    THREE_JOINTS: RecordedArm("the authors' arm", position_loop.FORK2015, 1.0, (0, 1, 2)),
-    # Driven along circles with today's gains, 40 s
-    SEVEN_JOINTS: RecordedArm(
-        "the arm of 2018", position_loop.RAVEN2, SEVEN_PERIOD_MS, (3, 4, 5, 6)
-    ),
-}
-"""The recordings, by the name of the file."""
+ARMS = {THREE_JOINTS: "the authors' arm", SEVEN_JOINTS: "the arm of 2018"}
+FITTED = {THREE_JOINTS: (0, 1, 2), SEVEN_JOINTS: (3, 4, 5, 6)}
+"""Joints whose friction and offsets the first half of each recording gives."""
 
 
 def logged(name: str, path: Path) -> LoggedRobot:
-    """Return the log of one of ARMS."""
-    tool, software, arm = LOG_SETUP.tools[0], LOG_SETUP.software, ARMS[name]
-    log = joint_log.read_joint_log(
-        path, "gold", tool, software, arm.controller, period_ms=arm.period_ms
-    )
-    return LoggedRobot(log, LOG_SETUP, "gold", arm.controller)
+    """Return a log: of the authors' arm in teleoperation, 21 s at 1 kHz, or of another arm, driven
+    along circles with today's gains, 40 s.
+    """
+    authors = name == THREE_JOINTS
+    controller = position_loop.FORK2015 if authors else position_loop.RAVEN2
+    kind = "gold", LOG_SETUP.tools[0], LOG_SETUP.software, controller
+    period_ms = 1.0 if authors else SEVEN_PERIOD_MS
+    log = joint_log.read_joint_log(path, *kind, period_ms=period_ms)
+    return LoggedRobot(log, LOG_SETUP, "gold", controller)
 
 
 # --- the links' load in a recorded motor ---
@@ -116,6 +101,23 @@ def of_recording(log: JointRecording) -> list[LoadShare]:
     return [*map(_load_share, _moving(log))]
 
 
+def _load_share(joint: _Joint) -> LoadShare:
+    columns, torque, stretch = joint.columns, joint.torque, (joint.place * STRETCHES).astype(int)
+    pieces = [stretch == s for s in np.unique(stretch)]
+    squares = np.array([columns[p].T @ columns[p] for p in pieces])
+    products = np.array([columns[p].T @ torque[p] for p in pieces])[..., None]
+
+    def solved(rows: np.ndarray) -> np.ndarray:
+        return np.linalg.solve(squares[rows].sum(axis=1), products[rows].sum(axis=1))[..., 0]
+
+    best = solved(np.arange(len(pieces))[None])[0]
+    bands = [bootstrap(len(pieces), lambda rows, k=k: solved(rows)[:, k]) for k in (0, 1)]
+    inertia, scale = (
+        (float(best[k]), float(band.low), float(band.high)) for k, band in enumerate(bands)
+    )
+    return LoadShare(inertia, scale, float(np.std(best[1] * columns[:, 1]) / np.std(torque)))
+
+
 def held_out(log: JointRecording) -> dict[str, list[np.ndarray]]:
     """Return errors (N m, [n] of each joint) of MODELS, fitted to the first half, in the second."""
     errors: dict[str, list[np.ndarray]] = {model: [] for model in MODELS}
@@ -128,7 +130,7 @@ def held_out(log: JointRecording) -> dict[str, list[np.ndarray]]:
     return errors
 
 
-def _moving(log: JointRecording) -> list[_Joint]:
+def _moving(log: JointRecording) -> Iterator[_Joint]:
     from scipy.signal import savgol_filter
 
     def smooth(values: np.ndarray, derivative: int = 0) -> np.ndarray:
@@ -142,12 +144,9 @@ def _moving(log: JointRecording) -> list[_Joint]:
     columns = np.stack(parts, axis=-1)
     inside = np.zeros(len(angle), bool)
     inside[WINDOW_MS:-WINDOW_MS] = True
-    joints = []
     for j in range(3):
         rows = inside & (np.abs(speed[:, j]) > MOVING_RAD_S)
-        place = np.flatnonzero(rows) / len(rows)
-        joints.append(_Joint(columns[rows, j], torque[rows, j], place))
-    return joints
+        yield _Joint(columns[rows, j], torque[rows, j], np.flatnonzero(rows) / len(rows))
 
 
 def _load(angle: Any, speed: Any, acceleration: Any) -> jax.Array:
@@ -166,23 +165,6 @@ def _load(angle: Any, speed: Any, acceleration: Any) -> jax.Array:
     return jnp.stack(arm_coupling(ARM, TOOL, software).motor_torques(force)[:3])
 
 
-def _load_share(joint: _Joint) -> LoadShare:
-    columns, torque, stretch = joint.columns, joint.torque, (joint.place * STRETCHES).astype(int)
-    pieces = [stretch == s for s in np.unique(stretch)]
-    squares = np.array([columns[p].T @ columns[p] for p in pieces])
-    products = np.array([columns[p].T @ torque[p] for p in pieces])[..., None]
-
-    def solved(rows: np.ndarray) -> np.ndarray:
-        return np.linalg.solve(squares[rows].sum(axis=1), products[rows].sum(axis=1))[..., 0]
-
-    best = solved(np.arange(len(pieces))[None])[0]
-    bands = [bootstrap(len(pieces), lambda rows, k=k: solved(rows)[:, k]) for k in (0, 1)]
-    inertia, scale = (
-        (float(best[k]), float(band.low), float(band.high)) for k, band in enumerate(bands)
-    )
-    return LoadShare(inertia, scale, float(np.std(best[1] * columns[:, 1]) / np.std(torque)))
-
-
 # --- statics of the shoulder ---
 
 STATICS_SETUP = RavenSetup(arms=("gold",), precision=REFERENCE)
@@ -198,6 +180,11 @@ class Statics(NamedTuple):
     torque: float  # N m at the joint
     speed: float  # rad/s, largest of the motor
     given_way: float  # mm at 0.3 m of arm, pushed by LOAD_NM while its controller holds it
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        digits = zip(self[1:], (0, 0, 1, 0, 2), strict=True)
+        return self.who, *("" if math.isnan(value) else f"{value:.{n}f}" for value, n in digits)
 
 
 def of_robot(name: str) -> Statics:
@@ -258,9 +245,9 @@ def compare(context: study.Context) -> study.Findings:
     paths = {name: path for name in ARMS if (path := recording.locate(name)) is not None}
     missing = [name for name in ARMS if name not in paths]
     absent = (f"Not at hand: {', '.join(missing)}. Set {DATA} to their folder.",) if missing else ()
-    load: tuple[str, ...] = ()
+    load = ()
     with jax.enable_x64(True):
-        statics = map(_statics, (by_hand(), of_robot(OURS), of_robot(AUTHORS)))
+        statics = [one.cells for one in (by_hand(), of_robot(OURS), of_robot(AUTHORS))]
         strength = parameter_sets.parameter_set(OURS).cable_strength[0]
         printed = [read_table(NAME, "statics", statics, strength=strength)]
         if THREE_JOINTS in paths:
@@ -276,9 +263,15 @@ def compare(context: study.Context) -> study.Findings:
         robots = {f"virtual robot, {law}": position_loop.params(sets[law]) for law in sets}
         rows = log.following_errors(log.halves[1], robots)
         ours, theirs = (row.following / rows[0].following for row in rows[1:3])
-        lines += (_line(name, j, float(ours[j])) for j in log.log.joints)
         authors += [bool(BAND[0] <= ratio <= BAND[1]) for ratio in theirs[:3]]
-        fit = log.calibrated(sets[OURS], select_unknowns(ARMS[name].fitted, FITTED_KINDS))
+        for j in log.log.joints:
+            blind = "" if j in FITTED[name] else ", with the friction of the other"
+            words = f"following error of {JOINTS[j].replace('_', ' ')}, virtual by recorded"
+            reason = WRIST if (name, j) == (SEVEN_JOINTS, 4) else ""
+            ratios = study.StudyEstimate(1.0), study.StudyEstimate(float(ours[j]))
+            quantity = f"{words}: {ARMS[name]}{blind}"
+            lines.append(study.Line(quantity, "", *ratios, BAND, reason=reason))
+        fit = log.calibrated(sets[OURS], select_unknowns(FITTED[name], ("friction", "offsets")))
         fitted = tables.tabulate_parameters(fit)
         printed.append(_following(rows, log.log.joints, name))
         printed.append(read_table(NAME, "fitted", fitted, name=name))
@@ -289,27 +282,14 @@ def compare(context: study.Context) -> study.Findings:
     return study.Findings(tuple(lines), tuple(printed), notes)
 
 
-def _line(name: str, joint: int, ratio: float) -> study.Line:
-    blind = "" if joint in ARMS[name].fitted else ", with the friction of the other"
-    words = f"following error of {JOINTS[joint].replace('_', ' ')}, virtual by recorded"
-    reason = WRIST if (name, joint) == (SEVEN_JOINTS, 4) else ""
-    ratios = study.StudyEstimate(1.0), study.StudyEstimate(ratio)
-    return study.Line(f"{words}: {ARMS[name].words}{blind}", "", *ratios, BAND, reason=reason)
-
-
 def _following(rows: Sequence[FollowingError], joints: Sequence[int], name: str) -> study.Table:
     """Return following errors of the log and of each model, and their ratio to the log's."""
     (_, *models), by_joint = tables.by_joint(rows, joints)
     names, *by_model = zip(*by_joint, strict=True)
     cells = [[cell.replace("\n", ", ") for cell in errors] for errors in by_model]
     found = ([model, *row] for model, row in zip(models, cells, strict=True))
-    words = {"arm": ARMS[name].words, "name": name, "joints": " | ".join(names)}
+    words = {"arm": ARMS[name], "name": name, "joints": " | ".join(names)}
     return read_table(NAME, "following", found, **words)
-
-
-def _statics(found: Statics) -> tuple[str, ...]:
-    digits = zip(found[1:], (0, 0, 1, 0, 2), strict=True)
-    return found.who, *("" if math.isnan(value) else f"{value:.{n}f}" for value, n in digits)
 
 
 def _load_rows(found: Sequence[LoadShare]) -> Iterator[tuple[str, ...]]:
