@@ -41,17 +41,8 @@ SETS = parameter_sets.PUBLISHED
 """The published sets, with the authors' law of motor and cable."""
 FEWEST_EXPECTED, TABLES_DRAWN = 5, 9999
 """Expected count that the chi-squared distribution needs (Cochran 1954), and tables drawn below."""
-EVENTS = {
-    "evaded": "evades the checks: unintended motion, and nobody is told",
-    "cued": "the cue fires",
-    "stopped": "a check stops the robot",
-    "unintended": f"unintended motion of more than {LIMIT_MM:g} mm",
-    "unwarned": "unintended motion before the cue, or without one",
-    "loss": "loss of motion",
-    "misreport": "false report",
-    "jump": "jump of the reported tip",
-    "injury": "injury-capable motion",
-}
+DATA = study.read_toml(f"published/{NAME}.toml")
+EVENTS = {name: words.format(limit_mm=LIMIT_MM) for name, words in DATA["events"].items()}
 """Events of a fault, columns of runs. Each is a rate over the faults that changed a bit."""
 LAYER_EVENT = "unintended"
 EVERY_CYCLE = "length of packets 0"
@@ -86,9 +77,7 @@ class Uncertain(NamedTuple):
         return varied.fillna(self.nominal).to_numpy(float)
 
 
-PARAMETERS = tuple(
-    Uncertain(**row) for row in study.read_toml(f"published/{NAME}.toml")["parameter"]
-)
+PARAMETERS = tuple(Uncertain(**row) for row in DATA["parameter"])
 Robots = Mapping[str, pd.DataFrame]
 """Robots under the same faults, by name: EVENTS of each fault, bool, and its `kind` and `layer`."""
 

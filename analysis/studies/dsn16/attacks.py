@@ -23,7 +23,7 @@ from ravenjax.robots.raven2.geometry import kinematics
 from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 from ravenjax.store import manifest
 from ravenjax.store.folder import read_all
-from studies.study import Cell, Line, StudyEstimate
+from studies.study import Cell, Line, StudyEstimate, read_toml
 
 DURATIONS = (1, 2, 4, 8, 16, 32, 64, 128)
 """Durations of a fault in packets, in both scenarios."""
@@ -31,8 +31,7 @@ SMALL_COUNTS, LARGE_COUNTS = 800, 10_000
 """DAC counts of the shoulder on the published trajectory (comment in the fork's code), and the most
 that the fork's own check allows.
 """
-HOLDS = " (1: holds)"
-"""Ending of a statement's quantity."""
+STATEMENTS = read_toml("published/dsn16.toml")["statements"]
 
 
 def rate(cells: pd.DataFrame | pd.Series) -> StudyEstimate:
@@ -175,69 +174,49 @@ def sensitivity_rows(
         yield one.name, one.question, one.lever, *shares, changed, points, *compared
 
 
-def holds(quantity: str, published: bool | None, predicted: bool, reason: str) -> Line:
-    """Return a statement as a line. `published`: whether the published counts support it."""
+def holds(key: str, predicted: bool, published: bool | None = None, **numbers: object) -> Line:
+    """Return a statement of the publication as a line. `published`: whether the published counts
+    support it. `numbers`: those in its reason.
+    """
     of = "stated" if published is None else f"stated; in the published counts: {int(published)}"
     found, stated = StudyEstimate(float(predicted)), StudyEstimate(1.0, of=of)
-    return Line(f"{quantity}{HOLDS}", "", stated, found, (1.0, 1.0), reason=reason)
+    quantity, reason = f"{STATEMENTS[key]['text']} (1: holds)", STATEMENTS[key]["reason"]
+    return Line(quantity, "", stated, found, (1.0, 1.0), reason=reason.format(**numbers))
 
 
 def scenario_b(
     runs: VariantRuns, moved: np.ndarray, jumps: np.ndarray, stops: np.ndarray
-) -> tuple[Line, ...]:
-    """Return the four statements on scenario B. `moved`: [runs] largest step of motor velocity in
+) -> Iterator[Line]:
+    """Yield the four statements on scenario B. `moved`: [runs] largest step of motor velocity in
     the window by its fault-free threshold. `jumps`, `stops`: published percent by duration.
     """
     size, frame = runs.frame["value"].map(stored).abs(), runs.frame
     small = (frame["jump"] | frame["stop"])[(size <= SMALL_COUNTS) & (frame["duration"] <= 64)]
-    short = (size <= LARGE_COUNTS) & frame["duration"].isin((2, 4))
-    disturbed, jumped = float((moved[short] > 1.0).mean()), frame["jump"][short]
-    return (
-        holds(
-            "small DAC errors have no effect unless held longer than 64 ms",
-            None,
-            not small.any(),
-            f"{int(small.sum())} of {len(small)} runs of up to {SMALL_COUNTS} counts and 64 packets"
-            " jump or stop",
-        ),
-        holds(
-            "2-4 ms bursts disturb motor velocity but not positions, unless large",
-            None,
-            disturbed > 0.5 and not jumped.any(),
-            f"of runs of up to {LARGE_COUNTS} counts and 2 or 4 packets {100 * disturbed:.0f} %"
-            " move the motor velocity beyond its fault-free 99.9 percentile,"
-            f" {100 * jumped.mean():.0f} % jump",
-        ),
-        *of_attack(runs, jumps, stops),
+    yield holds(
+        "small", not small.any(), hit=int(small.sum()), runs=len(small), counts=SMALL_COUNTS
     )
+    short = (size <= LARGE_COUNTS) & frame["duration"].isin((2, 4))
+    disturbed, jumped = 100 * float((moved[short] > 1.0).mean()), 100 * frame["jump"][short].mean()
+    held = disturbed > 50 and not jumped
+    yield holds("bursts", held, counts=LARGE_COUNTS, disturbed=disturbed, jumped=jumped)
+    yield from of_attack(runs, jumps, stops)
 
 
 def of_attack(
     runs: VariantRuns, jumps: np.ndarray | None = None, stops: np.ndarray | None = None
-) -> tuple[Line, ...]:
-    """Return two statements on either scenario. `jumps`, `stops`: published percent."""
+) -> Iterator[Line]:
+    """Yield two statements on either scenario. `jumps`, `stops`: published percent."""
     jumped, stopped, missed = (runs.percent(hit) for hit in ("jump", "stop", "missed"))
     window = np.isin(DURATIONS, (2, 4, 8, 16))
-    open_at = ", ".join(str(d) for d, share in zip(DURATIONS, missed, strict=True) if share > 0)
     lower, opened, beside = None, None, ""
     if jumps is not None and stops is not None:
         lower, opened = bool((stops <= jumps).all()), bool((jumps[window] > 0).all())
         beside = f"; published {_listed(stops - jumps)}"
-    return (
-        holds(
-            "P(RAVEN detects) is lower than P(impact) at every duration",
-            lower,
-            bool((stopped <= jumped).all()),
-            f"E-stop minus jump by duration, points: predicted {_listed(stopped - jumped)}{beside}",
-        ),
-        holds(
-            "the attacker's undetected window is 2-16 ms",
-            opened,
-            bool((missed[window] > 0).all()),
-            "counted as: at each of 2, 4, 8 and 16 packets some runs jump without an E-stop;"
-            f" predicted for {open_at or 'no'} packets, by duration {_listed(missed)} %",
-        ),
-    )
+    apart = f"{_listed(stopped - jumped)}{beside}"
+    yield holds("detects", bool((stopped <= jumped).all()), lower, apart=apart)
+    packets = ", ".join(map(str, np.array(DURATIONS)[missed > 0])) or "no"
+    held = bool((missed[window] > 0).all())
+    yield holds("window", held, opened, packets=packets, missed=_listed(missed))
 
 
 def _listed(numbers: np.ndarray) -> str:

@@ -154,14 +154,8 @@ def attribute(joints: np.ndarray, limit_mm: float) -> np.ndarray:
 def visible_line(watched: Watched) -> Line:
     """Return a line on whether the published detector can see most of the predicted jumps."""
     alarms = watched.alarms[CHOSEN][watched.jump_packet > 0]
-    count, fused, none = len(alarms), int(alarms[:, 3].sum()), int((~alarms[:, :3].any(1)).sum())
-    return holds(
-        "the predicted jumps are ones that the published detector can see",
-        None,
-        2 * fused > count,
-        f"counted as: it tells more than half of the {count} runs that jump; it tells {fused}, and"
-        f" in {none} none of its variables passes its threshold",
-    )
+    told, none = int(alarms[:, 3].sum()), int((~alarms[:, :3].any(axis=1)).sum())
+    return holds("visible", 2 * told > len(alarms), runs=len(alarms), told=told, none=none)
 
 
 def jump_note(runs: VariantRuns, watched: Watched) -> str:

@@ -72,7 +72,7 @@ def read(path: Path) -> JointRecording:
     return JointRecording(np.radians(angle), np.radians(speed), dac)
 
 
-def motors(three: np.ndarray, still: bool = False) -> Vec:
+def motors(three: Any, still: bool = False) -> Vec:
     """Return seven motors from three. The tool's motors follow the insertion."""
     pose = Vec((0.0, 0.0, 0.0, *((0.0,) * 4 if still else TOOL_POSE)))
     tool = transmission.motor_from_joint(ARM, TOOL, pose, three[2], "fork2015")[3:]
@@ -111,12 +111,10 @@ def loop(rows: Rows, params: robot.PlantParams, cables: Any = 1.0) -> Run:
     with `position_loop.bare_rotors`.
     """
     of_loop = replace(position_loop.params(params), cables=cables)
-    pose = Vec((0.0, 0.0, 0.0, *TOOL_POSE))
 
     def tick(state: LoopState, row: jax.Array):
         def desired(insertion: jax.Array) -> Vec:
-            tool = transmission.motor_from_joint(ARM, TOOL, pose, insertion, "fork2015")[3:]
-            return Vec((row[0], row[1], row[2], *tool))
+            return motors((row[0], row[1], insertion)).replace(2, row[2])
 
         def written(counts: Vec) -> Vec:
             return Vec((*row, *counts[3:])) if rows == "dac" else counts

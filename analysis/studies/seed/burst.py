@@ -32,14 +32,7 @@ REACH_TICKS = FAULT_TICKS + 50
 """Ticks after the onset in which the shoulder's farthest point is searched."""
 JUMP_UM = 100.0
 """Limit of a step of the measured tip, exceeded twice in a row by a jump (DSN 2016)."""
-A4 = {
-    "four bursts": "all four bursts come before the stop, or none stops",
-    "peaks": "the tip error peaks of all four are 3 to 7 mm",
-    "rebounds": "the rebounds of all are 3 to 7 degrees",
-    "rebound times": "the rebounds of all take 100 to 200 ms",
-    "stop in the fourth": "the robot stops in the fourth, by the magnitude of the DAC command",
-}
-A5 = {"cue onsets": "all four have a cue, 0.15 to 0.25 s after their onset"}
+A4, A5 = study.read_toml("published/seed.toml")["criteria"].values()
 """Columns of `criteria`, in words: what holds in a run."""
 ALL = "all of A4"
 
@@ -136,7 +129,7 @@ def compare(context: study.Context) -> study.Findings:
     met = criteria(runs, events, published)
     modelled, bursts = (part.loc[part["setting"] == MODELLED] for part in (runs, events))
     return study.Findings(
-        (*_acceptance(modelled, met, published), *_events(bursts, published)),
+        tuple(_lines(modelled, bursts, met, published)),
         (
             read_table(NAME, "constants", _constants(modelled, bursts, met)),
             read_table(NAME, "bands", _bands(runs, events, met)),
@@ -158,8 +151,12 @@ def _measured(context: study.Context) -> Iterator[dict[str, Any]]:
                 yield {"setting": setting, "kind": kind, "seed": seed, **found}
 
 
-def _acceptance(runs: pd.DataFrame, met: pd.DataFrame, published: Published) -> Iterator[Line]:
-    """Yield in how many runs each band is met. One is required, as the constant is unknown."""
+def _lines(
+    runs: pd.DataFrame, events: pd.DataFrame, met: pd.DataFrame, published: Published
+) -> Iterator[Line]:
+    """Yield in how many runs each band is met, and what accompanies a peak of the published size.
+    As the constant is unknown, one run is required, and peaks are of any constant and motion.
+    """
     published_run = StudyEstimate(1, n=1, of="run, Figures 4 and 5")
     met = met.loc[runs.index]
     of = f"runs ({runs['value'].nunique()} constants, {len(MOTIONS)} motions)"
@@ -174,9 +171,6 @@ def _acceptance(runs: pd.DataFrame, met: pd.DataFrame, published: Published) -> 
     quantity = "runs with four jumps, of which the last ends in the stop"
     yield Line(quantity, "", published_run, jumps)
 
-
-def _events(events: pd.DataFrame, published: Published) -> Iterator[Line]:
-    """Yield what accompanies a peak of the published size, for any constant and motion."""
     low, high = published.band("a4.peak")
     sized = events.loc[events["peak_mm"].between(low, high)]
     rebounds = [published.value(f"burst.{k}.rebound") for k in (1, 2, 3)]

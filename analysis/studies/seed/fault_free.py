@@ -22,22 +22,9 @@ SCALES = (0.05, 0.1, 0.15, 0.2)
 VARIANTS = study.read_variants(NAME)
 REST_TICKS = 500
 """Ticks for which the hand rests at the beginning of every generated motion."""
-READINGS = {
-    "mean_mm": "as the cue sees it: measured tip to nominal model",
-    "true_mean_mm": "true tip to nominal model",
-    "zeroed_mean_mm": "measured tip, model begun at the measured pose",
-}
-LINES = {
-    "explained": "variance of the {}s that a straight line over the scale explains",
-    "slope": "{} tip error, slope over the scale",
-    "at_zero": "{} tip error, the line's value at scale 0",
-}
-CURVED = {
-    "peak": "at scale 0.2 the fault-free command of fast motions is clipped by the overdrive check:"
-    " the peaks bend up",
-    "mean": "dry friction and the offset at rest do not shrink with the scale",
-}
-"""Why a line does not explain all, by kind of tip error."""
+WORDS = study.read_toml("published/seed.toml")
+KINDS = tuple(WORDS["curved"])
+"""Kinds of tip error: peak and mean."""
 
 
 def segment(row: Row, series: Series) -> dict[str, Any]:
@@ -82,16 +69,26 @@ def compare(context: study.Context) -> study.Findings:
         for name, frame in measured.groupby("setting", sort=False)
     }
     read = pd.DataFrame(
-        {x: {kind: published.value(f"fault_free.{kind}.{x:g}") for kind in CURVED} for x in SCALES}
+        {x: {kind: published.value(f"fault_free.{kind}.{x:g}") for kind in KINDS} for x in SCALES}
     )
     modelled, noisy = settings[MODELLED], settings[NOISE]
     slope, band = growth(read.loc["mean"])["slope"], published.band("a6.mean")
+    readings = (
+        (words, *_by_scale(modelled[of]), _with_interval(over_kinds(modelled[of].mean(axis=1))))
+        for of, words in WORDS["readings"].items()
+    )
+    shown = modelled[["peak_mm", "mean_mm"]].map("{:.2f}".format)
+    pulses = modelled["pulses"].sum(axis=1)
+    motions = (
+        (f"{kind} {seed}", *errors, int(count))
+        for (kind, seed), errors, count in zip(shown.index, shown.to_numpy(), pulses, strict=True)
+    )
     return study.Findings(
         tuple(_lines(modelled, noisy["pulses"] > 0, read, published)),
         (
             read_table(NAME, "dependences", _dependences(settings, band), slope=slope),
-            read_table(NAME, "readings", _readings(modelled)),
-            read_table(NAME, "motions", _motions(modelled)),
+            read_table(NAME, "readings", readings),
+            read_table(NAME, "motions", motions),
         ),
         study.read_notes(NAME),
     )
@@ -126,7 +123,7 @@ def _lines(
     )
     offset = modelled["rest_mm"].iloc[0, 0]
     reasons = {"at_zero": f"the model begins at the true tip, encoders see it {offset:.2f} mm away"}
-    for of, words in LINES.items():
+    for of, words in WORDS["line"].items():
         for kind, readings in read.iterrows():
             figure = StudyEstimate(float(growth(readings)[of]), of="four readings of Figure 3")
             lines = modelled[f"{kind}_mm"].apply(growth, axis=1)[of]
@@ -135,7 +132,7 @@ def _lines(
                 over = f"{mean.of}, least and largest of a motion"
                 mean = dataclasses.replace(mean, low=lines.min(), high=lines.max(), of=over)
                 band = published.band("a6.explained")
-                yield Line(quantity, "", figure, mean, band, "A6", CURVED[str(kind)])
+                yield Line(quantity, "", figure, mean, band, "A6", WORDS["curved"][kind])
             else:
                 yield Line(quantity, "mm", figure, mean, reason=reasons.get(of, ""))
     scales = ", ".join(f"{scale:g}" for scale in noisy_cue if noisy_cue[scale].any()) or "none"
@@ -171,18 +168,6 @@ def _dependences(
             _cues(setting),
             f"{(setting['stop_ms'] >= 0).sum(axis=None)}",
         )
-
-
-def _readings(modelled: pd.DataFrame) -> Iterator[tuple[str, ...]]:
-    for field, name in READINGS.items():
-        mean = over_kinds(modelled[field].mean(axis=1))
-        yield name, *_by_scale(modelled[field]), _with_interval(mean)
-
-
-def _motions(modelled: pd.DataFrame) -> Iterator[tuple[str | int, ...]]:
-    for (kind, seed), row in modelled.iterrows():
-        errors = (f"{value:.2f}" for value in (*row["peak_mm"], *row["mean_mm"]))
-        yield f"{kind} {seed}", *errors, int(row["pulses"].sum())
 
 
 def _by_scale(values: pd.DataFrame) -> list[str]:
