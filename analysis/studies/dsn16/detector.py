@@ -19,7 +19,7 @@ from studies.series import Recorder, Row, Series
 from studies.study import Cell, Line, Published, Variant
 
 LOGGED = ("last_seq", "mpos", "mvel", "jpos", "position")
-"""Signals of a log."""
+"""Signals of a log: the number of the newest packet, motors and joints, and the reported tip."""
 VARIABLES = ("mpos", "mvel", "jpos")
 JOINTS = ("shoulder", "elbow", "insertion")
 FIRST_PACKET = 500
@@ -35,34 +35,25 @@ KINDS = "joints 1-3 alone", "the tool joints alone", "either", "both together on
 """Which joints make the two long steps of a jump."""
 
 
-class Log(NamedTuple):
-    """One run, with one row per packet."""
-
-    packet: np.ndarray  # [rows] packet numbers
-    mpos: np.ndarray  # [rows, 3] rad, as the control software reads them
-    mvel: np.ndarray  # [rows, 3] rad/s
-    jpos: np.ndarray  # [rows, 3] rad, rad, m
-    tip: np.ndarray  # [rows, 3] um, whole numbers
-    joints: np.ndarray  # [rows, 7] rad and m, all joints
+def log(series: Series) -> Series:
+    """Return the rows of a run's LOGGED in which a new packet came."""
+    fresh = np.flatnonzero(np.diff(series["last_seq"], prepend=0))
+    return {name: series[name][fresh] for name in LOGGED}
 
 
-def log(series: Series) -> Log:
-    """Return the log from a run's time series."""
-    number = series["last_seq"]
-    fresh = np.flatnonzero(np.diff(number, prepend=0))
-    mpos, mvel, joints = (series[name][fresh] for name in VARIABLES)
-    tip = np.rint(series["position"][fresh] * 1e6)
-    return Log(number[fresh], mpos[:, :3], mvel[:, :3], joints[:, :3], tip, joints)
-
-
-def steps(log: Log) -> np.ndarray:
+def steps(log: Series) -> np.ndarray:
     """Return |step| [rows - 1, 3 variables, 3 joints] from each row of the log to the next."""
-    return np.stack([np.abs(np.diff(getattr(log, name), axis=0)) for name in VARIABLES], axis=1)
+    return np.stack([np.abs(np.diff(log[name][:, :3], axis=0)) for name in VARIABLES], axis=1)
 
 
-def fault_free(log: Log) -> np.ndarray:
+def fault_free(log: Series) -> np.ndarray:
     """Return steps [rows, 3, 3] of a fault-free run after it has begun to move."""
-    return steps(log)[log.packet[:-1] >= FIRST_PACKET]
+    return steps(log)[log["last_seq"][:-1] >= FIRST_PACKET]
+
+
+def reported_tip(log: Series) -> np.ndarray:
+    """Return the reported tip in whole um, [rows, 3]."""
+    return np.rint(log["position"] * 1e6)
 
 
 def stacked(series: Sequence[np.ndarray]) -> np.ndarray:
@@ -71,7 +62,7 @@ def stacked(series: Sequence[np.ndarray]) -> np.ndarray:
     return np.stack([one[:rows] for one in series])
 
 
-def run_alarms(log: Log, thresholds: np.ndarray, start: int, duration: int) -> np.ndarray:
+def run_alarms(log: Series, thresholds: np.ndarray, start: int, duration: int) -> np.ndarray:
     """Return which alarms of one run come in the published window of a fault in packets `start` to
     `start + duration - 1`, bool [4]: motor position, motor velocity, joint position, all in one
     row. `thresholds`: [3, 3].
@@ -83,9 +74,9 @@ def run_alarms(log: Log, thresholds: np.ndarray, start: int, duration: int) -> n
     return over[_window(log, start, duration)].any(axis=0)
 
 
-def _window(log: Log, start: int, duration: int) -> np.ndarray:
+def _window(log: Series, start: int, duration: int) -> np.ndarray:
     """Return the steps of packets t1 to t1 + d + 1, bool [rows - 1]."""
-    packet = log.packet[:-1]
+    packet = log["last_seq"][:-1]
     return (packet >= start) & (packet <= start + duration + 1)
 
 
@@ -119,15 +110,13 @@ def watch(folder: Path, runs: VariantRuns, thresholds: Mapping[str, np.ndarray])
         found, (start, duration, jump_ms) = log(series), faults.loc[row["index"]].tolist()
         moved = steps(found)[_window(found, start, duration), 1] / thresholds[CHOSEN][1]
         alarms = [run_alarms(found, level, start, duration) for level in thresholds.values()]
+        tip, joints = reported_tip(found), found["jpos"].astype(float)
         leaps = [
-            (np.linalg.norm(found.tip[rows:] - found.tip[:-rows], axis=1) > LEAP_UM).any()
-            for rows in (1, 2)
+            (np.linalg.norm(tip[rows:] - tip[:-rows], axis=1) > LEAP_UM).any() for rows in (1, 2)
         ]
-        packet, joints = 0, np.full((3, found.joints.shape[1]), np.nan)
-        if jump_ms >= 0:
-            packet = int(series["last_seq"][jump_ms])
-            last = int(np.searchsorted(found.packet, packet))
-            joints = found.joints[last - 2 : last + 1].astype(float)
+        packet = int(series["last_seq"][jump_ms]) if jump_ms >= 0 else 0
+        last = int(np.searchsorted(found["last_seq"], packet))
+        joints = joints[last - 2 : last + 1] if packet else np.full_like(joints[:3], np.nan)
         return alarms, float(moved.max(initial=0.0)), any(leaps), packet, joints
 
     measured = Recorder(LOGGED).measure(folder, watch_run, faults.index.tolist())
