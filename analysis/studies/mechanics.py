@@ -43,10 +43,10 @@ WRIST = (
 )
 BAND = (0.75, 1.25)
 """Band of agreement: a following error within a quarter of the recorded one."""
-
-ARMS = {THREE_JOINTS: "the authors' arm", SEVEN_JOINTS: "the arm of 2018"}
-FITTED = {THREE_JOINTS: (0, 1, 2), SEVEN_JOINTS: (3, 4, 5, 6)}
-"""Joints whose friction and offsets the first half of each recording gives."""
+ARMS, MODELS = study.read_toml(f"published/{NAME}.toml").values()
+"""Recorded arms by the file of the recording, and models of the torque of a motor."""
+COMPARED = tuple(MODELS)[2:5]
+"""Models without the load, with the authors' load, and with the load of statics."""
 
 
 def logged(name: str, path: Path) -> LoggedRobot:
@@ -66,17 +66,6 @@ def logged(name: str, path: Path) -> LoggedRobot:
 WINDOW_MS, ORDER, MOVING_RAD_S = 41, 3, 1.0  # of the Savitzky-Golay filter; slowest rows
 STRETCHES = 20
 """Pieces of the recording, about a second each, that the bootstrap resamples."""
-MODELS: dict[str, tuple[tuple[int, ...], float]] = {
-    "null: the first half's mean torque": ((4,), 0.0),
-    "null: bare rotor, viscous friction": ((0, 2), 0.0),
-    "rotor with dry friction and offset": ((0, 2, 3, 4), 0.0),
-    "the same and the load, once (authors)": ((0, 2, 3, 4), 1.0),
-    "the same and the load, 12.25 times (statics)": ((0, 2, 3, 4), transmission.GP42),
-    "the same and the load, fitted": ((0, 1, 2, 3, 4), 0.0),
-}
-"""Columns that are fitted, and the factor of the load that is taken as given."""
-COMPARED = tuple(MODELS)[2:5]
-"""Models without the load, with the authors' load, and with the load of statics."""
 
 
 class LoadShare(NamedTuple):
@@ -123,8 +112,9 @@ def held_out(log: JointRecording) -> dict[str, list[np.ndarray]]:
     errors: dict[str, list[np.ndarray]] = {model: [] for model in MODELS}
     for joint in _moving(log):
         first = joint.place < 0.5
-        for model, (fitted, load) in MODELS.items():
-            columns, rest = joint.columns[:, fitted], joint.torque - load * joint.columns[:, 1]
+        for model, row in MODELS.items():
+            columns = joint.columns[:, row["fitted"]]
+            rest = joint.torque - row["load"] * joint.columns[:, 1]
             best, *_ = np.linalg.lstsq(columns[first], rest[first], rcond=None)
             errors[model].append(np.abs(columns[~first] @ best - rest[~first]))
     return errors
@@ -258,20 +248,21 @@ def compare(context: study.Context) -> study.Findings:
     # Whether joints 1-3 follow like the recorded ones with the authors' law
     authors: list[bool] = []
     for name, path in paths.items():
-        log = logged(name, path)
+        log, arm = logged(name, path), ARMS[name]
         sets = {law: robot.params(log.setup, "gold", law) for law in (OURS, AUTHORS)}
         robots = {f"virtual robot, {law}": position_loop.params(sets[law]) for law in sets}
         rows = log.following_errors(log.halves[1], robots)
         ours, theirs = (row.following / rows[0].following for row in rows[1:3])
         authors += [bool(BAND[0] <= ratio <= BAND[1]) for ratio in theirs[:3]]
         for j in log.log.joints:
-            blind = "" if j in FITTED[name] else ", with the friction of the other"
+            blind = "" if j in arm["fitted"] else ", with the friction of the other"
             words = f"following error of {JOINTS[j].replace('_', ' ')}, virtual by recorded"
             reason = WRIST if (name, j) == (SEVEN_JOINTS, 4) else ""
             ratios = study.StudyEstimate(1.0), study.StudyEstimate(float(ours[j]))
-            quantity = f"{words}: {ARMS[name]}{blind}"
+            quantity = f"{words}: {arm['words']}{blind}"
             lines.append(study.Line(quantity, "", *ratios, BAND, reason=reason))
-        fit = log.calibrated(sets[OURS], select_unknowns(FITTED[name], ("friction", "offsets")))
+        unknowns = select_unknowns(arm["fitted"], ("friction", "offsets"))
+        fit = log.calibrated(sets[OURS], unknowns)
         fitted = tables.tabulate_parameters(fit)
         printed.append(_following(rows, log.log.joints, name))
         printed.append(read_table(NAME, "fitted", fitted, name=name))
@@ -288,7 +279,7 @@ def _following(rows: Sequence[FollowingError], joints: Sequence[int], name: str)
     names, *by_model = zip(*by_joint, strict=True)
     cells = [[cell.replace("\n", ", ") for cell in errors] for errors in by_model]
     found = ([model, *row] for model, row in zip(models, cells, strict=True))
-    words = {"arm": ARMS[name], "name": name, "joints": " | ".join(names)}
+    words = {"arm": ARMS[name]["words"], "name": name, "joints": " | ".join(names)}
     return read_table(NAME, "following", found, **words)
 
 

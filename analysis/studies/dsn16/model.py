@@ -56,6 +56,8 @@ def error(asked: np.ndarray, log: JointRecording, parameter_set: str = AUTHORS) 
 
 def compare(context: study.Context) -> study.Findings:
     """Return the lines of A3, and predictions compared with null models."""
+    from scipy.signal import butter, sosfiltfilt
+
     path, notes = recording.locate(recording.FILE), study.read_notes(NAME)
     if path is None:
         place = f"set {recording.DATA} to the folder that holds {recording.FILE}"
@@ -63,7 +65,8 @@ def compare(context: study.Context) -> study.Findings:
         return study.Findings(tuple(_line(joint, None, absent) for joint in UNITS), notes=notes)
     whole = recording.read(path)
     log = recording.second_half(whole)
-    smooth = _low_passed(whole.angle)[-len(log.angle) :]
+    low_pass = butter(2, LOW_PASS_HZ, fs=1000, output="sos")
+    smooth = sosfiltfilt(low_pass, whole.angle, axis=0)[-len(log.angle) :]
     with jax.enable_x64(True):
         errors = {name: error(log.asked, log, name) for name in SETS}
         smoothed = error(smooth, log)
@@ -91,7 +94,11 @@ def robots(log: JointRecording) -> dict[tuple[str, str], Ahead]:
     models = {f"virtual robot, {name}": (params, 1.0) for name, params in sets.items()}
     for name, params in sets.items():
         models[f"null: bare rotors, {name}"] = position_loop.bare_rotors(params), 0.0
-    run = jax.jit(_motors, static_argnums=0)
+
+    @functools.partial(jax.jit, static_argnums=0)
+    def run(rows: Rows, params: Any, cables: float, *begun: Any) -> Any:
+        """Return motors [s, T, 7] of angles and speeds [s, 3] and inputs [s, T, 3]."""
+        return jax.vmap(recording.loop(rows, params, cables))(*begun)[0]
 
     def predict(rows: Rows, model: tuple[Any, float], starts: np.ndarray, length: int) -> Any:
         inputs = log.asked if rows == "asked" else log.dac
@@ -104,11 +111,6 @@ def robots(log: JointRecording) -> dict[tuple[str, str], Ahead]:
         for rows, loop in LOOPS.items()
         for name, model in models.items()
     }
-
-
-def _motors(rows: Rows, params: Any, cables: float, angle: Any, speed: Any, inputs: Any) -> Any:
-    """Return motors [s, T, 7] of angles and speeds [s, 3] and inputs [s, T, 3]."""
-    return jax.vmap(recording.loop(rows, params, cables))(angle, speed, inputs)[0]
 
 
 def held(log: JointRecording) -> dict[tuple[str, str], Ahead]:
@@ -145,12 +147,6 @@ def _line(joint: str, predicted: StudyEstimate | None, reason: str = "") -> Line
     key, published = f"error.{joint}", Published(NAME)
     numbers = published.estimate(key), predicted, published.band(key)
     return Line(f"mean absolute error, {joint}", UNITS[joint], *numbers, "A3", reason)
-
-
-def _low_passed(angle: np.ndarray) -> np.ndarray:
-    from scipy.signal import butter, sosfiltfilt
-
-    return sosfiltfilt(butter(2, LOW_PASS_HZ, fs=1000, output="sos"), angle, axis=0)
 
 
 STUDY = study.study(NAME, variants=(), compare=compare)
