@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from studies import study
-from studies.seed.motions import MODELLED, MOTIONS, by_setting, over_kinds
+from studies.seed.motions import MODELLED, MOTIONS, over_kinds, settings_of
 from studies.series import Recorder, Row, Series, rises
 from studies.study import Cell, Line, Published, StudyEstimate, read_table
 
@@ -143,12 +143,11 @@ def _measured(context: study.Context) -> Iterator[dict[str, Any]]:
     its own packets, but its tip makes no step as long as a jump's.
     """
     recorder = Recorder()
-    for setting, names in by_setting(VARIANTS).items():
-        for (kind, seed), name in names.items():
-            folder = context.folders[name]
-            (golden_um,) = recorder.measure(folder, lambda _, series: series["position"] * 1e6, [0])
-            for found in recorder.measure(folder, functools.partial(run, golden_um=golden_um)):
-                yield {"setting": setting, "kind": kind, "seed": seed, **found}
+    for name, setting in settings_of(VARIANTS):
+        folder = context.folders[name]
+        (golden_um,) = recorder.measure(folder, lambda _, series: series["position"] * 1e6, [0])
+        for found in recorder.measure(folder, functools.partial(run, golden_um=golden_um)):
+            yield setting | found
 
 
 def _lines(

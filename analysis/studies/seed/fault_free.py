@@ -12,7 +12,7 @@ import pandas as pd
 
 from studies import study
 from studies.runs import SCALE
-from studies.seed.motions import MODELLED, by_setting, over_kinds
+from studies.seed.motions import MODELLED, over_kinds, settings_of
 from studies.series import Recorder, Row, Series, rises
 from studies.study import Line, Published, StudyEstimate, read_table
 
@@ -97,12 +97,12 @@ def compare(context: study.Context) -> study.Findings:
 def _measured(context: study.Context) -> pd.DataFrame:
     """Return each segment, with its setting and the kind and seed of its motion."""
     recorder, parts = Recorder(), []
-    for setting, names in by_setting(VARIANTS).items():
-        for (kind, seed), name in names.items():
-            if name in context.folders:
-                frame = pd.DataFrame(recorder.measure(context.folders[name], segment))
-                words = frame.pop("group") if setting == MODELLED else setting
-                parts.append(frame.assign(setting=words, kind=kind, seed=seed))
+    for name, setting in settings_of(VARIANTS):
+        if name in context.folders:
+            frame = pd.DataFrame(recorder.measure(context.folders[name], segment)).assign(**setting)
+            if setting["setting"] == MODELLED:
+                frame["setting"] = frame["group"]
+            parts.append(frame.drop(columns="group"))
     return pd.concat(parts)
 
 
