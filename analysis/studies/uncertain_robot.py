@@ -177,19 +177,19 @@ def dependences(
             if len(levels) > 1:
                 first, *_, last = levels.values()
                 gap = rate_difference(last.k, last.n, first.k, first.n)
-            p = _p(hit, code[:, None] == np.flatnonzero(n), values)
+            p = _p(hit, code, values)
             mine.append(Dependence(event, parameter, p, levels, gap))
         found += sorted(mine, key=lambda at: (np.isnan(at.p), at.p, -abs(at.difference.value)))
     return found
 
 
-def _p(hit: np.ndarray, member: np.ndarray, values: np.ndarray) -> float:
-    """Return p of independence of hit [n] from its level (one-hot) and from the values [n]."""
+def _p(hit: np.ndarray, code: np.ndarray, values: np.ndarray) -> float:
+    """Return p of independence of hit [n] from its level, a code [n], and from the values [n]."""
     from scipy.stats import MonteCarloMethod, chi2_contingency, mannwhitneyu
-    from scipy.stats.contingency import expected_freq
+    from scipy.stats.contingency import crosstab, expected_freq
 
-    table = np.stack([member[hit].sum(axis=0), member[~hit].sum(axis=0)])
-    if table.shape[1] < 2 or not table.sum(axis=1).all():
+    table = crosstab(~hit, code).count
+    if min(table.shape) < 2:
         return float("nan")
     method = None
     if expected_freq(table).min() < FEWEST_EXPECTED:

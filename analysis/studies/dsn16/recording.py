@@ -91,17 +91,14 @@ def started(params: robot.PlantParams, angle: np.ndarray, speed: np.ndarray) -> 
 
 
 def closed_loop(
-    asked: np.ndarray,
-    first_angle: np.ndarray,
-    first_speed: np.ndarray,
-    parameter_set: str = "traj3",
+    asked: np.ndarray, angle: np.ndarray, speed: np.ndarray, parameter_set: str
 ) -> dict[str, np.ndarray]:
-    """Run the fork's loop on the virtual robot for desired motor angles (rad, [T, 3]). Return mpos
-    and mvel (rad, rad/s), jpos (rad and m, of the links) and dac (counts), [T, 7] each. Needs
-    64-bit numbers.
+    """Run the fork's loop on the virtual robot for desired motor angles (rad, [T, 3]), from motors
+    at `angle` (rad, [3]) and `speed` (rad/s, [3]). Return mpos and mvel (rad, rad/s), jpos (rad and
+    m, of the links) and dac (counts), [T, 7] each. Needs 64-bit numbers.
     """
     run = jax.jit(loop("asked", robot.params(SETUP, ARM, parameter_set)))
-    found = run(*map(jnp.asarray, (first_angle, first_speed, asked)))
+    found = run(*map(jnp.asarray, (angle, speed, asked)))
     return dict(zip(("mpos", "jpos", "dac", "mvel"), map(np.asarray, found), strict=True))
 
 

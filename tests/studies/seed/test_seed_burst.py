@@ -45,15 +45,8 @@ def test_the_campaign_is_the_published_burst(ready):
     assert own(ready, "operator.scale") == 0.1
 
 
-GOOD = {
-    "peak_mm": 5.0,
-    "cut": False,
-    "rebound_deg": 5.0,
-    "rebound_ms": 150.0,
-    "cue_s": 0.2,
-    "force": 0.024,
-    "jumped": False,
-}
+FIELDS = ("peak_mm", "cut", "rebound_deg", "rebound_ms", "cue_s", "force", "jumped")
+GOOD = dict(zip(FIELDS, (5.0, False, 5.0, 150.0, 0.2, 0.024, False), strict=True))
 UNSEEN = {"rebound_deg": math.nan, "rebound_ms": math.nan}
 LAST = {**GOOD, **UNSEEN, "peak_mm": 6.6, "cut": True, "force": 0.05}
 LARGE = GOOD | {"peak_mm": 8.0}
