@@ -72,11 +72,14 @@ class Moment:
     def exchange_memory(self, ticks: int, empty: Scalar, update: Callable[[Vec], Vec]) -> Vec:
         """Return the values that were stored in the last tick, and store `update` of them.
 
-        ticks: number of values. empty: value before the first tick.
+        ticks: number of values. Before the first tick, each value is `empty` and is not updated.
         """
-        is_begin = self.before is None
-        stored = Vec.full(ticks, empty) if self.before is None else next(self.before)
-        self.after.append(stored if is_begin else update(stored))
+        if self.before is None:
+            stored = Vec.full(ticks, empty)
+            self.after.append(stored)
+        else:
+            stored = next(self.before)
+            self.after.append(update(stored))
         return stored
 
     def delay(self, value: Scalar, ticks: int, empty: Scalar) -> Scalar:
@@ -273,10 +276,7 @@ def init(setup: Setup) -> tuple[HarmState, ...]:
 
 
 def step(
-    setup: Setup,
-    state: tuple[HarmState, ...],
-    signals: Sequence[Mapping[str, Scalar]],
-    tick: Scalar,
+    setup, state: tuple[HarmState, ...], signals: Sequence[Mapping[str, Scalar]], tick: Scalar
 ) -> tuple[HarmState, ...]:
     """Return the state of each harm after this tick. signals: values of SIGNALS for each arm."""
     new_states = []

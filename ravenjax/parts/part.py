@@ -64,8 +64,6 @@ class InPlace(NamedTuple):
     words: str  # the expected structure as text, for error messages
 
 
-# --- files ---
-
 _MODULES: dict[OwnSource, types.ModuleType] = {}
 
 
@@ -154,9 +152,6 @@ def _blame(source: OwnSource, where: str) -> Iterator[None]:
             first = next(iter(str(error).strip().splitlines()), "")
             trouble = f"raises {type(error).__name__}: {first}"
         raise UserError(f"{location}: {where} {trouble}") from error
-
-
-# --- functions ---
 
 
 @functools.lru_cache(maxsize=256)
@@ -313,9 +308,6 @@ def _kind(value) -> str | None:
         return type(value).__name__
     dtype = getattr(value, "dtype", None)
     return None if dtype is None else _KINDS.get(np.dtype(dtype).kind)
-
-
-# --- parameters of several files ---
 
 
 def part_quantities(source: OwnSource) -> tuple[tuple[str, Quantity], ...]:

@@ -199,10 +199,13 @@ def arm_distances(
     """
     tip, golden_tip = arm.tip, arm.golden_tip
     golden, model = norm(tip - golden_tip), norm(tip - model_tip)
-    # Distance from where the tip would be if the robot had stood still.
+    # Distance from where the tip would be if the robot had stood still when it should have moved.
+    # `missed` is the sum of the motions that the robot did not make.
     standing = norm(tip - golden_tip + arm.missed)
     deviation = jnp.minimum(golden, model)
     unintended = jnp.minimum(deviation, standing)
+    # Motion is lost if most of the deviation is missed motion, or if only missed motion explains
+    # it.
     mostly_missed = 2.0 * standing < deviation
     otherwise_missed = (deviation > params.limit) & ~(unintended > params.limit)
     return Distances(
@@ -216,11 +219,7 @@ def arm_distances(
 
 
 def _step_arm(
-    params: MonitorParams,
-    state: MonitorArmState,
-    signal: MonitorSignal,
-    reference: Reference,
-    i: int,
+    params, state: MonitorArmState, signal: MonitorSignal, reference: Reference, i: int
 ) -> tuple[MonitorArmState, Distances]:
     # Returns the state of arm i after this tick, and its distances.
     tip, pos, golden_pos = signal.tip[i], signal.pos[i], reference.pos[i]
@@ -279,11 +278,7 @@ def _step_arm(
 
 
 def step(
-    setup: Setup,
-    params: MonitorParams,
-    state: MonitorState,
-    signal: MonitorSignal,
-    reference: Reference,
+    setup, params: MonitorParams, state: MonitorState, signal: MonitorSignal, reference: Reference
 ) -> MonitorState:
     """Return the state of the observer after this tick. reference: the golden run in this tick."""
     results = [_step_arm(params, arm, signal, reference, i) for i, arm in enumerate(state.arms)]

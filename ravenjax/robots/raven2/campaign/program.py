@@ -35,10 +35,7 @@ SCALE = "operator.scale"
 
 
 def prepare_campaign(
-    config: RavenConfig,
-    varied: Mapping[str, np.ndarray],
-    injection: Injection,
-    precision: Precision,
+    config: RavenConfig, varied: Mapping[str, Any], injection: Injection, precision: Precision
 ) -> Prepared:
     """Return the options, parameters and operator's motion of a campaign.
     varied: path of a parameter that differs between runs -> its values [runs]. Raises UserError if

@@ -67,9 +67,10 @@ def solve_by_mjx(
     """Return the solution x of `system` x = `right` by one `mjx.step`: changes of the joint speeds.
 
     system: 7 x 7, lower triangle, M / timestep + D. right: N m, insertion N. MuJoCo computes M and
-    bias. Dampers on joints, and on a tendon for each pair of joints, give the damping D. The
-    implicit integrator evaluates dampers at the end of the step, so the applied torques cancel the
-    bias and the damping at the start of the step.
+    bias. The tendon of joints i and j has length L_i q_i + L_j q_j, where L is LEVERS, and damping
+    D_ij / (L_i L_j). It adds D_ij L_i / L_j to the damping of joint i, so the joint's own damper
+    has the rest of D_ii. The implicit integrator evaluates dampers at the end of the step, so the
+    applied torques cancel the bias and the damping at the start of the step.
     """
     from ravenjax.mechanics.mechanism import advance_by_mjx  # imports MuJoCo
 
@@ -89,6 +90,7 @@ def solve_by_mjx(
         "body_mass": real(model.body_mass) * mass_scale,
         "body_inertia": real(model.body_inertia) * mass_scale,
         "tendon_damping": pair_damping[np.tril_indices(len(right), -1)],
+        # The sum contains D_ii, so D_ii has the factor 2
         "dof_damping": 2.0 * jnp.diagonal(damping) - levers * levers * pair_damping.sum(axis=1),
     }
     _, speed_after = advance_by_mjx(model, qpos, qvel, applied, options, **changes)

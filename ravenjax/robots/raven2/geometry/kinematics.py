@@ -189,7 +189,8 @@ def _find_wrists(arm: str, pose: Pose) -> tuple[_Wrists, _Axes]:
 
 def _solve_depth(arm: str, wrist: _Wrist, axes: _Axes, depth: Scalar) -> _BendPair:
     # Returns both solutions of a side and a depth. axes: x, y and z axis of the pose. depth: False
-    # if the insertion axis points from the wrist to the remote centre.
+    # if the insertion axis points from the wrist to the remote centre. GM1 to GM3: sines and
+    # cosines of the angles between the axes.
     (x6, y6, z6), cos23 = axes, GEOMETRY[arm].cos23
     ahead, behind = (wrist.direction, wrist.insertion), (-wrist.direction, -wrist.insertion)
     insertion_axis, distance = where(depth, ahead, behind)
@@ -210,6 +211,7 @@ def _solve_depth(arm: str, wrist: _Wrist, axes: _Axes, depth: Scalar) -> _BendPa
     c5, s5 = -dot(z3, z6), dot(z3, to_jaw)
     uses_jaw = jnp.abs(c5) > SINGULAR_BOUND
     vx, vy, vz = where(uses_jaw, to_jaw, z6)
+    # `along_z3` is z3 v. Without its part along z3, v is a multiple of x4, by c5 or s5
     along_z3, factor = jnp.where(uses_jaw, s5, -c5), jnp.where(uses_jaw, c5, s5)
 
     # If z3 is almost parallel to z6, the pose's axes do not determine theta6
@@ -228,10 +230,11 @@ def _solve_depth(arm: str, wrist: _Wrist, axes: _Axes, depth: Scalar) -> _BendPa
 
 
 def _split_bends(arm: str, pair: _BendPair) -> tuple[Theta, Theta]:
-    """Return the Denavit-Hartenberg variables of both bends; see the module for the symbols."""
+    """Return the DH variables of both bends. In the second, theta2, b1 and alpha are negated."""
     side, cos23 = GEOMETRY[arm].side, GEOMETRY[arm].cos23
     (x, y), (c2, s2), (e, f) = pair.axis, pair.theta2, pair.roll
-    # In frame 1, x and y of the insertion axis are b1 and -b2
+    # theta1 turns (b1, -b2), the insertion axis in frame 1, to (x, y). theta4 turns (alpha, beta),
+    # the axis y3, to the direction of y4, for which (e, f) is the direction of x4
     b1, b2 = s2 * GM3, c2 * (GM2 * GM3) + GM1 * cos23
     alpha, beta = s2 * (side * GM1), c2 * (-side * GM1 * cos23) - side * GM2 * GM3
     fa, ea, fb, eb = f * alpha, e * alpha, f * beta, e * beta
@@ -323,9 +326,10 @@ def _nearest_of_all(arm: str, measured: Theta, wrists: _Wrists, axes: _Axes) -> 
 def _likely_choice(
     arm: str, measured: Theta, wrists: _Wrists, axes: _Axes
 ) -> tuple[_Choice, Scalar]:
-    # Returns the solution that is probably nearest, and a lower bound of the cost of all others. It
-    # takes the nearer depth of each side, and then the side with the smaller cost that both bends
-    # have in common. The bound may be NaN.
+    # Returns the solution that is probably nearest, and a lower bound of the cost of all others. A
+    # solution has a side, a depth and a bend. Of each side it takes the depth with the nearer d3,
+    # and then the side with the smaller `_common_cost`. Costs are sums of squares, so a part of a
+    # solution's cost is a lower bound of its cost. The bound may be NaN.
     def nearer_depth(wrist: _Wrist):
         shallow, deep = (
             _depth_cost(measured, distance - D4) for distance in (-wrist.insertion, wrist.insertion)

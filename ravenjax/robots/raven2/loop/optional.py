@@ -48,9 +48,6 @@ def find_stages(setup: RavenSetup) -> dict[str, Stage]:
     return {name: stage for name, stage in STAGES.items() if stage.present(setup)}
 
 
-# --- before the console makes its packet ---
-
-
 def _time_packets(clock: packet_clock.PacketClock, console: Console) -> packet_clock.PacketClock:
     """Decide whether a packet is sent, and draw the number of cycles that it lasts."""
     setup, network, now = console.setup, console.params.network, console.signal.tick
@@ -98,18 +95,12 @@ def _react(state: reaction.ReactionState, console: Console) -> reaction.Reaction
     return reacted
 
 
-# --- between console and robot ---
-
-
 def _lose_bursts(
     state: channel.ChannelState, console: Console, network: Network
 ) -> tuple[channel.ChannelState, Network]:
     # Marks the newest packet as lost while the channel loses several packets in a row.
     state = channel.step(state, network.bursts, console.sequence, console.fresh)
     return state, replace(network, lost=network.lost | (state.burst > 0))
-
-
-# --- when the robot has moved ---
 
 
 def _feel_cue(state, sight: Sight) -> Any:

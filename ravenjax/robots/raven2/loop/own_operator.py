@@ -215,10 +215,6 @@ def _run_file(
         "pedal": InPlace(pedal, "one truth value"),
         "pace": InPlace(cast_to_real(setup, 1.0), "one number, 0 to 1"),
     }
-    return part.load_part(setup.hands).step(
-        params.own.hands,
-        state.file_state,
-        View("the operator", view),
-        setup.precision.real,
-        hands=examples,
-    )
+    file, file_view = part.load_part(setup.hands), View("the operator", view)
+    real = setup.precision.real
+    return file.step(params.own.hands, state.file_state, file_view, real, hands=examples)

@@ -9,18 +9,8 @@ from typing import Any
 from ravenjax.bundled import resources
 from ravenjax.faults import fault
 from ravenjax.faults.injection import injects_faults
-from ravenjax.numbers import (
-    Scalar,
-    Vec,
-    cast_to_real,
-    first_tick,
-    for_each_arm,
-    jnp,
-    replace,
-    run_eagerly,
-    where,
-    widen_numbers,
-)
+from ravenjax.numbers import Scalar, Vec, first_tick, jnp, replace, run_eagerly, where
+from ravenjax.numbers.setup import cast_to_real, for_each_arm, widen_numbers
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.console import operator, reaction
 from ravenjax.robots.raven2.geometry.mapping import quat_from_matrix

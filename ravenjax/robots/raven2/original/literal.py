@@ -26,8 +26,6 @@ from ravenjax.robots.raven2.geometry.transmission import GP42
 from ravenjax.robots.raven2.original import constants as stored
 from ravenjax.robots.raven2.setup import RavenSetup
 
-# --- transforms and quaternions ---
-
 
 class Transform(NamedTuple):
     """A rigid transform of points from one frame to another."""
@@ -102,8 +100,6 @@ def quat_from_matrix(rotation: Vec) -> Vec:
         for greatest, other in zip((by_x, by_y, by_z, by_w), others, strict=True)
     )
 
-
-# --- kinematics ---
 
 _DEG = PI / 180.0
 _ONE_OVER = 1.0 / (GM1 * GM3)
@@ -218,8 +214,9 @@ def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> ki
 def _solutions(arm: str, tip: Transform):
     """Return the eight solutions (6 DH variables, validity), and whether the original stopped.
 
-    If a wrist is at the remote centre, the original stops before the first angle, so all angles are
-    zero. The side with this wrist is invalid, and the other side counts as valid.
+    The original stops at the first side whose wrist is at the remote centre, before it computes any
+    angle, so all angles are zero. This side is invalid, and the other side counts as valid. If this
+    is side 0, no d3 was computed. If this is side 1, only those of side 0 were.
     """
     x, y, _ = inverse_transform(tip).origin
     to_remote_centre = Vec((x, y, 0.0))
@@ -233,7 +230,7 @@ def _solutions(arm: str, tip: Transform):
     stopped = at_centre[0] | at_centre[1]
     solutions = []
     for side, (wrist, insertion) in enumerate(zip(wrists, insertions, strict=True)):
-        # True where the original stopped before it computed d3 of this side.
+        # True if the original stopped before it computed d3 of this side.
         not_computed = at_centre[0] if side == 0 else stopped
         valid_if_stopped = ~at_centre[0] if side == 0 else at_centre[0]
         for d3 in (-D4 - insertion, -D4 + insertion):

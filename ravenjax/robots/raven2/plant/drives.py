@@ -8,9 +8,9 @@ the step is therefore an affine function of the link's speed, and is eliminated 
 of the links:
 
     Im w' = drive - tau_c sgn(w) - tau_v w - reaction_scale * lambda
-    w = (momentum + coupling * T q') * inverse
+    w = (known_torque + coupling * T q') * inverse
 
-Here `inverse` is 1 over the implicit inertia of the shaft, `momentum` holds the known terms,
+Here `inverse` is 1 over the implicit inertia of the shaft, `known_torque` holds the known terms,
 `coupling` is the factor of the link's speed, and `reaction_scale` is the authors' factor of the
 cable's torque on the motor. `lambda` and `T` are defined below.
 
@@ -159,7 +159,7 @@ class ActuatorParams:
 class EliminatedMotor:
     """The effect of one motor and its cable on the equations of the links in this step."""
 
-    momentum: Scalar  # N m, drive and inertia over the step
+    known_torque: Scalar  # N m, drive and inertia over the step
     coupling: Scalar  # N m s/rad, reaction per link speed
     inverse: Scalar  # rad/s per N m
     resistance: Scalar  # N m s/rad, all damping but the cable's
@@ -193,18 +193,24 @@ def eliminate_motor(
 ) -> EliminatedMotor:
     """Return the motor's speed and the cable's force as functions of the link's speed.
 
+    The equation of the motor's speed w at the end of the step is resistance w = known_torque +
+    coupling (link's speed - w). In the result, `stretch_rate` (w minus the link's speed) and
+    `force` are those of an unchanged link speed, and `stiffening` is the loss of force per gain of
+    it.
+
     inertia_rate: Im/dt, N m s/rad. viscous, coulomb: friction, N m s/rad and N m. drive: torque, N
     m. speed, link_speed: of motor and link, rad/s of motor angle, at the start of the step.
     """
     coupling = mul(reaction_scale, cable.damping)
-    momentum = inertia_rate * speed + drive - mul(reaction_scale, cable.force)
+    known_torque = inertia_rate * speed + drive - mul(reaction_scale, cable.force)
     viscous_rate = add(inertia_rate, viscous)
-    friction = coulomb_damping(coulomb, momentum + coupling * link_speed, viscous_rate + coupling)
+    driving_torque = known_torque + coupling * link_speed
+    friction = coulomb_damping(coulomb, driving_torque, viscous_rate + coupling)
     resistance = viscous_rate + friction
     inverse = 1.0 / (resistance + coupling)
-    stretch_rate = (momentum - resistance * link_speed) * inverse
+    stretch_rate = (known_torque - resistance * link_speed) * inverse
     return EliminatedMotor(
-        momentum=momentum,
+        known_torque=known_torque,
         coupling=coupling,
         inverse=inverse,
         resistance=resistance,

@@ -113,6 +113,7 @@ def params(setup: RavenSetup, parameter_set: str = parameter_sets.DEFAULT) -> No
     reaction_share, ratio = motor.reaction_scale, transmission.TR
     square = ratio.map(lambda r: r**2)
     link_inertia = (*INERTIA[:LAGRANGE], 0.0, 0.0)
+    # I / J, with J = Im + rho M / TR^2. kp, kd, Kv, Kc are the formulas of the module's docstring.
     inertia_ratio = Vec(INERTIA) / (motor.inertia + reaction_share * link_inertia / square)
     gains = stored.GAINS["raven2"]["gold"]
     kp, kd = (inertia_ratio * Vec(gains[name]) * gain for name in ("kp", "kd"))
@@ -139,12 +140,7 @@ def init(setup: RavenSetup, arm: ArmName, jpos0: Vec) -> NominalState:
 
 
 def step(
-    setup: RavenSetup,
-    arm: ArmName,
-    params: NominalParams,
-    state: NominalState,
-    command: Command,
-    measured: Vec,
+    setup, arm: ArmName, params: NominalParams, state: NominalState, command: Command, measured: Vec
 ) -> tuple[NominalState, NominalOutput]:
     """Compute one tick (1 ms). While the pedal is up, the model stands still.
 
@@ -216,12 +212,7 @@ def init_target(arm: ArmName, jpos: Vec) -> TargetState:
 
 
 def step_target(
-    setup: RavenSetup,
-    arm: ArmName,
-    params: TargetParams,
-    state: TargetState,
-    command: Command,
-    jpos: Vec,
+    setup, arm: ArmName, params: TargetParams, state: TargetState, command: Command, jpos: Vec
 ) -> TargetState:
     """Return the target after the command of one tick. jpos: joints of the model, rad and m."""
     engaged = command.engaged != 0

@@ -297,9 +297,6 @@ def _change_params(params: control.ControlParams, change: Any) -> control.Contro
     return checked.record_like("params", new, params, finite=True)
 
 
-# --- start state at given encoder counts ---
-
-
 def _encoders_at(
     setup: RavenSetup, params: control.ControlParams, jpos: Sequence[Sequence[float]]
 ) -> list[list[int]]:

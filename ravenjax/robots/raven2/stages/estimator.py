@@ -48,12 +48,7 @@ def init(setup: RavenSetup) -> EstimatorState:
 
 
 def step(
-    setup: RavenSetup,
-    arm: ArmName,
-    tool: str,
-    params: EstimatorParams,
-    state: EstimatorState,
-    enc_val: Vec,
+    setup, arm: ArmName, tool: str, params: EstimatorParams, state: EstimatorState, enc_val: Vec
 ) -> tuple[EstimatorState, Vec, Vec]:
     """Return the state after one sample of one arm, mpos (7, rad) and mvel (7, rad/s)."""
     signs = transmission.encoder_signs(arm, tool, setup.software)
