@@ -60,8 +60,7 @@ class Fault:
     signal with the same key start at the same time. Effect random has different numbers in each
     element. at: bool, elements on which the fault may act.
 
-    Raise UserError, a ValueError, for an unknown effect, and for a number that is missing, unused
-    or out of range.
+    Raise UserError, a ValueError, for an unknown effect, and for missing, unused or wrong numbers.
     """
 
     effect: str

@@ -76,14 +76,7 @@ class FaultAction:
     """
 
     def __init__(
-        self,
-        effects: tuple[str, ...],
-        fault: FaultSlot,
-        slot: SlotState,
-        x: Scalar,
-        tick: Scalar,
-        on_channel: Scalar,
-        present: Scalar,
+        self, effects, fault: FaultSlot, slot: SlotState, x: Scalar, tick, on_channel, present
     ):
         """Compute the float that replaces `x`. effects: all effects that occur at the site.
 
@@ -233,13 +226,7 @@ class Injector:
         return signal
 
     def _inject_slot(
-        self,
-        use: SiteUse,
-        targets: list[tuple[int, Path, str]],
-        fault: FaultSlot,
-        slot: SlotState,
-        signal,
-        present: Scalar,
+        self, use: SiteUse, targets, fault: FaultSlot, slot: SlotState, signal, present: Scalar
     ) -> tuple[SlotState, Any]:
         """Apply the fault of one slot at one site. Return the slot's state and the signal.
 

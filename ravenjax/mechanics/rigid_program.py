@@ -38,8 +38,7 @@ class _Body:
     omega: Vec  # angular velocity
     matrix: Vec  # U
     wrench: tuple[Vec, Vec]  # moment and force of the body, for the bias
-    # Of the link with all links that it carries: J, the integral of r r^T dm; h, that of r dm;
-    # mass.
+    # Of the link with all that it carries: J, the integral of r r^T dm; h, that of r dm; mass.
     second_moments: Matrix
     first_moment: Vec
     mass: Number
@@ -123,8 +122,7 @@ def _kinematics(
     links: Sequence[Link], qpos: list[Number], qvel: list[Number], upward: Vec
 ) -> list[_Body]:
     # Returns each link's motion without joint accelerations, and its wrench: the moment and the
-    # force that this motion needs. upward: minus gravity. A base with this acceleration acts like
-    # gravity.
+    # force that this motion needs. upward: acceleration of the base that acts like gravity.
     bodies: list[_Body] = []
     # Angular acceleration of each link, and acceleration of its origin.
     accelerations: list[tuple[Vec, Vec]] = []

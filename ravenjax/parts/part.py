@@ -114,7 +114,9 @@ def _run(
     known: Mapping[str, bytes] | None,
     require: Callable[[Path, bytes], None] = lambda *_: None,
 ) -> tuple[types.ModuleType, dict[str, bytes]]:
-    # With this entry a traceback shows the line even if the file has changed since.
+    # Runs the user's file. Returns its module and the content of the files that it reads. known:
+    # their content if the file ran before. require: see `read_source`. With this entry a traceback
+    # shows the line even if the file has changed since.
     lines = source.text.splitlines(keepends=True)
     linecache.cache[source.path] = (len(source.text), None, lines, source.path)
     path = Path(source.path)
@@ -194,9 +196,9 @@ class Part:
     def step(self, params: Any, state: Any, view: Any, width: str, **gives: Any) -> tuple[Any, ...]:
         """Compute one millisecond. Return the state, then the other results in order.
 
-        gives: for each result, its expected form: SCORE for a score, numbers of the same structure
-        and types, or a dict of InPlace for a dict with some of these keys. A key whose value is
-        identical to the numbers in `like` is left out of the result.
+        width: dtype of floats. gives: for each result, its expected form: SCORE for a score,
+        numbers of the same structure and types, or a dict of InPlace for a dict with some of these
+        keys. The result is without keys that the file returns with the numbers of `InPlace.like`.
         """
         with _blame(self.source, STEP):
             result = self._call("step", params, state, view)
@@ -222,36 +224,37 @@ class Part:
         function = self._functions[name]
         return None if function is None else function(*arguments)
 
-    def _check_keys(self, name: str, like: Mapping[str, InPlace], values, width: str):
+    def _check_keys(self, name: str, allowed: Mapping[str, InPlace], values, width: str):
         # Checks a dict of new numbers that the user's `step` returns for signals of `view`. Returns
-        # those that differ from `view`. like: signals that the dict may contain. width: dtype of
-        # floats.
-        keys = ", ".join(like)
+        # those that are not the same objects as in `view`. allowed: signals that the dict may
+        # contain. width: dtype of floats.
+        keys = ", ".join(allowed)
         if not isinstance(values, dict):
             expected = f"expected a dict with some of the keys {keys}"
             raise self._error(STEP, f"returns {format_value(values)} for {name}, {expected}")
         numbers = {}
         for key, value in values.items():
-            if key not in like:
-                expected = f"expected some of {keys}{suggest_name(key, like)}"
+            if key not in allowed:
+                expected = f"expected some of {keys}{suggest_name(key, allowed)}"
                 raise self._error(STEP, f"returns the key {key!r} in {name}, {expected}")
-            declared = like[key]
+            declared = allowed[key]
             new = self._check_structure(key, declared.like, value, width, declared.words)
             pairs = zip(tree.tree_leaves(value), tree.tree_leaves(declared.like), strict=True)
-            # A signal that the file returns unchanged, the same object, is left out.
             if not all(returned is current for returned, current in pairs):
                 numbers[key] = new
         return numbers
 
     def _check_structure(self, name: str, like, values, width: str, words: str = "") -> Any:
         # Checks that values have the structure and types of `like`. Returns them in that structure.
-        expected, given = list(tree.named_leaves(like)), list(tree.named_leaves(values))
-        if [path for path, _ in expected] != [path for path, _ in given]:
-            several = f"a Vec or a record of {len(expected)} numbers, with the structure in view"
-            words = words or ("one number" if len(expected) == 1 else several)
+        # width: dtype of floats. words: the structure, for the message; "": from `like`.
+        wanted_leaves, given = list(tree.named_leaves(like)), list(tree.named_leaves(values))
+        if [path for path, _ in wanted_leaves] != [path for path, _ in given]:
+            count = len(wanted_leaves)
+            several = f"a Vec or a record of {count} numbers, with the structure in view"
+            words = words or ("one number" if count == 1 else several)
             raise self._error(STEP, f"returns {format_value(values)} for {name}, expected {words}")
         numbers = []
-        for (path, wanted), (_, value) in zip(expected, given, strict=True):
+        for (path, wanted), (_, value) in zip(wanted_leaves, given, strict=True):
             what = f"{name}[{path}]" if path else name
             number, kind = self._convert_number(STEP, what, value, width), _kind(wanted)
             if _kind(number) != kind:
@@ -261,7 +264,8 @@ class Part:
         return tree.fill_tree(like, numbers)
 
     def _convert_number(self, where: str, what: str, value, width: str) -> Scalar:
-        # Checks a number that a user's file returned, and converts it to the setup's number type.
+        # Checks a number that a user's file returned, and converts it. width: dtype of floats.
+        # where, what: function and number, for the message.
         if shape := getattr(value, "shape", ()):
             expected = "expected a single number: write a Vec for several numbers"
             raise self._error(where, f"returns an array of shape {shape} for {what}, {expected}")
@@ -282,7 +286,9 @@ class Part:
             raise self._error(PARAMS, f"returns {format_value(record)}, {expected}")
         ranges = dict(quantity.list_quantities(type(record)))
         for name, value in tree.named_leaves(record):
-            limits = ranges.get(".".join(word for word in name.split(".") if not word.isdecimal()))
+            # All entries of a tuple have one range, so the name has no numbers.
+            words = [word for word in name.split(".") if not word.isdecimal()]
+            limits = ranges.get(".".join(words))
             if limits is None:
                 remedy = "annotate it with Quantity(unit, low, high, meaning)"
                 trouble = f"has {name} without a range: {remedy}"

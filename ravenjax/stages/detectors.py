@@ -23,8 +23,7 @@ There are five kinds:
 An alarm needs a score above its threshold for `consecutive` milliseconds in a row. The *score of a
 run* is the highest threshold at which the run raises an alarm: the smallest score in each such
 span, and of these the largest over time. With this score, one campaign shows the effect of every
-threshold. Detectors are active in pedal-down, without a software E-stop, after `armed_after` has
-passed.
+threshold. Detectors are active in pedal-down, without a software E-stop, after `armed_after`.
 """
 
 from collections.abc import Sequence

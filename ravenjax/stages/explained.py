@@ -111,13 +111,7 @@ def init(setup: Setup, params: Any) -> ExplainedState:
 
 
 def advance(
-    setup: Setup,
-    params: Any,
-    faults: fault.Faults,
-    state: ExplainedState,
-    now: Scalar,
-    motion: tuple[Any, ...],
-    golden: tuple[Scalar, ...],
+    setup: Setup, params, faults: fault.Faults, state: ExplainedState, now: Scalar, motion, golden
 ) -> tuple[ExplainedState, tuple[Scalar, ...], Any]:
     """Compute the tick `now` of the robot's loop, then compare it with the golden run.
 

@@ -204,8 +204,7 @@ def arm_distances(
     standing = norm(tip - golden_tip + arm.missed)
     deviation = jnp.minimum(golden, model)
     unintended = jnp.minimum(deviation, standing)
-    # Motion is lost if most of the deviation is missed motion, or if only missed motion explains
-    # it.
+    # Motion is lost if most of the deviation is missed motion, or if missed motion explains it.
     mostly_missed = 2.0 * standing < deviation
     otherwise_missed = (deviation > params.limit) & ~(unintended > params.limit)
     return Distances(

@@ -240,8 +240,7 @@ its iterations, and the number of iterations.
 def _along(operator: Operator, robot: Any, ticks: int) -> tuple[np.ndarray, ...]:
     """Return the set points of each joint that move the tip along its path, float32 [ticks].
 
-    Each tick's joints are found by damped least squares, from those of the tick before. Raises
-    UserError.
+    Each tick's joints are found by damped least squares, from the tick before. Raises UserError.
     """
     from scipy.interpolate import CubicSpline
 

@@ -129,13 +129,7 @@ def init(setup: ArmSetup, params: Params) -> State:
 
 
 def advance(
-    setup: ArmSetup,
-    params: Params,
-    faults: fault.Faults,
-    state: State,
-    now: Scalar,
-    motion: tuple[Any, ...],
-    golden: tuple[Scalar, ...],
+    setup: ArmSetup, params: Params, faults: fault.Faults, state: State, now: Scalar, motion, golden
 ) -> tuple[State, tuple[Scalar, ...], dict[str, Any]]:
     """Compute one tick; see `ravenjax.engines.interface.Loop`."""
     arm = setup.robot.arm

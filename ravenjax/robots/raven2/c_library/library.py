@@ -93,6 +93,7 @@ def _code(software: ControlSoftware, robot: VirtualRobot) -> str:
             " i64 0, ptr null, i64 1)\n  ret void\n}\n"
         )
     machines = {"control": software, "robot": robot}
+    # For example, raven_control_default is field "params" of part "control"
     for name, (part, field) in _TABLES["constants"].items():
         # The first signals of the robot are those of its last reading
         owner = robot.reading if field == "signals" else machines[part]
@@ -135,10 +136,12 @@ def struct_members(
         # Yields the members for a part of the record, whose leaves are indices of numbers.
         types, shape = {kind.layout.types[k] for k in tree.tree_leaves(node)}, _array_shape(node)
         if shape is not None and len(types) == 1:
-            unit = "; ".join(units.get(".".join(name for name in path if name not in arms), ()))
+            without_arm = ".".join(name for name in path if name not in arms)
+            unit = "; ".join(units.get(without_arm, ()))
             dimensions = "".join(f"[{n}]" for n in shape)
             yield Member(TYPES[types.pop()], "_".join(path), dimensions, unit)
         elif isinstance(node, tuple):
+            # A tuple with one entry per arm
             names = arms if len(node) == len(arms) else map(str, range(len(node)))
             for name, item in zip(names, node, strict=True):
                 yield from members(item, (*path, name))

@@ -7,8 +7,7 @@ foot.
 
 A run may also leave pedal-down because the robot stops, or because the operator reacts and lifts
 the foot. Pedal-down does not begin again: the PLC stays in its E-stop, and only an operator from a
-user's file may press the pedal again. The time of this press is unknown, but it is not earlier than
-planned.
+user's file may press the pedal again. The time of this press is unknown, but not before the plan.
 """
 
 import dataclasses
@@ -94,8 +93,8 @@ def planned_pedal_down(
     down = np.zeros(ticks, bool)
     phases = _pedal_phases(software, foot, cycles, longest=0, plc=plc, unknown=False, ticks=ticks)
     for begin, end in zip(phases.begins.tolist(), phases.ends.tolist(), strict=True):
-        # Phases are of the pedal clock, which changes one tick after the run level. At the end of
-        # the run, both end
+        # The run level changes a tick before the pedal clock, whose phases these are. Both end with
+        # the run
         level_end = end - 1 if end < ticks else end
         down[begin - 1 : level_end] = True
     return down

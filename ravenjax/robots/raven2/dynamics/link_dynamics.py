@@ -11,7 +11,6 @@ units: `raven2.arms.JOINTS`, rad and m.
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -41,8 +40,7 @@ def mass_matrix_and_bias(
     bias: Coriolis, centrifugal and gravity torques (Nm, insertion N), with the sign of MuJoCo's
     qfrc_bias. gravity: m/s^2 in frame 0 of the arm. mass_scale: factor of every link's mass and
     inertia, but not of the armature, which is the inertia of the tool spindles. Entries of M that
-    are constant are Python numbers. Arguments that are Python numbers become constants of the
-    program.
+    are constant are Python numbers. Python numbers as arguments become constants of the program.
     """
     program = functools.partial(arm_program, arm)
     mass, bias = rigid_program.evaluate_program(program, (*qpos, *qvel, *gravity))
@@ -55,14 +53,7 @@ def mass_matrix_and_bias(
 
 
 def solve_by_mjx(
-    arm: ArmName,
-    timestep: float,
-    system: Sequence[Vec],
-    right: Vec,
-    qpos: Vec,
-    qvel: Vec,
-    gravity: Vec,
-    mass_scale: Scalar,
+    arm: ArmName, timestep, system, right: Vec, qpos: Vec, qvel: Vec, gravity: Vec, mass_scale
 ) -> Vec:
     """Return the solution x of `system` x = `right` by one `mjx.step`: changes of the joint speeds.
 

@@ -65,8 +65,7 @@ def update_model_and_cue(
 ) -> tuple[Observed, Observations]:
     """Compute one tick of the nominal model and of the haptic cue.
 
-    clean: newest packet of the console, before faults. fresh: whether the packet was sent in this
-    tick.
+    clean: newest packet of the console, before faults. fresh: whether it was sent in this tick.
     """
 
     def compute_cue(

@@ -134,9 +134,9 @@ def advance(
     params: TickParams,
     faults: fault.Faults,
     state: TickState,
-    now: Scalar,
-    motion: tuple[Any, ...],
-    golden: tuple[Scalar, ...],
+    now,
+    motion,
+    golden,
 ) -> tuple[TickState, tuple[Scalar, ...], TickSignals]:
     """Compute tick `now`; return the new state, the `reference_series`, and all signals.
 
@@ -187,12 +187,7 @@ def last_command(state: TickState) -> PerArm[Vec]:
 
 
 def act(
-    params: TickParams,
-    state: TickState,
-    tick: Scalar,
-    is_taken: dict[str, Scalar],
-    begins: Scalar,
-    good_command: PerArm[Vec],
+    params: TickParams, state: TickState, tick, is_taken, begins, good_command: PerArm[Vec]
 ) -> tuple[TickParams, TickState]:
     """Return parameters and state of this tick with one of these actions:
 

@@ -240,8 +240,7 @@ class UserFiles:
         """Run one check in this millisecond, and store its state and history.
 
         crossing: signal at the check's seam, one Vec per arm. Returns for each arm whether the
-        check trips, and the signal after the check: `crossing`, or the values of the check if it
-        limits.
+        check trips, and the signal after the check: `crossing`, or the values of a limiting check.
         """
         assert self._checks is not None
         use, real = self._setup.checks[index], self._setup.precision.real

@@ -104,8 +104,7 @@ class TipContact(NamedTuple):
         """Add J^T A J to the lower triangle of the equations of the joints.
 
         J: Jacobian of the tip. A: loss of contact force per gain of tip speed, N s/m. With r =
-        `rise`, A = normal.rate r r^T + drag (I - r r^T / |r|^2), because friction acts along the
-        surface.
+        `rise`, A = normal.rate r r^T + drag (I - r r^T / |r|^2): friction acts along the surface.
         """
         columns, rise_speeds = self.tip.columns, self.tip.project_on_joints(self.rise)
         normal_rate = self.normal.rate - self.drag * self.inverse_square

@@ -108,8 +108,7 @@ def _divide(a: Scalar, b: Scalar) -> Scalar:
 def _terms(rows: Sequence[Vec], i: int, j: int) -> list[tuple[int, int, float]]:
     """Return what the entry M[i][j] of a symmetric M adds to the lower half of R^T M R. R: `rows`.
 
-    A term is (row, column, factor): entry [row][column] contains factor times M[i][j]. M[j][i] is
-    the same number.
+    A term is (row, column, factor): entry [row][column] contains factor times M[i][j] (= M[j][i]).
     """
     places = [(i, j)] if i == j else [(i, j), (j, i)]
     factors: dict[tuple[int, int], float] = {}

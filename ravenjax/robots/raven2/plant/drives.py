@@ -182,14 +182,7 @@ def limit_torque(
 
 
 def eliminate_motor(
-    inertia_rate: Scalar,
-    viscous: Scalar,
-    coulomb: Scalar,
-    reaction_scale: Scalar,
-    drive: Scalar,
-    speed: Scalar,
-    link_speed: Scalar,
-    cable: Linear,
+    inertia_rate, viscous, coulomb, reaction_scale, drive, speed, link_speed, cable: Linear
 ) -> EliminatedMotor:
     """Return the motor's speed and the cable's force as functions of the link's speed.
 

@@ -15,8 +15,7 @@ Cable stretch is added. An error that is 0 adds no operations to the tick.
 
 A camera does not know the robot's frame 0, so a rigid displacement is not visible as an error.
 `registered` removes this displacement: a rigid motion, constant in a run, moves true tips onto
-reported tips at POSES by least squares. Each Gauss-Newton step solves for a small rotation and a
-displacement.
+reported tips at POSES by least squares. Each Gauss-Newton step solves for a small rigid motion.
 """
 
 import functools
