@@ -120,8 +120,7 @@ def open_windows(
     """Return the state with the windows of all faults as in this tick. Call this once per tick,
     before any fault site.
 
-    Start and duration are on the trigger's clock. A fault that counts packets acts in all ticks of
-    a packet.
+    Start and duration are on the trigger's clock. Packets last one or more ticks.
     """
     # The campaign may have slots although no run has a fault.
     if not setup.injection.triggers:

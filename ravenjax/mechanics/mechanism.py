@@ -156,7 +156,7 @@ def _require_supported(model: mujoco.MjModel):
     # Raises UserError for a model with features that this module would ignore.
     hinges, slides = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
     touching = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT
-    solid = touching & (model.geom_contype | model.geom_conaffinity > 0)
+    solid = touching & ((model.geom_contype | model.geom_conaffinity) > 0)
     # Kind of element -> what is not supported, and which elements have it.
     unsupported = {
         "joint": ("free or ball joints", ~np.isin(model.jnt_type, (hinges, slides))),

@@ -183,20 +183,20 @@ class Part:
         with _blame(self.source, PARAMS):
             return self._call("params")
 
-    def init(self, params: Any, width: str) -> Any:
-        """Return the state before the first millisecond: floats of `width`, int32 and bool."""
+    def init(self, params: Any, float_type: str) -> Any:
+        """Return the state before the first millisecond: floats of `float_type`, int32 and bool."""
         with _blame(self.source, INIT):
             state = self._call("init", params)
             numbers = []
             for name, value in tree.named_leaves(state):
                 what = f"the state's {name or 'number'}"
-                numbers.append(self._convert_number(INIT, what, value, width))
+                numbers.append(self._convert_number(INIT, what, value, float_type))
             return tree.fill_tree(state, numbers)
 
-    def step(self, params: Any, state: Any, view: Any, width: str, **gives: Any) -> tuple[Any, ...]:
+    def step(self, params, state, view, float_type: str, **gives: Any) -> tuple[Any, ...]:
         """Compute one millisecond. Return the state, then the other results in order.
 
-        width: dtype of floats. gives: for each result, its expected form: SCORE for a score,
+        float_type: dtype name. gives: for each result, its expected form: SCORE for a score,
         numbers of the same structure and types, or a dict of InPlace for a dict with some of these
         keys. The result is without keys that the file returns with the numbers of `InPlace.like`.
         """
@@ -208,15 +208,15 @@ class Part:
                 raise self._error(STEP, f"returns {format_value(result)}, expected ({expected})")
             names = [name or "one number" for name, _ in tree.named_leaves(state)]
             expected = f"{', '.join(names) or 'nothing'}, as init returns"
-            out = [self._check_structure("state", state, result[0], width, expected)]
+            out = [self._check_structure("state", state, result[0], float_type, expected)]
             for (name, like), value in zip(gives.items(), result[1:], strict=True):
                 if like is SCORE:
-                    number = self._convert_number(STEP, name, value, width)
-                    out.append(lax.convert_element_type(number, width))
+                    number = self._convert_number(STEP, name, value, float_type)
+                    out.append(lax.convert_element_type(number, float_type))
                 elif isinstance(like, dict):
-                    out.append(self._check_keys(name, like, value, width))
+                    out.append(self._check_keys(name, like, value, float_type))
                 else:
-                    out.append(self._check_structure(name, like, value, width))
+                    out.append(self._check_structure(name, like, value, float_type))
             return tuple(out)
 
     def _call(self, name: str, *arguments) -> Any:
@@ -224,10 +224,10 @@ class Part:
         function = self._functions[name]
         return None if function is None else function(*arguments)
 
-    def _check_keys(self, name: str, allowed: Mapping[str, InPlace], values, width: str):
+    def _check_keys(self, name: str, allowed: Mapping[str, InPlace], values, float_type: str):
         # Checks a dict of new numbers that the user's `step` returns for signals of `view`. Returns
         # those that are not the same objects as in `view`. allowed: signals that the dict may
-        # contain. width: dtype of floats.
+        # contain. float_type: dtype of floats.
         keys = ", ".join(allowed)
         if not isinstance(values, dict):
             expected = f"expected a dict with some of the keys {keys}"
@@ -238,15 +238,15 @@ class Part:
                 expected = f"expected some of {keys}{suggest_name(key, allowed)}"
                 raise self._error(STEP, f"returns the key {key!r} in {name}, {expected}")
             declared = allowed[key]
-            new = self._check_structure(key, declared.like, value, width, declared.words)
+            new = self._check_structure(key, declared.like, value, float_type, declared.words)
             pairs = zip(tree.tree_leaves(value), tree.tree_leaves(declared.like), strict=True)
             if not all(returned is current for returned, current in pairs):
                 numbers[key] = new
         return numbers
 
-    def _check_structure(self, name: str, like, values, width: str, words: str = "") -> Any:
+    def _check_structure(self, name: str, like, values, float_type: str, words: str = "") -> Any:
         # Checks that values have the structure and types of `like`. Returns them in that structure.
-        # width: dtype of floats. words: the structure, for the message; "": from `like`.
+        # words: the structure, for the message; "": from `like`.
         wanted_leaves, given = list(tree.named_leaves(like)), list(tree.named_leaves(values))
         if [path for path, _ in wanted_leaves] != [path for path, _ in given]:
             count = len(wanted_leaves)
@@ -256,15 +256,15 @@ class Part:
         numbers = []
         for (path, wanted), (_, value) in zip(wanted_leaves, given, strict=True):
             what = f"{name}[{path}]" if path else name
-            number, kind = self._convert_number(STEP, what, value, width), _kind(wanted)
+            number, kind = self._convert_number(STEP, what, value, float_type), _kind(wanted)
             if _kind(number) != kind:
                 expected = f"expected {kind}{_CONVERSIONS.get(str(kind), '')}"
                 raise self._error(STEP, f"returns a {_kind(number)} for {what}, {expected}")
             numbers.append(number)
         return tree.fill_tree(like, numbers)
 
-    def _convert_number(self, where: str, what: str, value, width: str) -> Scalar:
-        # Checks a number that a user's file returned, and converts it. width: dtype of floats.
+    def _convert_number(self, where: str, what: str, value, float_type: str) -> Scalar:
+        # Checks a number that a user's file returned, and converts it to a JAX type.
         # where, what: function and number, for the message.
         if shape := getattr(value, "shape", ()):
             expected = "expected a single number: write a Vec for several numbers"
@@ -273,7 +273,7 @@ class Part:
         if kind is None:
             expected = "expected a number: float, int or bool"
             raise self._error(where, f"returns {format_value(value)} for {what}, {expected}")
-        dtype = {"float": width, "int": "int32", "bool": "bool"}[kind]
+        dtype = {"float": float_type, "int": "int32", "bool": "bool"}[kind]
         return lax.convert_element_type(value, dtype)
 
     def _require_ranges(self):

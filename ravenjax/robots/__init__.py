@@ -111,9 +111,8 @@ def _require_agreement(top: ModuleSpec, file: Path):
             own = name.partition(".")[0] in names
             spec = PathFinder.find_spec(name, path or [place]) if own else None
             if spec is not None and spec.origin is not None:
-                # The user agreed to run Python source only.
                 if not isinstance(spec.loader, SourceFileLoader):
-                    raise ImportError(f"{spec.origin} is no Python source, which you agreed to")
+                    raise ImportError(f"{spec.origin}: you agreed to run Python source only")
                 spec.loader = _Source(name, spec.origin)
             return spec
 

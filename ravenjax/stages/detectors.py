@@ -150,7 +150,9 @@ def detector_files(setup: Setup) -> tuple[OwnSource, ...]:
 
 
 def watch_params(setup: Setup) -> WatchParams:
-    """Return parameters without built-in detectors. A campaign replaces the thresholds of 1."""
+    """Return the parameters of a robot without built-in detectors. The thresholds of 1 are
+    placeholders, which a campaign replaces.
+    """
     files = detector_files(setup)
     return WatchParams(
         armed_after=np.int32(500),
@@ -188,7 +190,8 @@ def step(
     """Return the state of all detectors after this tick. A robot without built-in detectors gives
     a `WatchSignal`, another robot a `DetectorSignal`.
     """
-    # For each arm: the state after this tick, and the scores of the built-in detectors.
+    # For each arm: the state after this tick, and the scores of the built-in detectors. A robot
+    # without them has the start state of its first arm and no scores.
     arm_results: Any = for_each_arm(setup, (state.arms[0], {}))
     if isinstance(signal, DetectorSignal):
         arm_results = per_arm(

@@ -84,7 +84,8 @@ def _code(software: ControlSoftware, robot: VirtualRobot) -> str:
     loops = {f"{name}_steps": transitions[key] for name, key in _FUNCTIONS.items()}
     # No CPU features: the library must run on every CPU
     text = transition.print_module(loops, frozenset())
-    # Each function is printed as a loop over steps; the library exports a call of one step
+    # Each function is printed as a loop over steps. The library exports a call of one step (i64 1)
+    # without tables (null); the distances in bytes from step to step (i64 0) are not used
     for name in _FUNCTIONS:
         text = text.replace(f"define void @{name}_steps(", f"define internal void @{name}_steps(")
         text += (

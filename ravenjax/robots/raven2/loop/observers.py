@@ -152,8 +152,8 @@ def golden_reference(
 ) -> monitor.Reference:
     """Return the tips of the golden run in this tick.
 
-    tips, pos: true tips (m) and measured tips (um) of the robot. They are the result until a fault
-    acts, if `signal` has the flag `golden_differs`: the robot is then its own golden run.
+    tips, pos: true tips (m) and measured tips (um) of the robot. While `signal.golden_differs` is
+    false, they are the result: no fault has acted, and the robot is its own golden run.
     """
     if signal.golden_differs is None:
         return signal.reference

@@ -61,7 +61,8 @@ def _time_packets(clock: packet_clock.PacketClock, console: Console) -> packet_c
         )
         clock = packet_clock.step(clock, now, fresh, cycles)
     console.timing = PacketTiming(console.sequence, clock.tick, clock.before)
-    # If faults can deliver earlier packets, stage `history` replaces this function.
+    # `older` returns the timing of the packet that arrives, by the faults of the network. If these
+    # can deliver earlier packets, stage `history` replaces this function.
     console.older = lambda network: console.timing
     # The plan continues in every tick. A packet contains the motion since the packet before.
     console.plan = PlanMoment(row=now, before=now - 1, continues=jnp.bool_(True))
@@ -73,7 +74,7 @@ def _remember_packet_times(history: Vec, console: Console) -> Vec:
     now, history = console.signal.tick, packet_history.step(history, console.fresh)
 
     def arriving_packet(network: Network) -> PacketTiming:
-        # A late packet contains the motion of the tick in which it was sent.
+        # A packet contains the motion since the packet before, so both must be found.
         late = jnp.maximum(network.lag + network.delay, 0)
         ages = (packet_history.packet_age(history, packets) for packets in (late, late + 1))
         sent, sent_before = (now - age for age in ages)
@@ -159,6 +160,7 @@ def _detect(state, sight: Sight) -> Any:
     assert params.detectors is not None
     signals = sight.signals
     models, cues = signals.nominal, signals.haptics
+    # `note` adds signals to the views of users' files.
     sight.files.note(
         brakes=signals.plc.brakes,
         model_jpos=tuple(model.jpos for model in models),

@@ -61,7 +61,8 @@ def coulomb_damping(level: Scalar, drive: Scalar, inertia_rate: Scalar) -> Scala
     speed at the end of the step without friction, same unit. inertia_rate: inertia divided by the
     step, plus all other implicit damping, N m s/rad (insertion: N s/m).
     """
-    # If friction is greater than the force, the lower bound of this excess stops the joint.
+    # With this damping the final speed is sign(drive) excess / inertia_rate. If friction is greater
+    # than the force, the lower bound stops the joint.
     excess = jnp.maximum(jnp.abs(drive) - level, 0.0)
     return level * inertia_rate / jnp.maximum(excess, inertia_rate * CREEP)
 
@@ -114,6 +115,7 @@ def linearise_cable(
     arm: float, stiffness: Scalar, damping: Scalar, stretch: Scalar, dt: float
 ) -> Linear:
     """Return a cable's law over the coming `dt` (s). arm: lever, m/rad. stretch: rad."""
+    # `cable_tension` times the lever, at the end of the step. Its derivative is `slope`.
     delta = arm * stretch
     slope = 2.0 * stiffness * _cosh(delta)
     force = (2.0 * arm) * stiffness * _sinh(delta)
@@ -175,6 +177,7 @@ def limit_torque(
 
     The amplifier is a current source until its current, or the voltage `R i + k w`, reaches a
     limit. The current limit also applies if the motor turns faster than the supply could turn it.
+    back_emf: k^2 / R, loss of the largest torque per speed, N m s/rad.
     """
     induced = back_emf * speed
     torque = jnp.minimum(jnp.maximum(torque, -stall_torque - induced), stall_torque - induced)
@@ -274,8 +277,8 @@ def stop_force(
 ) -> tuple[Scalar, Scalar]:
     """Return the force of joint i's hard stop (N m; insertion N), and its derivative by speed.
 
-    The force is that of a step `dt` (s) at the present speed. The derivative is the loss of force
-    per gain of speed (N m s/rad; insertion N s/m). Both are 0 within the joint's range.
+    The force is that at the end of a step `dt` (s) at the present speed. The derivative is the loss
+    of force per gain of speed (N m s/rad; insertion N s/m). Both are 0 within the joint's range.
     """
     above = jnp.maximum(jpos - params.upper[i], 0.0)
     below = jnp.minimum(jpos - params.lower[i], 0.0)

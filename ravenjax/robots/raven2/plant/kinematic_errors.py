@@ -88,7 +88,7 @@ def true_joints(errors: KinematicErrors, reported: Vec) -> Vec:
 
 def register_frame(arm: str, errors: KinematicErrors) -> Registration | None:
     """Return the registration of the arm's frame 0; None: without errors or not registered."""
-    # Only a number that is the same in all runs is a NumPy integer.
+    # A NumPy integer is the same in all runs. Other numbers are known only in a run.
     never_registered = isinstance(errors.registered, np.integer) and not errors.registered
     if is_exact(errors) or never_registered:
         return None

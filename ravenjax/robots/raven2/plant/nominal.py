@@ -179,7 +179,8 @@ def track_target(
     mass, bias = link_dynamics.mass_matrix_and_bias(
         arm, locked, link_speeds, Vec.full(3, 0.0), params.mass_scale
     )
-    # Lower triangle and right side of the equations of the speed gains of joints 1-5
+    # Lower triangle and right side of the equations of joints 1-5 for the changes dv of speeds: M
+    # dv / dt = kp error - bias - (damping + friction) (v + dv)
     system, right = [], []
     for i in range(LAGRANGE):
         row = [mul(1.0 / dt, mass[i][j]) for j in range(i + 1)]

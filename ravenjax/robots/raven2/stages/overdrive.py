@@ -126,5 +126,6 @@ def _count_sample(
     """
     counts = over & hard
     trip = counts & (counter > HARD_SAMPLES)
+    # The counter restarts, in which a sample that trips is then the first. Soft regulation resets.
     resets = instant | trip | (over & ~hard)
     return jnp.where(resets, 0, counter) + as_int(counts), trip

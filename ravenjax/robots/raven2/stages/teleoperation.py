@@ -143,6 +143,7 @@ def hand_over(
     update_desired = (fresh | timed_out) & pedal_down
     margin = jnp.where(engaged, cast_to_real(setup, params.timeout_ticks - age), np.inf)
     desired = per_arm(setup, lambda i, _: where(update_desired, state.arms[i].pose, desired[i]))
+    # After a time-out the age restarts, and the console is not engaged until its next packet.
     state = replace(
         state,
         # The flag is cleared; the result is an int32 like the flag.
