@@ -120,7 +120,7 @@ def open_windows(
     """Return the state with the windows of all faults as in this tick. Call this once per tick,
     before any fault site.
 
-    Start and duration are on the trigger's clock. Packets last one or more ticks.
+    Start and duration are on the trigger's clock. A window of packets covers all their ticks.
     """
     # The campaign may have slots although no run has a fault.
     if not setup.injection.triggers:

@@ -98,7 +98,7 @@ def read_mechanism(model: mujoco.MjModel, tip: str) -> Mechanism:
     """Return the mechanism of a model whose base is fixed. tip: name of a site, the tip.
 
     Raise UserError if the model has features that are not supported: free and ball joints,
-    tendons, contacts, equalities other than joint polynomials, drag and gravity compensation.
+    tendons, contacts, equality constraints but joint polynomials, drag and gravity compensation.
     """
     _require_supported(model)
     links = rigid_tree.read_tree(model, "world")
@@ -106,7 +106,7 @@ def read_mechanism(model: mujoco.MjModel, tip: str) -> Mechanism:
     index_of = {joint: k for k, joint in enumerate(joints)} | {-1: -1}
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    # The tip's body moves with its last joint; -1: the tip is fixed to the base.
+    # Index of the link that carries the tip, by the last joint of the tip's body; -1: the base.
     body = model.body_weldid[model.site(tip).bodyid[0]]
     carrier = index_of[int(model.body_jntadr[body] + model.body_jntnum[body] - 1)] if body else -1
     home_positions = Vec(link.reference for link in links)

@@ -104,7 +104,7 @@ def init(setup: Setup, params: Any) -> ExplainedState:
     infinite = cast_to_real(setup, jnp.inf)
     return ExplainedState(
         tick=state,
-        # A number without a normal range never leaves it: None adds no operation to the tick.
+        # None for a number without a normal range: it adds no operation to the tick.
         numbers=tuple(NumberHistory(never, number.span and never) for number in _compared(setup)),
         margins=tuple(
             MarginHistory(infinite, infinite, never) for _ in loop.check_histories(setup, state)

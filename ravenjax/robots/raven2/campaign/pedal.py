@@ -93,7 +93,8 @@ def planned_pedal_down(
     down = np.zeros(ticks, bool)
     phases = _pedal_phases(software, foot, cycles, longest=0, plc=plc, unknown=False, ticks=ticks)
     for begin, end in zip(phases.begins.tolist(), phases.ends.tolist(), strict=True):
-        # The run level changes one tick before the pedal clock. At the end of the run both end
+        # Phases are of the pedal clock. The run level changes one tick before, but not after the
+        # run
         level_end = end - 1 if end < ticks else end
         down[begin - 1 : level_end] = True
     return down

@@ -235,8 +235,8 @@ def _split_bends(arm: str, pair: _BendPair) -> tuple[Theta, Theta]:
     """Return the DH variables of both bends. In the second, theta2, b1 and alpha are negated."""
     side, cos23 = GEOMETRY[arm].side, GEOMETRY[arm].cos23
     (x, y), (c2, s2), (e, f) = pair.axis, pair.theta2, pair.roll
-    # theta1 turns (b1, -b2), the insertion axis in frame 1, to (x, y). theta4 turns (alpha, beta),
-    # the axis y3, to the direction of y4, for which (e, f) is the direction of x4
+    # theta1 turns (b1, -b2), the insertion axis in frame 1, to (x, y). theta4 is the angle from x3,
+    # (beta, -alpha), to x4, (e, f). y3 is (alpha, beta)
     b1, b2 = s2 * GM3, c2 * (GM2 * GM3) + GM1 * cos23
     alpha, beta = s2 * (side * GM1), c2 * (-side * GM1 * cos23) - side * GM2 * GM3
     fa, ea, fb, eb = f * alpha, e * alpha, f * beta, e * beta

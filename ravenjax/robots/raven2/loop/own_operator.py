@@ -212,7 +212,7 @@ def _run_file(
     scale = cast_to_real(setup, params.scale)
     view = {"tick": tick, "runlevel": state.runlevel, "pedal": pedal, "scale": scale, "arms": arms}
     per_arm = f"a tuple of {len(arms)}, one for each arm"
-    # Form of each value that the file may return, and what a value that it leaves unchanged is.
+    # Form of each value that the file may return. Values that it returns unchanged are left out.
     examples = {
         "delta": InPlace(tuple(arm.delta for arm in arms), f"{per_arm}: a Vec of 3 numbers, um"),
         "grasp": InPlace(tuple(arm.grasp for arm in arms), f"{per_arm}: a number, mrad"),

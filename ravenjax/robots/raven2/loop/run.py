@@ -130,13 +130,7 @@ def reference_series(setup: RavenSetup, signals: TickSignals) -> tuple[Scalar, .
 
 
 def advance(
-    setup: RavenSetup,
-    params: TickParams,
-    faults: fault.Faults,
-    state: TickState,
-    now,
-    motion,
-    golden,
+    setup, params: TickParams, faults: fault.Faults, state: TickState, now, motion, golden
 ) -> tuple[TickState, tuple[Scalar, ...], TickSignals]:
     """Compute tick `now`; return the new state, the `reference_series`, and all signals.
 

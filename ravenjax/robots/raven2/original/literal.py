@@ -218,8 +218,8 @@ def _solutions(arm: str, tip: Transform):
     """Return the eight solutions (6 DH variables, validity), and whether the original stopped.
 
     The original stops at the first side whose wrist is at the remote centre, before it computes any
-    angle, so all angles are zero. This side is invalid, and the other side counts as valid. If this
-    is side 0, no d3 was computed. If this is side 1, only those of side 0 were.
+    angle, so all angles are zero. This side is invalid, and the other side counts as valid. Only a
+    stop at side 1 leaves values of d3, those of side 0.
     """
     x, y, _ = inverse_transform(tip).origin
     to_remote_centre = Vec((x, y, 0.0))

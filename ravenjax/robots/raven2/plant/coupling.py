@@ -57,7 +57,7 @@ class Coupling:
 
     def joint_loads(self, torques: Vec) -> Vec:
         """Return T^T f: loads of the joints (N m; insertion N) from motor torques f (N m)."""
-        # T[i] is (rows[i] + ratio[i] rows[Z]) / gain, so tool motors also load the insertion's row.
+        # T[i] is (rows[i] + ratio[i] rows[Z]) / gain, so torque i also acts as torque Z.
         insertion = torques[Z]
         for i in range(N):
             insertion = add(insertion, mul(self.ratio[i], torques[i]))

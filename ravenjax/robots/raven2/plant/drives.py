@@ -190,9 +190,8 @@ def eliminate_motor(
     """Return the motor's speed and the cable's force as functions of the link's speed.
 
     The equation of the motor's speed w at the end of the step is resistance w = known_torque +
-    coupling (link's speed - w). In the result, `stretch_rate` (w minus the link's speed) and
-    `force` are those of an unchanged link speed, and `stiffening` is the loss of force per gain of
-    it.
+    coupling (link's speed - w). `stretch_rate` (w minus the link's speed) and `force` hold for an
+    unchanged link speed. `stiffening` is the loss of force per gain of link speed.
 
     inertia_rate: Im/dt, N m s/rad. viscous, coulomb: friction, N m s/rad and N m. drive: torque, N
     m. speed, link_speed: of motor and link, rad/s of motor angle, at the start of the step.

@@ -113,7 +113,8 @@ def params(setup: RavenSetup, parameter_set: str = parameter_sets.DEFAULT) -> No
     reaction_share, ratio = motor.reaction_scale, transmission.TR
     square = ratio.map(lambda r: r**2)
     link_inertia = (*INERTIA[:LAGRANGE], 0.0, 0.0)
-    # I / J, with J = Im + rho M / TR^2. kp, kd, Kv, Kc are the formulas of the module's docstring.
+    # I / J. I: inertia of the joint. J: inertia at its motor, with the link's share. All gains and
+    # frictions of the motor become those of the model by this factor.
     inertia_ratio = Vec(INERTIA) / (motor.inertia + reaction_share * link_inertia / square)
     gains = stored.GAINS["raven2"]["gold"]
     kp, kd = (inertia_ratio * Vec(gains[name]) * gain for name in ("kp", "kd"))

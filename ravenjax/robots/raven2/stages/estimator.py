@@ -74,9 +74,8 @@ def step(
 def joint_positions(setup: RavenSetup, arm: ArmName, tool: str, mpos: Vec) -> Vec:
     """Return joint positions (rad, m) from motor positions (rad).
 
-    As in raven2, products with a reciprocal ratio, and sums, are computed in the wide type
-    (double). Products of a coupling constant and a joint are narrow (float). Each joint is rounded
-    once.
+    As in raven2, products with a reciprocal ratio, and sums, have the wide type (double). Products
+    of a coupling constant and a joint have the narrow type (float). Each joint is rounded once.
     """
     inverse_ratio = stored.TR.map(lambda ratio: 1.0 / ratio)
     jaw_per_wrist = stored.wrist_coupling(tool)

@@ -126,6 +126,6 @@ def _count_sample(
     """
     counts = over & hard
     trip = counts & (counter > HARD_SAMPLES)
-    # The counter restarts, in which a sample that trips is then the first. Soft regulation resets.
+    # A sample that trips restarts the count, as its first sample. Soft regulation resets the count.
     resets = instant | trip | (over & ~hard)
     return jnp.where(resets, 0, counter) + as_int(counts), trip
