@@ -120,7 +120,8 @@ class Clocks(NamedTuple):
     def pedal_end(self, rows: np.ndarray, opening: Opening, ticks: int) -> np.ndarray:
         """Return the first tick after each fault's last window on the pedal clock; 0: none opens.
 
-        Arguments: see `packet_end`. Valid only for runs in which no fault changes the pedal.
+        rows: runs of the faults. opening: their windows. ticks: length of a run. Valid only for
+        runs in which no fault changes the pedal.
         """
         window_end = np.zeros(len(rows), np.int64)
         # Runs of the same kind have the same times of pedal-down.

@@ -282,7 +282,8 @@ def step(
     """Return the state of the observer after this tick. reference: the golden run in this tick."""
     results = [_step_arm(params, arm, signal, reference, i) for i, arm in enumerate(state.arms)]
     arms, distances = tuple(arm for arm, _ in results), [distance for _, distance in results]
-    # The hazards are fields of the distances (m) and of the state (first ticks).
+    # The hazards are fields of the distances (m) and of the state (first ticks). They count while
+    # the robot is live: in pedal-down, without a stop.
     limits = {"golden": params.diverged, **dict.fromkeys(HAZARDS, params.limit)}
     exceeded = dict.fromkeys(limits, jnp.bool_(False))
     for distance in distances:

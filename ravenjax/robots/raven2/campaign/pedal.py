@@ -93,8 +93,8 @@ def planned_pedal_down(
     down = np.zeros(ticks, bool)
     phases = _pedal_phases(software, foot, cycles, longest=0, plc=plc, unknown=False, ticks=ticks)
     for begin, end in zip(phases.begins.tolist(), phases.ends.tolist(), strict=True):
-        # Phases are of the pedal clock. The run level changes one tick before, but not after the
-        # run
+        # The run level begins and ends a tick before the pedal clock's phase, except at the run's
+        # end
         level_end = end - 1 if end < ticks else end
         down[begin - 1 : level_end] = True
     return down

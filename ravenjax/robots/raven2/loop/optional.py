@@ -74,7 +74,8 @@ def _remember_packet_times(history: Vec, console: Console) -> Vec:
     now, history = console.signal.tick, packet_history.step(history, console.fresh)
 
     def arriving_packet(network: Network) -> PacketTiming:
-        # A packet contains the motion since the packet before, so both must be found.
+        # `lag` and `delay` are numbers of packets. A packet contains the motion since the packet
+        # before it, so both are found.
         late = jnp.maximum(network.lag + network.delay, 0)
         ages = (packet_history.packet_age(history, packets) for packets in (late, late + 1))
         sent, sent_before = (now - age for age in ages)
