@@ -213,7 +213,8 @@ def _solve_depth(arm: str, wrist: _Wrist, axes: _Axes, depth: Scalar) -> _BendPa
     c5, s5 = -dot(z3, z6), dot(z3, to_jaw)
     uses_jaw = jnp.abs(c5) > SINGULAR_BOUND
     vx, vy, vz = where(uses_jaw, to_jaw, z6)
-    # `along_z3` is z3 v. Without its part along z3, v is a multiple of x4, by c5 or s5
+    # `along_z3` is z3 v. Without its part along z3, v is a multiple of x4, by c5 or s5. `roll` has
+    # the components of v along m x z3 and m = z1 x z3, times this factor
     along_z3, factor = jnp.where(uses_jaw, s5, -c5), jnp.where(uses_jaw, c5, s5)
 
     # If z3 is almost parallel to z6, the pose's axes do not determine theta6
