@@ -135,14 +135,15 @@ def predict_in_batches(predict: Predictor, steps: np.ndarray, rows: int) -> np.n
 
 
 def _unexplained(residual: np.ndarray, slopes: np.ndarray) -> np.ndarray:
-    """Return the part of the residual [n, 7] that no change of the parameters removes: the noise.
+    """Return the part of the residual [n, 7] that no change of the k parameters removes: the noise.
 
-    The joints have equal weights. The other part of the residual is still to be fitted. It is
-    strongly correlated in time, so as noise it would stop the fit too early.
+    `slopes` [k, n, 7]: derivatives of the joint positions. The joints have equal weights. The rest
+    of the residual is still to be fitted. This rest is strongly correlated in time. If it counted
+    as noise, the fit would stop too early.
     """
-    unit = np.maximum(np.sqrt((residual**2).mean(axis=0)), MIN_NOISE)
-    columns = (slopes / unit).reshape(len(slopes), -1).T
-    step, *_ = np.linalg.lstsq(columns, (residual / unit).ravel(), rcond=1e-6)
+    scale = np.maximum(np.sqrt((residual**2).mean(axis=0)), MIN_NOISE)
+    columns = (slopes / scale).reshape(len(slopes), -1).T
+    step, *_ = np.linalg.lstsq(columns, (residual / scale).ravel(), rcond=1e-6)
     return residual - np.tensordot(step, slopes, axes=1)
 
 

@@ -77,9 +77,7 @@ def select_unknowns(joints: Sequence[int], asks: Sequence[str] = ASKS) -> tuple[
 
 
 def prior_robot(plant: robot.PlantParams, wanted: Sequence[Unknown]) -> LoopParams:
-    """Return a robot with the prior parameters. If the command delay is estimated, it has
-    USUAL_DELAY_MS, else none.
-    """
+    """Return a robot with the prior parameters. Its command delay is 0 if it is not in `wanted`."""
     delayed = any(COMMAND_DELAY in one.fields for one in wanted)
     return replace(position_loop.params(plant), command_delay=USUAL_DELAY_MS if delayed else 0.0)
 
@@ -93,9 +91,10 @@ def apply_steps(base: LoopParams, wanted: Sequence[Unknown], steps: Any) -> Loop
     """Return the robot `base` with each unknown changed by `steps` [k], in prior standard
     deviations. JAX may trace this function.
     """
-    moved = values_by_path(base, wanted, steps[None])
+    # values_by_path takes the steps of n robots. Here n is 1.
+    moved = {path: values[0] for path, values in values_by_path(base, wanted, steps[None]).items()}
     leaves = paths.path_leaves(base, RavenSetup())
-    return tree.fill_tree(base, [moved[path][0] if path in moved else x for path, x in leaves])
+    return tree.fill_tree(base, [moved.get(path, value) for path, value in leaves])
 
 
 def values_by_path(
@@ -105,7 +104,8 @@ def values_by_path(
 
     `steps`: [n, k], changes of the k unknowns for n robots, in prior standard deviations.
     """
-    exp, moved = jnp.exp if isinstance(steps, jax.Array) else np.exp, {}
+    exp = jnp.exp if isinstance(steps, jax.Array) else np.exp
+    moved = {}
     for one, change in zip(wanted, steps.T, strict=True):
         for field in one.fields:
             path = field if one.joint is None else f"{field}.{JOINTS[one.joint]}"
