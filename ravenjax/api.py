@@ -65,7 +65,7 @@ def simulate(campaign: AnyCampaign, run: str | int = 0, engine: str = "auto") ->
 
     The dataset has one variable per quantity, with attrs units and long_name. Coordinates are time
     (s), arm, joint, axis, fault and cue: `simulate(c, 42)["tip"].sel(arm="gold", axis="z")`. Its
-    attrs contain the run's index, id and outcomes. run: index, run id, or its first letters. Raise
+    attrs: the run's index, id and outcomes. run: index, run id, or its first letters. Raise
     UserError.
     """
     config = _config(campaign)

@@ -1,7 +1,7 @@
 """Refuses to run Python code that a campaign file names, until the user has agreed to it.
 
-Such code is a user's file, such as a check, or the module of a robot. The user agrees to code in
-one of these ways:
+Such code is a user's file, such as a check, or the module of a robot. The user agrees to it in one
+of these ways:
 
 - A command names a campaign file by its path, and the code belongs to the user and lies in the
   folder of the campaign file. The module of a robot may lie anywhere in Python's search path.

@@ -33,8 +33,8 @@ _HASH_BYTES = 32
 def cache_folder(kind: str) -> Path | None:
     """Return the cache folder for a kind of code, and create it if needed.
 
-    Return None if the cache is off or cannot be created. Raise UserError if other users may write
-    into the folder.
+    Return None if the cache is off or cannot be created. Raise UserError if others may write into
+    it.
     """
     configured = os.environ.get(VARIABLE, "")
     if configured.lower() == "off":

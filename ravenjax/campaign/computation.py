@@ -1,5 +1,4 @@
-"""Computes the runs of a campaign on an engine, in parallel blocks, together with their golden
-runs.
+"""Computes the runs of a campaign on an engine, in parallel blocks, with their golden runs.
 
 Up to the first tick in which a fault may act, a run equals its golden run. If enough runs share a
 golden run, they start from checkpoints of it. Rows are returned in order, one window of rows at a
@@ -189,19 +188,19 @@ class Computation:
         self.progress.ticks(ticks)
 
     def _window_limits(self, chunk: int) -> WindowLimits:
-        # Returns the largest sizes of windows and blocks, for files of `chunk` rows. A file can be
-        # written when all windows with its rows are finished.
+        # Returns the largest sizes of windows and blocks, for files of `chunk` rows.
         program, lanes = self.plan.program, self.kernel.lanes
-        setup = program.setup
-        numbers = program.ticks * program.loop.series_length(setup)
-        series_bytes = numbers * np.dtype(setup.precision.real).itemsize
+        numbers = program.ticks * program.loop.series_length(program.setup)
+        series_bytes = numbers * np.dtype(program.setup.precision.real).itemsize
         golden_bytes = series_bytes
         if self._fast_forward.uses_checkpoints.any():
             golden_bytes += snapshot_bytes(program.ticks)
         blocks = max(self.threads, min(BLOCKS_PER_THREAD * self.threads, MAX_WINDOW_ROWS // lanes))
+        # Checkpoints save more ticks in larger windows, see SORTED_ROWS.
         if self.kernel.branches:
-            ticks = max(1.0, float((self.plan.ends - self.plan.acts).mean()))
-            blocks = max(blocks, int(min(SORTED_ROWS, SORTED_TICKS / ticks)) // lanes)
+            ticks_per_row = max(1.0, float((self.plan.ends - self.plan.acts).mean()))
+            blocks = max(blocks, int(min(SORTED_ROWS, SORTED_TICKS / ticks_per_row)) // lanes)
+        # A file waits for all windows with its rows, so a window has no more rows than a file.
         blocks = min(blocks, max(self.threads, -(-chunk // lanes)))
         # On a CPU, each thread may copy series at the same time.
         memory, copies = GOLDEN_BYTES, self.threads
@@ -274,34 +273,34 @@ class Computation:
         return Branches(trunk, ends, outcomes.select_golden_outcomes(columns))
 
     def _golden_outcomes(self, rows: np.ndarray, golden_runs: GoldenRuns) -> Columns:
-        # Returns the outcomes that the golden run of each row has at the end of the row's run. Runs
-        # may end at different ticks. For each such tick, a golden run is computed only once.
+        # Returns the outcomes that the golden run of each row has at the end of the row's run. A
+        # golden run is computed until the last of its runs ends. For a run that ends earlier, the
+        # outcomes come from its Branches, or the golden run is computed again up to this end.
         computed = golden_runs.computed.result()
         golden, ends = self.plan.golden[rows], self.plan.ends[rows]
-        # Rows whose outcomes are still those at a later end of the golden run.
-        early = self._fast_forward.ends_early[rows]
-        if len(computed.numbers) == 1 and not early.any():
+        missing = self._fast_forward.ends_early[rows]
+        if len(computed.numbers) == 1 and not missing.any():
             return {
                 name: np.broadcast_to(values, len(rows))
                 for name, values in computed.outcomes.items()
             }
         columns = take_rows(computed.outcomes, np.searchsorted(computed.numbers, golden))
-        for number in np.unique(golden[early]).tolist():
+        for number in np.unique(golden[missing]).tolist():
             if number in golden_runs.branches:
                 branches = golden_runs.branches[number].result()
-                of_number = early & (golden == number)
-                early &= ~of_number
-                end_indices = np.searchsorted(branches.ends, ends[of_number])
+                found = missing & (golden == number)
+                missing &= ~found
+                end_indices = np.searchsorted(branches.ends, ends[found])
                 for name, values in branches.outcomes.items():
-                    columns[name][of_number] = values[end_indices]
-        if early.any():
-            # One number for each pair of golden run and end.
-            pairs = golden[early] * (1 + self.plan.program.ticks) + ends[early]
+                    columns[name][found] = values[end_indices]
+        if missing.any():
+            # One number for each pair of golden run and end, so that no pair is computed twice.
+            pairs = golden[missing] * (1 + self.plan.program.ticks) + ends[missing]
             _, first, pair_of_row = np.unique(pairs, return_index=True, return_inverse=True)
-            block = self._block(rows[early][first], computed, harmless=True)
+            block = self._block(rows[missing][first], computed, harmless=True)
             result = self.kernel.run(block, self.plan.columns)
             for name, values in columns.items():
-                values[early] = result.outcomes[name][pair_of_row]
+                values[missing] = result.outcomes[name][pair_of_row]
         return columns
 
     # --- blocks ---

@@ -112,11 +112,12 @@ class FastForwardPlan:
         """Whether runs start from checkpoints of each golden run, bool [golden runs]."""
         if not self._lanes:
             return np.zeros(self._golden_count, bool)
-        # With checkpoints, a run need not be computed up to its fault. The golden run need not be
-        # computed once more up to the early end of a run, to get its outcomes there.
+        # Checkpoints save the ticks of a run before its fault. For a run that ends early, they also
+        # save a golden run up to this end, which would be needed for its outcomes there. The cost
+        # is one golden run with checkpoints, up to the last of these ticks.
         early_ends = np.where(self.ends_early, self._plan.ends, 0)
-        ticks = np.bincount(self._plan.golden, self._plan.acts + early_ends, self._golden_count)
-        saved = ticks / self._lanes
+        saved_of_run = self._plan.acts + early_ends
+        saved = np.bincount(self._plan.golden, saved_of_run, self._golden_count) / self._lanes
         cost = np.maximum(self.last_act, self._largest_of_runs(early_ends))
         return saved > MIN_SAVING * cost
 

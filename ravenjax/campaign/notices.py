@@ -244,19 +244,23 @@ def _of_faults(plan: Plan) -> OfRuns:
 
 def _beyond_range(plan: Plan) -> OfRuns:
     """Yield (key, faults, notice) about faults that move a parameter out of its range."""
-    value, length, x = _numbers(plan)
+    value, length, usual = _numbers(plan)
     for code, (site, channel) in enumerate(_channels(plan), start=1):
         if site != PARAMETER or (limits := channel.field) is None:
             continue
+        is_nearer_low = usual - limits.low < limits.high - usual
+        # The number that is farthest out of the range during a fault with each effect.
         reached = {
-            **dict.fromkeys(("offset", "latch_offset"), x + value),
-            "scale": x * value,
-            "drift": x + value * length,
-            "periodic": np.where(x - limits.low < limits.high - x, x - abs(value), x + abs(value)),
+            **dict.fromkeys(("offset", "latch_offset"), usual + value),
+            "scale": usual * value,
+            "drift": usual + value * length,
+            "periodic": np.where(is_nearer_low, usual - abs(value), usual + abs(value)),
             "random": np.where(-abs(value) < limits.low, -abs(value), abs(value)),
             "toggle": 0.0 * value,
         }
-        number = np.where(plan.faults["code"] == code, _by_effect(plan, reached, x), limits.low)
+        # Faults at other channels get a number inside the range, so they have no notice.
+        number = _by_effect(plan, reached, default=usual)
+        number = np.where(plan.faults["code"] == code, number, limits.low)
         outside = np.maximum(limits.low - number, number - limits.high)
         worst = number.flat[outside.argmax()]
         words = f"{channel.name} becomes {worst:.6g}, expected {limits.low:g}..{limits.high:g}"
@@ -268,6 +272,8 @@ def _beyond_range(plan: Plan) -> OfRuns:
 def _idle(plan: Plan) -> np.ndarray:
     # Returns bool [runs, slots]: faults that leave a usual value of their channel unchanged.
     value, length, usual = _numbers(plan)
+    is_known = ~np.isnan(usual)
+    # A change of an integer by less than 1 has no effect.
     least = [float(channel.kind not in ("float", "bool")) for _, channel in _channels(plan)]
     least = np.array([0.0, *least])[plan.faults["code"]]
 
@@ -279,16 +285,16 @@ def _idle(plan: Plan) -> np.ndarray:
     idle = {
         "overwrite": np.float32(value) == np.float32(usual),
         "offset": small(value),
-        "latch_offset": small(value) & (usual == usual),
+        "latch_offset": small(value) & is_known,
         "scale": (value == 1) | (np.float32(usual * value) == np.float32(usual)),
         "drift": small(value * length),
-        "stuck": usual == usual,
+        "stuck": is_known,
         # The age of the window counts from 0, so sines of periods 1 and 2 are 0.
         "periodic": small(value) | (plan.faults["period"] <= 2),
         **dict.fromkeys(("random", "toggle"), (value == 0) & (usual == 0)),
         "lose": value == 0,
     }
-    return _by_effect(plan, idle, False)
+    return _by_effect(plan, idle, default=False)
 
 
 def _channels(plan: Plan) -> list[tuple[str, Channel]]:
@@ -357,9 +363,10 @@ def _counted(plan: Plan, which: np.ndarray) -> str:
 
 
 def _clock_ends(plan: Plan) -> np.ndarray:
-    """Return the reading that the clock of each fault cannot reach, int [runs, slots]."""
+    """Return the first reading of each fault's clock after the end of a run, int [runs, slots]."""
     trigger, ticks, clocks = plan.faults["trigger"], plan.program.ticks, plan.any_clocks
-    # Packet numbers begin at 1, and the time of the pedal when the pedal first goes down.
+    # The clock "packet" begins at 1, and the clock "pedal" when the pedal first goes down. If
+    # faults may move the pedal, this time is unknown. 0 then gives the latest possible reading.
     down = 0 if clocks is None or clocks.moved.any() else clocks.first_down(ticks)[:, None]
     pedal = np.where(trigger == TRIGGER_CODES["pedal"], down, 0)
     return ticks + (trigger == TRIGGER_CODES["packet"]) - pedal

@@ -1,8 +1,7 @@
 """Draws a chart with matplotlib: on given axes, on paper, and as SVG for an HTML page.
 
-In an SVG, colours are custom properties of the page's style sheet, so that charts follow its light
-and dark schemes. SVG groups have the names of the data series, so that the page's script can hide a
-series.
+In an SVG, colours are custom properties of the style sheet, so charts follow its light and dark
+schemes. SVG groups have the names of the data series, so that the page's script can hide a series.
 """
 
 import io

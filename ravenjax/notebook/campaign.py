@@ -225,7 +225,7 @@ def run_config(
 ) -> Results:
     """Run a campaign and store its results in the folder `out`.
 
-    Without `out`, results are in a temporary folder that is deleted with them. Raise UserError and
+    Without `out`, results are in a temporary folder, deleted with them. Raise UserError and
     StoreError.
     """
     if out is not None:

@@ -126,10 +126,10 @@ class CampaignResults:
 
         event: one or several names of events, as for `[stop] rates`. by: one or several columns
         that define the classes: group, site, layer, block (site and effect), response, hazard,
-        outcome, a key of the first fault, such as effect, the path of a varied parameter, or any
-        column; (): one class with all faults. low and high are the 95 % Wilson interval of drawn
-        faults. For enumerated faults they are NaN, because nothing was sampled. Raise UserError for
-        an unknown name.
+        outcome, a key of the first fault (effect), the path of a varied parameter, or any column;
+        (): one class with all faults. low and high are the 95 % Wilson interval of drawn faults.
+        For enumerated faults they are NaN, as nothing was sampled. Raise UserError for an unknown
+        name.
         """
         from ravenjax.notebook import rates
 
@@ -173,8 +173,8 @@ class CampaignResults:
         return self._plot("verdicts", "no run has a fault")
 
     def plot_time_to_know(self) -> ShownFigure:
-        """Plot delays from a fault's first effect to the cue, to an alarm or stop, and to the first
-        of these.
+        """Plot delays from a fault's first effect to the cue, to an alarm or stop, and to the
+        first.
         """
         return self._plot("time_to_know", "no fault had an effect")
 

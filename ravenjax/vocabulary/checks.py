@@ -90,8 +90,7 @@ BUILT_IN = "built_in_response"
 
 def needs_own_columns(added: Iterable[Check], stops: bool) -> bool:
     """Return whether the response of the built-in checks alone needs separate columns. added:
-    users' checks; checks that only watch need no columns. stops: True if a detector may stop the
-    robot.
+    users' checks; checks that only watch need no columns. stops: a detector may stop the robot.
     """
     return stops or any(check.action != "watch" for check in added)
 

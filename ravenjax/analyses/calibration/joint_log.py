@@ -13,15 +13,14 @@ A name may end in `_deg` (motors and angles), `_deg_s` or `_mm` (insertion). The
 column `time_s`, or in one with another unit. Without such a column, samples are `period_ms` apart.
 If there is a column `runlevel`, only the longest stretch in run level pedal-down is used.
 
-A bag of ROS 1 or ROS 2 is converted to such a table. The joint positions come from one of these
-topics.
+A bag of ROS 1 or ROS 2 is converted to such a table. The joint positions come from one of:
 
 - raven2's `raven_2/raven_state`: `jpos` and `jpos_d` have eight numbers per arm, of which the
   fourth is unused. raven2 multiplies all of them by 180/pi, even the insertion.
 - CRTK's `/arm1/measured_js` and `/arm1/setpoint_js` (arm1 is gold, arm2 green), rad and m. raven2
   publishes the measurements of each arm under the other arm's name (branch crtk,
-  src/raven/local_io.cpp). This module therefore pairs desired positions with the measured positions
-  that follow them.
+  src/raven/local_io.cpp). This module therefore pairs desired positions with measured ones that
+  follow.
 """
 
 from __future__ import annotations

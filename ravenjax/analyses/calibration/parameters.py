@@ -1,7 +1,6 @@
-"""Defines the robot parameters that a calibration can estimate from a log, with their prior
-distributions.
+"""Defines the robot parameters that a calibration can estimate from a log, and their priors.
 
-The module also writes a calibrated robot as a TOML file. A campaign reads the file by `[parameters]
+The module also writes a calibrated robot as a TOML file. A campaign reads it by `[parameters]
 from`.
 """
 
@@ -38,8 +37,8 @@ class Unknown(NamedTuple):
     """
 
     name: str
-    # Fields of LoopParams, separated by dots: plant.actuators.coulomb. A ratio changes all of them
-    # by the same factor.
+    # Fields of LoopParams, separated by dots: plant.actuators.coulomb. A ratio is a factor on all
+    # of them.
     fields: tuple[str, ...]
     joint: int | None  # index of the joint, for fields with seven values; None for one value
     # Standard deviation of the prior, in the field's unit; for a ratio, of its logarithm.

@@ -134,7 +134,7 @@ def advance_cycle(
 
     `desired`: returns the desired motor angles (rad) for the measured angle of the insertion motor.
     `written`: returns DAC counts that replace those of the controller. `whole_counts`: encoders and
-    DAC use whole counts.
+    DAC round.
     """
     tool = setup.tools[setup.arms.index(arm)]
     new = read_encoders(setup, state.plant, whole_counts)
@@ -171,8 +171,7 @@ def advance_cycle(
 
 
 def _low_passed(new: Vec, state: LoopState) -> Vec:
-    # Applies the velocity filter: a weighted sum of the new value and of earlier inputs and
-    # outputs.
+    # Applies the velocity filter: a weighted sum of new value, earlier inputs and earlier outputs.
     gains = (*LOW_PASS_INPUT[1:], *LOW_PASS_OUTPUT)
     total = new * LOW_PASS_INPUT[0]
     for gain, past in zip(gains, (*state.readings, *state.outputs), strict=True):

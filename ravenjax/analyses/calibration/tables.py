@@ -29,11 +29,11 @@ PARAMETER_COLUMNS = ("parameter", "prior", "fitted", "5 %", "95 %", "spread left
 def by_joint(
     rows: Sequence[FollowingError], joints: Sequence[int]
 ) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return headings, and one row per joint: the root mean square following error of the log and
-    of each model.
+    """Return headings, and one row per joint: the root mean square following error of log and
+    models.
 
-    A model's cell also contains the ratio of its error to the log's error, and the distance of the
-    model from the log.
+    A model's cell also contains the ratio of its error to the log's error, and its distance from
+    the log.
     """
     log, *models = rows
     cells = [

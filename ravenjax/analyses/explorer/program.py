@@ -6,8 +6,8 @@ in base64. `static/engine.js` reads the object of `describe_program`, with these
 - arms, ticks, tick_ms, cue (haptic set of the verdict), slots (faults of a run), observe_ms
 - parameters: those that the page can change, in the order of a run's inputs
 - channels: where faults act; the code of a fault is the channel's index in this list, from 1
-- effects: code; a network effect also has the channel at which it is injected, the effect there and
-  its value
+- effects: code; a network effect also has the channel at which it is injected, effect and value
+  there
 - triggers, fields (types of a fault's numbers), forever (length of an endless window)
 - motion, motions: the campaign's own, "" for a recording; float32 columns one after the other
 - programs: outcomes, replay, and acted (outcomes with one more fault slot, for an action). Each is

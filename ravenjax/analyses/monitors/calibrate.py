@@ -73,9 +73,8 @@ def calibrate_monitor(
 ) -> Calibrated:
     """Simulate fault-free operations, calibrate the monitor, and write both into the folder `out`.
 
-    `hours`: total hours of operation, of all operators and robots; None: as many as the target
-    needs. Finished operators stay on disk, and the same call continues. Raise UserError and
-    StoreError.
+    `hours`: total hours of operation, of all operators and robots; None: as the target needs.
+    Finished operators stay on disk, and the same call continues. Raise UserError and StoreError.
     """
     terms = split_scores(choose_candidates(request.config.robot, request.signals or SIGNALS))
     units = calibration.units_within(request.target, request.robots, hours)

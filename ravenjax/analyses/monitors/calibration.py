@@ -1,8 +1,8 @@
 """Computes the scales and the threshold of a monitor from scores of fault-free operations.
 
 Some operators determine the scale of each score, some the threshold, and some test the monitor. The
-number of an operator determines this use. Additional operators therefore do not change the use of
-earlier operators.
+number of an operator determines this use. More operators thus do not change the use of earlier
+ones.
 """
 
 import math

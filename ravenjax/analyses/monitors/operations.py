@@ -1,5 +1,4 @@
-"""Simulates many fault-free operations and returns the scores of candidate checks for each
-operation.
+"""Simulates many fault-free operations and returns the scores of candidate checks for each.
 
 Each operator has a different motion. Each operation of an operator has a different robot.
 

@@ -169,8 +169,7 @@ def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) 
     case, sign = np.array(cells).T
 
     def points(cell: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        # Returns the points of cells [n] with fault values of these sizes [n]: case [n] and values
-        # [n, 1].
+        # Returns points of cells [n] with fault values of sizes [n]: case [n] and values [n, 1].
         return case[cell], (sign[cell] * size)[:, None]
 
     def harm(cell: np.ndarray, size: np.ndarray) -> np.ndarray:

@@ -1,8 +1,6 @@
-"""Measures which inputs determine an outcome, for each case (searches of kinds "sobol" and
-"morris").
+"""Measures which inputs determine an outcome, in each case (kinds "sobol" and "morris").
 
-The figure shows Sobol's indices, or the mean and the standard deviation of Morris's elementary
-effects.
+The figure shows Sobol's indices, or mean and standard deviation of Morris's elementary effects.
 """
 
 import math

@@ -2,8 +2,8 @@
 
 The inputs of runs have the distributions of the search file. Each combination of the file's lists
 is estimated separately. Subset simulation and plain Monte Carlo sample the same unit cube. If plain
-Monte Carlo finds the event often enough, both methods must agree. Otherwise plain Monte Carlo gives
-an upper bound.
+Monte Carlo finds the event often enough, both methods must agree. If not, plain Monte Carlo gives a
+bound.
 
 The figure shows how likely each value of the event's column is, by both methods.
 """

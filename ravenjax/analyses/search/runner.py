@@ -60,8 +60,7 @@ def run_search(
     overrides: Sequence[str] = (),
     on_progress: OnProgress | None = None,
 ) -> SearchResult:
-    """Run a search and write its results into the folder `out`, or continue a search there that
-    was interrupted.
+    """Run a search and write its results into the folder `out`, or continue the search there.
 
     `file`: a search file, the name of a bundled search, or a loaded search. `out`: folder, by
     default results/NAME. `overrides`: changes of a file, as `key.path=value`. Raise UserError and
@@ -124,8 +123,7 @@ def _search_folder(
 
 
 def _open_folder(out: Path, identity: dict[str, Any]) -> dict[str, Any]:
-    """Begin or continue a search in the folder `out`. Return the content of its search.json; {} if
-    the folder has none.
+    """Begin or continue a search in the folder `out`. Return its search.json; {} if there is none.
 
     `identity`: everything on which the result depends. Raise UserError if the folder contains
     another search, and StoreError if it cannot be written to.

@@ -1,5 +1,4 @@
-"""Makes the columns of one fault slot of the fault table, in a normal form: equal faults have equal
-columns.
+"""Makes the columns of a slot of the fault table in a normal form: equal faults have equal columns.
 
 Fields that an effect does not use are NaN or 0. A network effect has the channel on which it acts.
 Times are whole numbers of at least 0. Drawn values are rounded if the channel is an integer.

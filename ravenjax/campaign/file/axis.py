@@ -1,7 +1,6 @@
 """Defines how a key of a campaign file varies: one value, a list of values, or a distribution.
 
-A list may also be written `{ list = [..] }`. Its items are then separate values of the key, not the
-numbers of one vector.
+A list may also be written `{ list = [..] }`. Its items are then separate values, not one vector.
 """
 
 import dataclasses
@@ -123,8 +122,8 @@ class Axis:
 
     def at(self, places: np.ndarray, whole: int = 0) -> np.ndarray:
         """Return the numbers at `places`, float64 of the same shape. places: indices of listed
-        values, or quantiles in [0, 1) of a distribution. whole: round drawn numbers to multiples of
-        this integer.
+        values, or quantiles in [0, 1) of a distribution. whole: round drawn numbers to its
+        multiples.
 
         Listed values are not rounded.
         """

@@ -68,8 +68,7 @@ class CampaignConfig(Section):
         return self._source
 
     def with_files(self, folder: Path) -> CampaignConfig:
-        """Return a copy in which paths of Python files, which are relative to `folder`, are
-        absolute.
+        """Return a copy with absolute paths of Python files, which are relative to `folder`.
 
         Raise UserError for a file that cannot be used.
         """

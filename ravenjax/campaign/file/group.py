@@ -43,8 +43,7 @@ PATHS = ("parameters", "cross")
 def flatten_table(table: Any, prefix: str = "") -> Any:
     """Join the nested keys of a table of parameters into dotted paths.
 
-    Distributions stay tables. prefix: beginning of all paths. Anything else than a table is
-    returned unchanged.
+    Distributions stay tables. prefix: beginning of all paths. Other values are returned unchanged.
     """
     if not isinstance(table, Mapping):
         return table

@@ -30,8 +30,7 @@ def find_campaign_file(path: str | Path, folder: str, what: str, listing: str = 
     """Return the file that `path` names: a path, a file in ./`folder`, or a bundled file.
 
     The ending `.toml` may be left out. what: kind of file, such as "campaign". listing: command
-    that lists the bundled files; if it is "", the error lists them. Raise UserError if there is no
-    file.
+    that lists the bundled files; if "", the error lists them. Raise UserError if there is no file.
     """
     name = require_path(what, path, f"a {what} file or the name of a bundled {what}")
     # A path such as "." has no last part, so no ending can be added.

@@ -43,8 +43,7 @@ def part_source(name: str, file: Path, sha256: str | None, what: str) -> OwnSour
     """Return the code of a user's file.
 
     A changed file is read again. what: "check" or "detector". Raise UserError if the file cannot be
-    used, if the user has not agreed to run it (`consent`), or if its content does not match
-    `sha256`.
+    used, without the user's consent to run it, or if its content does not match `sha256`.
     """
     key = name, file.absolute(), what
     require_utf8(str(key[1]))

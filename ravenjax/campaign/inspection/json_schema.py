@@ -120,8 +120,10 @@ def _parameters(robot: Robot, any_path: Schema) -> Schema:
     table = _node(tree, any_path)
     text = "in [parameters]: a file with a population, from which robots are drawn"
     table["properties"][KEY] = {"description": text, "type": "string"}
-    first, rest = "|".join(map(re.escape, (*tree, KEY))), any_path["pattern"].partition("(\\.")
-    return table | {"propertyNames": {"pattern": f"^({first}){rest[1]}{rest[2]}|^{_OWN}$"}}
+    # A path's pattern is ^(WORD)(\.(WORD))*$. Here only its first word is replaced.
+    first_word = "|".join(map(re.escape, (*tree, KEY)))
+    _, *more_words = any_path["pattern"].partition(r"(\.")
+    return table | {"propertyNames": {"pattern": f"^({first_word}){''.join(more_words)}|^{_OWN}$"}}
 
 
 _OWN = r"((detectors|checks|control|operator)\.own|checks\.threshold)(\.[A-Za-z][A-Za-z0-9_]*)+"

@@ -25,13 +25,14 @@ def drawn_groups(config: Mapping[str, Any]) -> frozenset[str] | None:
 
 
 def _has_drawn_fault(group: Mapping[str, Any]) -> bool:
-    # Returns whether a value of a fault, or its effect, is drawn at random, or set for each run.
+    # Returns whether a value of a fault is drawn at random, or its effect draws random numbers.
+    # Entries of [[group.run]] enumerate their faults.
     if group.get("run"):
         return False
     samples_lists = group.get("design") in SAMPLED
     for fault in group.get("fault", ()):
         effect = fault.get("effect", "")
-        # The effect, or every effect of a list, draws random numbers in each run.
+        # A list of effects counts if all of them draw random numbers.
         if all(word in RANDOM for word in ([effect] if isinstance(effect, str) else effect)):
             return True
         if any(_is_drawn(value, samples_lists) for value in fault.values()):

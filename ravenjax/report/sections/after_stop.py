@@ -1,6 +1,4 @@
-"""Section "After a stop": how long each check took to stop the robot, and how far the tip moved
-until it stood still.
-"""
+"""Section "After a stop": time in which each check stops the robot, and the way of the tip."""
 
 from typing import NamedTuple
 

@@ -69,8 +69,8 @@ class Changed(NamedTuple):
     pairs: list[Difference]  # over all faults, one for each reaction
     # Lead of the cue that the verdicts use; None: no cue, or no fault evaded.
     announced: Announced | None
-    # The haptic set that warns of most motions without a false cue, if it is better than that of
-    # the verdicts.
+    # The haptic set without a false cue that warns of most motions, if better than that of
+    # verdicts.
     better: Announced | None
 
 
@@ -98,27 +98,31 @@ def class_rows(runs: Runs, kind: str = "") -> list[ClassRow]:
 
     Without a column, the only row is for all faults.
     """
-    off = run_facts.beyond_sql("unintended_off_mm", runs.manifest.limit_mm, runs.types)
+    is_beyond = run_facts.beyond_sql("unintended_off_mm", runs.manifest.limit_mm, runs.types)
+    # The first report of each unintended motion: delay from the fault, lag from the motion.
     delays, lags = (
         runs.delays(detectors.knowledge_sql(runs), start, runs.end, UNINTENDED, kind or None)
         for start in ("active_ms", "unintended_ms")
     )
+    # `class_counts` puts the value of `kind`, the groups and the number of faults before these.
     columns = (
         *(f"count(*) FILTER ({event})" for event in ("evaded", "unintended", "loss")),
         tables.quantiles_sql("unintended_mm"),
-        f"count(*) FILTER ({off} AND NOT unintended)",
+        f"count(*) FILTER ({is_beyond} AND NOT unintended)",
         "max(unintended_off_mm)",
     )
     by = f"{FACTS}.{quote_name(kind)}::VARCHAR" if kind else "''"
     rows = []
-    for name, groups, n, *hits, mm, not_live, farthest in tables.class_counts(runs, by, columns):
+    for name, groups, n, *counts, mm, not_live, not_live_mm in tables.class_counts(
+        runs, by, columns
+    ):
         half_ms = latency.incidence_curve(delays.get(name, NO_DELAYS)).quantile_interval(0.5)
         before = latency.rate_before(lags.get(name, NO_DELAYS))
         if not runs.sampled(groups):
             half_ms, before = tables.without_interval(half_ms), tables.without_interval(before)
-        evaded, unintended, loss = (tables.fault_share(runs, k, n, groups) for k in hits)
+        evaded, unintended, loss = (tables.fault_share(runs, k, n, groups) for k in counts)
         rates = evaded, unintended, loss, before
-        rows.append(ClassRow(name, *rates, half_ms, Quantiles(*mm), not_live, farthest))
+        rows.append(ClassRow(name, *rates, half_ms, Quantiles(*mm), not_live, not_live_mm))
     return sorted(rows, key=lambda row: [*map(tables.rate_order, (row.evaded, row.unintended))])
 
 

@@ -140,32 +140,37 @@ def hours_to_offer(choices: Sequence[Choice]) -> float:
 def _alarm_counts(runs: Runs, rows: Sequence[CueRow]) -> AlarmCounts:
     # Counts missed hazards and false cues of the haptic sets, for the choice of a threshold.
     came = [f"({after_onset(f'warned{row.number}_ms')} >= 0)::INTEGER" for row in rows]
-    # Count joint patterns: a set's own misses do not show which hazards only another set catches.
+    # A pattern such as "011" has a digit per set: 1 if its cue came. Patterns show which hazards
+    # one set misses and another set detects.
     patterns = runs.table.rows(
         f"SELECT concat({', '.join(came)}), count(*) FROM {FACTS} WHERE {UNINTENDED} GROUP BY ALL"
     )
-    missed = np.array([[letter == "0" for letter in pattern] for pattern, _ in patterns])
+    missed = np.array([[digit == "0" for digit in pattern] for pattern, _ in patterns])
     count = np.array([n for _, n in patterns])
     rates = [row.per_hour for row in rows if row.per_hour is not None]
     return AlarmCounts(
-        count @ missed,
-        (missed * count[:, None]).T @ ~missed,
-        int(count.sum()),
-        np.array([rate.count for rate in rates]),
-        np.array([rate.hours for rate in rates]),
-        runs.sampled(),
+        missed=count @ missed,
+        only=(missed * count[:, None]).T @ ~missed,
+        hazards=int(count.sum()),
+        count=np.array([rate.count for rate in rates]),
+        hours=np.array([rate.hours for rate in rates]),
+        sampled=runs.sampled(),
     )
 
 
 def _cheapest(rows: Sequence[CueRow], alarms: AlarmCounts, weight: float, hours: float) -> Choice:
-    # Chooses the set of least cost, if a missed motion costs `weight` false cues.
-    def possible(times: float):
-        return choice.cheapest_alarms(alarms, weight, times)
+    # Chooses the set of least cost, if a missed motion costs `weight` false cues. `hours`: hours of
+    # fault-free motion.
+    def possible(factor: float):
+        # Returns the sets that may be best after `factor` times as many hours.
+        return choice.cheapest_alarms(alarms, weight, factor)
 
     cost = [weight * row.missed.value + row.hourly for row in rows]
     more_hours = hours * choice.hours_to_decide(possible)
-    now, rule = possible(1.0), _WEIGHT.format(f"{weight:,}")
-    found = _choice(rule, rows, cost, now, now, more_hours, possible(math.inf))
+    now, in_the_end = possible(1.0), possible(math.inf)
+    rule = _WEIGHT.format(f"{weight:,}")
+    # Every set keeps this rule, which has no limit, so there is no least threshold.
+    found = _choice(rule, rows, cost, now, now, more_hours, in_the_end)
     return found._replace(least_mm=math.nan)
 
 
@@ -188,10 +193,11 @@ def _choice(
     hours: float,
     in_the_end: np.ndarray,
 ) -> Choice:
-    """Return the choice under one rule, with bool [sets] for each question.
+    """Return the choice under one rule. It is undecided if sets of several thresholds may be best.
 
-    possible: sets that may be best. certain: sets that certainly keep the rule. in_the_end: sets
-    that may be best even after endless fault-free motion. hours: motion that rules out more sets.
+    Bool [sets], possible: sets that may be best. certain: sets that certainly keep the rule.
+    in_the_end: sets that may be best even after endless fault-free motion. cost: of each set, for
+    the choice among sets of one threshold. hours: fault-free motion that would rule out more sets.
     """
     certain_best = np.flatnonzero(possible & certain).tolist()
     thresholds, remainder = (

@@ -177,7 +177,10 @@ def compare_pairs(runs: pd.DataFrame, sampled: Sampled) -> list[Difference]:
 
 
 def crossed_rows(runs: pd.DataFrame, sampled: Sampled) -> list[CrossedRow]:
-    """Return rates of runs without a reaction by the value of each crossed parameter, in order."""
+    """Return rates of runs without a reaction by the value of each crossed parameter, in order.
+
+    Runs of one pair have the same fault. Each value is compared with the pair's first value.
+    """
     counted = runs.loc[runs["plain"] & runs["faulty"] & ~runs["failed"]]
     crossed = [name for name in _crossed_names(runs) if not name.startswith("param:reaction.")]
     comparisons = []
@@ -190,14 +193,15 @@ def crossed_rows(runs: pd.DataFrame, sampled: Sampled) -> list[CrossedRow]:
         # The first value comes first, then the others in ascending order.
         for start, value in sorted(rows, key=lambda row: (row[0], row[0] != row[1], row[1])):
             with_first = counted.loc[first == start]
-            after, before = (with_first.loc[with_first[name] == one] for one in (value, start))
-            pairs = _matched(after, before, shared, crossed)
+            with_value, without = (with_first[with_first[name] == one] for one in (value, start))
+            pairs = _matched(with_value, without, shared, crossed)
+            # Pairs whose fault changed no bit in either run are only counted.
             acting = pairs.acting
-            pairs = pairs.where(acting)
-            faults = pairs.faults(sampled)
+            active_pairs = pairs.where(acting)
+            faults = active_pairs.faults(sampled)
             events = {}
             for event, words in EVENTS.items():
-                after, before = (side[event].to_numpy() for side in pairs)
+                after, before = (side[event].to_numpy() for side in active_pairs)
                 events[words] = intervals.compare_rates(after, before, faults)
             path, counts = name.removeprefix("param:"), (int(acting.sum()), int((~acting).sum()))
             comparisons.append(CrossedRow(path, start, value, *counts, events))

@@ -239,8 +239,7 @@ def rate_order(rate: Rate) -> tuple[bool, float]:
 
 
 def event_delays(runs: Runs, event: str) -> tuple[Delays, int]:
-    """Return the delay (ms) of an event after the first effect, for one run of each activated
-    fault.
+    """Return the delay (ms) of an event after the first effect, for a run of each activated fault.
 
     `event` is a column of facts. If the event never came, the delay is censored at the end of
     observation, a stop or the run's end. Also return the number of runs that are left out because

@@ -1,6 +1,4 @@
-"""Section "Time to know": how soon after a fault's first effect the haptic cue comes and a check
-raises an alarm.
-"""
+"""Section "Time to know": how soon after a fault's first effect haptic cues and alarms come."""
 
 from ravenjax.document.chart import Chart, ChartAxis, Curve
 from ravenjax.document.palette import CUE, RESPONSE, SAME

@@ -1,4 +1,4 @@
-"""Finds a small set of additional checks that would have detected the faults that evade a robot's
+"""Finds a small set of additional checks that would have detected faults that evade a robot's
 checks.
 
 The faults and the fault-free motions are divided into shares, so that no data serve two purposes.

@@ -198,8 +198,8 @@ def false_alarm_rate(motions: FreeMotion, margin: float) -> AlarmRate:
     """Return the rate of false alarms at a margin, with the exact interval of a Poisson rate.
 
     A run counts at most one alarm. If a motion has several runs, the independent units are motions.
-    The upper end then counts motions with an alarm, in the hours of one run per motion. The lower
-    end counts the motions that the runs with an alarm would fill.
+    Both ends then count motions, in the hours of one run per motion. The upper end counts each
+    motion with an alarm. The lower end counts count // runs motions: at least so many have one.
     """
     runs = motions.peaks.shape[1]
     alarmed = motions.peaks > np.float32(margin)

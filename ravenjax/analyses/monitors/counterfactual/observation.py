@@ -50,9 +50,7 @@ _USES = ("test", "scales", "test", "calibration")
 
 
 class FreeMotion(NamedTuple):
-    """Scores of fault-free motions. Each motion has another operator, and one or several runs with
-    different robots.
-    """
+    """Scores of fault-free motions. Each has another operator and one or several robots."""
 
     peaks: np.ndarray  # float32 [motions, runs, candidates], largest score in the run
     # [motions, runs], time in which detectors are active; 0 for a run without a valid outcome.
@@ -146,8 +144,8 @@ class EvadingFaults(NamedTuple):
     # Int, the independent unit: the fault, or the robot if whole robots were drawn.
     unit: np.ndarray
     units_are_robots: bool
-    # int [runs, candidates, margins], time from the first alarm to the harm; below 0 if there is no
-    # alarm before the harm.
+    # int [runs, candidates, margins], time from the first alarm to the harm; below 0 without an
+    # earlier alarm.
     lead_ms: np.ndarray
 
     @property
@@ -156,8 +154,7 @@ class EvadingFaults(NamedTuple):
         return len(self.unit)
 
     def halves(self, seed: int) -> tuple[np.ndarray, np.ndarray]:
-        """Divide the runs at random into a half for selection and a half for the test. Return both
-        as bool [runs].
+        """Divide the runs at random into halves for selection and for the test, both bool [runs].
 
         All runs of a unit are in the same half. If units are faults, each group is divided.
         """
