@@ -7,8 +7,7 @@ It fails if no part of the interval does, and is undecided otherwise.
 The intervals are those of `ravenjax compare`: paired over distinct faults (Bonett and Price 2012),
 and clustered if a fault has several pairs. Enumerated faults have no interval, so their difference
 alone is compared with the margin. False cues per hour are compared as two independent results. The
-interval of their difference combines exact Poisson intervals by square-and-add (Zou and Donner
-2008).
+interval of their difference combines exact Poisson intervals by square-and-add (Zou, Donner 2008).
 """
 
 import contextlib
@@ -136,8 +135,8 @@ def judge_folders(first: Path, second: Path, margins: Sequence[Margin], most: in
 
 
 def judge_change(change: Estimate, limit: float) -> Verdict:
-    """Return "pass" if all of the change's interval is within the limit, "fail" if none is, else
-    "undecided".
+    """Return "pass" if the whole interval of the change is within the limit, "fail" if no part is,
+    else "undecided".
 
     A positive limit is the largest accepted rise, a negative one the largest accepted fall. Of a
     change without an interval, the value is compared.

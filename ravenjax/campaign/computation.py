@@ -6,8 +6,6 @@ time. While the last blocks of a window are computed, other threads already begi
 So no thread waits for the slowest block.
 """
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import re
@@ -80,7 +78,7 @@ class Computation:
         interruption.check_interruption()
         self.progress.began(time.perf_counter() - start)
 
-    def of(self, plan: Plan) -> Computation:
+    def of(self, plan: Plan) -> "Computation":
         """Return a computation of other rows of the same program, with the same kernel."""
         computation = copy.copy(self)
         computation.plan = plan
@@ -89,8 +87,8 @@ class Computation:
     def blocks(self, ranges: Sequence[range]) -> Generator[OutcomePair]:
         """Yield the outcomes of the rows of `ranges`, and those of their golden runs, in order.
 
-        Each item is a window of rows. Close the generator to cancel the work in progress. Use the
-        generator inside `interruption.delay_signals`.
+        Each item is a window of rows. Close the generator to cancel the work. Use the generator
+        inside `interruption.delay_signals`. With `whole`, no run starts from a checkpoint.
         """
         self._fast_forward = FastForwardPlan(self.plan, 0 if self.whole else self.kernel.branches)
         self._fault_free_outcomes: list[Columns] = []
@@ -224,8 +222,8 @@ class Computation:
         self, pool: ThreadPoolExecutor, window: Window, earlier: GoldenRuns | None
     ) -> GoldenRuns:
         # Returns the golden runs of a window, of which `pool` may still compute some. earlier:
-        # golden runs of the window before; those that this window shares are not computed again.
-        # Each golden run has the parameters of the first row that belongs to it.
+        # those of the window before; shared ones are not computed again. Each golden run has the
+        # parameters of the first row that belongs to it. Branches: their checkpoints.
         numbers, first = np.unique(self.plan.golden[window.rows], return_index=True)
         rows = window.rows[first]
         is_known = np.isin(numbers, () if earlier is None else earlier.numbers)
@@ -306,7 +304,8 @@ class Computation:
     # --- blocks ---
 
     def _compute_faulty_runs(self, rows: np.ndarray, golden_runs: GoldenRuns) -> OutcomePair:
-        # Computes runs with faults. Runs start from checkpoints of their golden run, if available.
+        # Computes runs with faults. A run starts from the trunk of its golden run: its checkpoints.
+        # The trunk is None if the golden run has no checkpoints or none of these runs uses it.
         # The lanes that fill the block are additional work.
         self.progress.more_due((self.kernel.size(len(rows)) - len(rows)) * self.plan.program.ticks)
         computed = golden_runs.computed.result()
@@ -327,6 +326,7 @@ class Computation:
         # the rows are golden runs. harmless: leave out all faults.
         plan = self.plan
         row_of_lane = self._fill_lanes(rows)
+        # Index of each lane's golden run in `computed`.
         golden = None
         if computed is not None:
             golden = np.searchsorted(computed.numbers, plan.golden[row_of_lane])

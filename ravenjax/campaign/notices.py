@@ -178,7 +178,7 @@ OfRuns = Iterator[tuple[str, np.ndarray, str]]
 
 
 def _of_pedal(plan: Plan) -> OfRuns:
-    # Yields a notice if runs end before the pedal is down.
+    # Yields a notice if runs end before the pedal is down, unless faults may move the pedal.
     clocks = plan.any_clocks
     if clocks is not None and not clocks.moved.any():
         late = clocks.first_down(plan.program.ticks) >= plan.program.ticks
@@ -304,18 +304,17 @@ def _channels(plan: Plan) -> list[tuple[str, Channel]]:
 
 
 def _numbers(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the value of each fault, the ticks in which it may act, and the usual value of its
-    signal (NaN if unknown), [runs, slots].
-    """
+    """Return value, active ticks and the signal's usual value (or NaN) of faults, [runs, slots]."""
     usual = np.full(plan.faults["code"].shape, np.nan)
     for code, (site, channel) in enumerate(_channels(plan), start=1):
-        number = channel.name if site == PARAMETER else channel.usual
-        if isinstance(number, str):
-            number = plan.numbers(number)[:, None]
+        known = channel.name if site == PARAMETER else channel.usual
+        # A text is the path of a parameter, which has the usual value.
+        if isinstance(known, str):
+            known = plan.numbers(known)[:, None]
         elif channel.pedal:
-            number = _pedal_values(plan, *channel.pedal)
-        if number is not None:
-            usual = np.where(plan.faults["code"] == code, number, usual)
+            known = _pedal_values(plan, *channel.pedal)
+        if known is not None:
+            usual = np.where(plan.faults["code"] == code, known, usual)
     ticks = np.minimum(plan.faults["duration"], plan.program.ticks - plan.faults["start"])
     return plan.faults["value"].astype(np.float64), ticks, usual
 
@@ -335,6 +334,7 @@ def _pedal_values(plan: Plan, up: float, down: float) -> np.ndarray:
     by_time = (faults["trigger"] == TRIGGER_CODES["time"]) & (closes > 0)
     # Another fault of the run could stop the robot, which changes these signals.
     alone = by_time & (np.count_nonzero(faults["code"], axis=1, keepdims=True) == 1)
+    # The pedal is down from `begins` to `ends`, up to `later` ticks late; None: unknown.
     for kind, (begins, ends, later) in enumerate(clocks.phases):
         of_kind = alone & (clocks.kind == kind)[:, None]
         if later is None or not len(begins):
@@ -381,6 +381,7 @@ def find_copies(plan: Plan) -> np.ndarray:
     fixed = {g.name: not semantics.random_in_itself(plan.config, g) for g in plan.config.group}
     rows = plan.rows["group"].map(fixed.__getitem__).to_numpy(bool)
     ticks, faults = plan.program.ticks, {k: v for k, v in plan.faults.items() if k != "key"}
+    # A repetition after the end of the run becomes 0, and a duration ends with the run.
     again = np.where(faults["start"] + faults["every"] < ticks, faults["every"], 0)
     end = np.where(again == 0, _clock_ends(plan) - faults["start"], ticks)
     faults |= {"every": again, "duration": np.minimum(faults["duration"], end)}

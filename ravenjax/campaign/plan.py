@@ -1,7 +1,5 @@
 """Converts a checked campaign file into a fault table, settings of the code, and inputs."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from functools import cached_property
@@ -57,7 +55,7 @@ class Plan:
             "golden": self.golden[rows],
         }
 
-    def take(self, rows: slice | np.ndarray) -> Plan:
+    def take(self, rows: slice | np.ndarray) -> "Plan":
         """Return a plan of only these rows."""
         return dataclasses.replace(self, **self.row_fields(rows))
 
@@ -70,7 +68,7 @@ class Plan:
     def ends(self) -> np.ndarray:
         """The first tick after each run's observed time, see `span`; int32 [runs]."""
         observe = self.config.campaign.observe_ms
-        return span.last_observed_ticks(
+        return span.observation_ends(
             self.faults, self.program.ticks, observe and observe // self.tick_ms, self.clocks
         )
 

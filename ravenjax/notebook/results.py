@@ -128,8 +128,7 @@ class CampaignResults:
         that define the classes: group, site, layer, block (site and effect), response, hazard,
         outcome, a key of the first fault (effect), the path of a varied parameter, or any column;
         (): one class with all faults. low and high are the 95 % Wilson interval of drawn faults.
-        For enumerated faults they are NaN, as nothing was sampled. Raise UserError for an unknown
-        name.
+        For enumerated faults they are NaN. Raise UserError for an unknown name.
         """
         from ravenjax.notebook import rates
 
@@ -173,9 +172,7 @@ class CampaignResults:
         return self._plot("verdicts", "no run has a fault")
 
     def plot_time_to_know(self) -> ShownFigure:
-        """Plot delays from a fault's first effect to the cue, to an alarm or stop, and to the
-        first.
-        """
+        """Plot delays from a fault's first effect to the cue, an alarm or stop, and to either."""
         return self._plot("time_to_know", "no fault had an effect")
 
     def plot_roc(self) -> ShownFigure:

@@ -21,8 +21,7 @@ HALT_MS = 200
 """Total time out of pedal-down above which a run has a loss of motion, ms. The largest visual delay
 that operators accept is 150 to 200 ms.
 
-A flickering pedal is up for tens of ms in total, but only for a few ms at a time, so no brake
-closes.
+A flickering pedal is up for tens of ms in total, but only a few ms at a time, so no brake closes.
 """
 
 RESPONSES = ("stopped", "flagged", "limited", "silent")
@@ -80,7 +79,8 @@ def built_in_responses(
     stop the robot; `golden` needs their columns `detector<d>_threshold0_*`.
     """
     names = checks.check_names(outcomes)
-    # Columns of the number of trips and of the first trip, of all that may change the course.
+    # Columns of the number of trips and of the first trip, of all that may change the course:
+    # checks that a user added (`own`) and that act, and detectors that may stop.
     columns = [
         (f"check_{name}_count", f"check_{name}_first_ms")
         for name in names

@@ -63,9 +63,7 @@ class Check(NamedTuple):
 
     @property
     def response(self) -> str:
-        """The response of a run in which this is the strongest check that trips. It is one of
-        `outcomes.verdict.RESPONSES`.
-        """
+        """Response (see `outcomes.verdict`) of a run in which no stronger check than this trips."""
         return _RESPONSES[self.action]
 
     @property

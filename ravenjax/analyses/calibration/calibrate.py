@@ -20,9 +20,7 @@ from ravenjax.robots.raven2.plant import robot
 from ravenjax.robots.raven2.setup import RavenSetup
 
 SETTLING = 1000
-"""Control cycles (1 ms) at the beginning of a log that are not compared, because the initial load
-of the cables is unknown.
-"""
+"""First cycles (1 ms) of a log, which are not compared: the load of the cables is unknown."""
 SHORTEST = 4 * SETTLING
 """Smallest number of cycles of a log that can be used for a fit and its test."""
 NORMAL_90 = 1.6449
@@ -121,9 +119,7 @@ class LoggedRobot:
 
     @property
     def halves(self) -> tuple[JointLog, JointLog]:
-        """Return the part for the fit and the part for the test. A replay of either part starts at
-        the beginning of the log.
-        """
+        """Return the parts for fit and test. Replays of both start at the beginning of the log."""
         whole = len(self.log.desired)
         return self.log.compared(SETTLING, whole // 2), self.log.compared(whole // 2, whole)
 
@@ -179,9 +175,7 @@ class LoggedRobot:
         ]
 
     def replay(self, part: JointLog, robots: Sequence[LoopParams]) -> np.ndarray:
-        """Replay the log with these robots. Return their joint positions [robots, samples, 7] at
-        the times of the log's samples, in rad and m.
-        """
+        """Return joint positions of replays [robots, samples, 7] at the log's times, rad and m."""
         # The robots may have delays, so the replay must simulate delays.
         delays = parameters.select_unknowns(joints=(), asks=("delays",))
         return replays.replay_robots(self._setup(delays), robots, part)

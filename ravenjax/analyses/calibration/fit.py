@@ -31,9 +31,7 @@ ASSUMED_SAMPLES = 10.0
 # Decrease of the cost that justifies one of the steps FURTHER.
 WORTH = 1.0
 MIN_NOISE = 2.0 * transmission.ENCODER_RAD / np.array(transmission.TR)
-"""Smallest noise of each joint: two counts of its encoder, rad and m. A motor at rest may read one
-count more or less by chance.
-"""
+"""Smallest noise of each joint, rad and m: two encoder counts. A motor at rest varies by one."""
 # Relative decrease of the cost below which the fit ends.
 ENOUGH = 1e-3
 
@@ -126,9 +124,7 @@ def _cost_of_unknown_noise(
 
 
 def predict_in_batches(predict: Predictor, steps: np.ndarray, rows: int) -> np.ndarray:
-    """Return predictions for any number of parameter sets. All batches have `rows` rows, so that
-    the replay is compiled only once.
-    """
+    """Return predictions for parameter sets. All batches have `rows` rows, for one compilation."""
     parts = [steps[at : at + rows] for at in range(0, len(steps), rows)]
     filled = [np.vstack([part, np.repeat(part[:1], rows - len(part), axis=0)]) for part in parts]
     return np.concatenate([predict(part) for part in filled])[: len(steps)]

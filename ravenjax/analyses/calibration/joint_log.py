@@ -1,8 +1,7 @@
 """Reads a log of one robot arm: desired and measured joint positions in each control cycle.
 
 A table (.csv, .parquet) has one row per sample. Names of columns end in the name of a joint, from
-shoulder to grasp2. A log may leave joints out. If a table has several of these pairs of columns,
-the first pair is used.
+shoulder to grasp2. A log may leave joints out. Of several such pairs of columns, the first is used.
 
 - `jpos_d_JOINT` and `jpos_JOINT`: desired and measured joint positions, rad or m.
 - `mpos_d_JOINT` and `mpos_JOINT`: desired and measured motor angles, rad.
@@ -19,11 +18,8 @@ A bag of ROS 1 or ROS 2 is converted to such a table. The joint positions come f
   fourth is unused. raven2 multiplies all of them by 180/pi, even the insertion.
 - CRTK's `/arm1/measured_js` and `/arm1/setpoint_js` (arm1 is gold, arm2 green), rad and m. raven2
   publishes the measurements of each arm under the other arm's name (branch crtk,
-  src/raven/local_io.cpp). This module therefore pairs desired positions with measured ones that
-  follow.
+  src/raven/local_io.cpp). This module thus pairs desired positions with measured ones that follow.
 """
-
-from __future__ import annotations
 
 import dataclasses
 import re
@@ -55,9 +51,7 @@ UNITS = {"deg_s": np.pi / 180.0, "deg": np.pi / 180.0, "mm": 1e-3, "": 1.0}
 *HOLD, BEYOND = np.array([*resources.read_tables(__file__, "joint_log.toml").values()]) * [
     1.0 if joint in SLIDING_JOINTS else UNITS["deg"] for joint in JOINTS
 ]
-"""Smallest and largest position of each joint of a Raven-II, and the accepted distance beyond
-these; rad and m.
-"""
+"""Smallest and largest positions of the joints, and the accepted distance beyond; rad and m."""
 SLOTS = np.array([0, 1, 2, 4, 5, 6, 7])
 """Positions of the joints among the eight numbers of an arm in raven_state. The fourth is unused.
 """
@@ -79,7 +73,7 @@ class JointLog(NamedTuple):
         """Return the joints (0 to 6) that the log has."""
         return np.flatnonzero(~np.isnan(self.measured).all(axis=0)).tolist()
 
-    def compared(self, begin: int, end: int) -> JointLog:
+    def compared(self, begin: int, end: int) -> "JointLog":
         """Return the log's cycles up to `end`, without the measurements before cycle `begin`.
 
         A replay simulates the cycles before `begin`, but is not compared with the log there.
@@ -175,9 +169,7 @@ def _pedal_down(samples: Samples) -> Samples:
 
 
 def _regular_times(samples: Samples, options: ReplayOptions) -> np.ndarray:
-    """Return the times of the samples [n], s. Raise UserError for implausible times and for a gap,
-    in which the motion is unknown.
-    """
+    """Return the times of the samples [n], s. Raise UserError for implausible times or a gap."""
     if (times := samples.times(options)) is None:
         return np.arange(len(samples.table)) / (options.rate_hz or np.nan)
     path, clock = samples.path, samples.clock
@@ -311,7 +303,7 @@ def _read_bag(path: Path, arm: ArmName, options: ReplayOptions) -> Samples:
         common = (at >= times[0]) & (at <= times[-1])
         desired_then = np.stack([np.interp(at, times, column) for column in desired.T], axis=1)
         samples = _samples(path, messages, begin, desired_then, joints)
-        samples.table, samples.time_s = samples.table[common], at[common]
+        samples.table, samples.time_s = samples.table.loc[common], at[common]
         samples.notes = (*setpoints.notes, *samples.notes)
         distances.append(np.nanmean(np.abs(desired_then - joints)[common]))
         found.append(samples)

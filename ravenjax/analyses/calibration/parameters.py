@@ -1,7 +1,6 @@
 """Defines the robot parameters that a calibration can estimate from a log, and their priors.
 
-The module also writes a calibrated robot as a TOML file. A campaign reads it by `[parameters]
-from`.
+The module also writes a calibrated robot as a TOML file. A campaign reads it by [parameters] from.
 """
 
 import operator
@@ -32,13 +31,10 @@ LONGEST_DELAY_MS = 6
 
 
 class Unknown(NamedTuple):
-    """One parameter that is estimated from a log. Its prior is normal; for a ratio, the prior of
-    the logarithm is normal.
-    """
+    """A parameter to estimate from a log. Its prior, or that of a ratio's logarithm, is normal."""
 
     name: str
-    # Fields of LoopParams, separated by dots: plant.actuators.coulomb. A ratio is a factor on all
-    # of them.
+    # Fields of LoopParams, separated by dots: plant.actuators.coulomb. A ratio is a factor on all.
     fields: tuple[str, ...]
     joint: int | None  # index of the joint, for fields with seven values; None for one value
     # Standard deviation of the prior, in the field's unit; for a ratio, of its logarithm.
@@ -76,7 +72,7 @@ def select_unknowns(joints: Sequence[int], asks: Sequence[str] = ASKS) -> tuple[
 
 
 def prior_robot(plant: robot.PlantParams, wanted: Sequence[Unknown]) -> LoopParams:
-    """Return a robot with the prior parameters. Its command delay is 0 if it is not in `wanted`."""
+    """Return a robot with the prior parameters. A command delay that is not in `wanted` is 0."""
     delayed = any(COMMAND_DELAY in one.fields for one in wanted)
     return replace(position_loop.params(plant), command_delay=USUAL_DELAY_MS if delayed else 0.0)
 
@@ -87,10 +83,8 @@ def prior_values(base: LoopParams, wanted: Sequence[Unknown]) -> np.ndarray:
 
 
 def apply_steps(base: LoopParams, wanted: Sequence[Unknown], steps: Any) -> LoopParams:
-    """Return the robot `base` with each unknown changed by `steps` [k], in prior standard
-    deviations. JAX may trace this function.
-    """
-    # values_by_path takes the steps of n robots. Here n is 1.
+    """Return `base` with each unknown changed by `steps` [k], in prior standard deviations."""
+    # JAX may trace this function. values_by_path takes the steps of n robots. Here n is 1.
     moved = {path: values[0] for path, values in values_by_path(base, wanted, steps[None]).items()}
     leaves = paths.path_leaves(base, RavenSetup())
     return tree.fill_tree(base, [moved.get(path, value) for path, value in leaves])

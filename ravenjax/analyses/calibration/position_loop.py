@@ -2,8 +2,7 @@
 
 A cycle consists of motor encoders, a PID controller of motor angles, the DAC, motors and arm.
 Replays of recorded robots use this simulation. The controller is that of the software raven2. It
-truncates DAC commands to whole numbers. The low-pass filter of a modified raven2 of 2015 is
-optional.
+truncates DAC commands to whole numbers. The low-pass filter of a raven2 of 2015 is optional.
 """
 
 from collections.abc import Callable
@@ -134,7 +133,7 @@ def advance_cycle(
 
     `desired`: returns the desired motor angles (rad) for the measured angle of the insertion motor.
     `written`: returns DAC counts that replace those of the controller. `whole_counts`: encoders and
-    DAC round.
+    DAC use whole counts.
     """
     tool = setup.tools[setup.arms.index(arm)]
     new = read_encoders(setup, state.plant, whole_counts)

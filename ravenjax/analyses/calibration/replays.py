@@ -60,9 +60,7 @@ def init(setup: ReplaySetup, params: ReplayParams) -> LoopState:
     shown = _joints_of_motors(setup, plant, False)
     plant = robot.init(setup, arm, params.loop.plant, links * 2.0 - shown)
     plant = replace(plant, brakes=replace(plant.brakes, engaged=jnp.int32(0)))
-    return position_loop.start_state(
-        setup, setup.controller, plant, whole_counts=setup.whole_counts
-    )
+    return position_loop.start_state(setup, setup.controller, plant, setup.whole_counts)
 
 
 def advance(
@@ -135,9 +133,7 @@ def make_predictor(
 
 
 def replay_robots(setup: ReplaySetup, several: Sequence[LoopParams], log: JointLog) -> np.ndarray:
-    """Replay a log with several robots. Return joint positions [robots, n, 7] at the times of the
-    log's n measurements, rad and m.
-    """
+    """Replay a log with several robots. Return joints [robots, n, 7] at n samples, rad and m."""
     every = [dict(paths.path_leaves(one, setup)) for one in several]
     columns = {path: np.array([float(one[path]) for one in every]) for path in every[0]}
     varied = {path: column for path, column in columns.items() if (column != column[0]).any()}

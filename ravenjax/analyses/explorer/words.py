@@ -130,7 +130,7 @@ def _varied_paths(config: CampaignConfig) -> list[str]:
 def _campaign_file(config: CampaignConfig) -> str:
     """Return the campaign's file without cues, groups and varied parameters, which the page adds.
 
-    Paths of files are reduced to names. If the page can change the motion, its name begins
+    Paths of files are reduced to names. A motion that the page can change comes first in
     [operator].
     """
     excluded = {"group", "stop", "haptics", "cross"}

@@ -39,9 +39,7 @@ KINDS: dict[str, tuple[Any, str]] = {
     "morris": (indices, "indices.md.j2"),
     "rare": (rare, "rare.md.j2"),
 }
-"""For each kind of search: its module, with functions `expected_runs`, `find` and `draw`, and the
-template of its report.
-"""
+"""For each kind: module with `expected_runs`, `find` and `draw`, and template of the report."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -151,8 +149,7 @@ def _open_folder(out: Path, identity: dict[str, Any]) -> dict[str, Any]:
 
 
 def _write_search(out: Path, record: dict[str, Any]) -> list[str]:
-    # Writes figure, text, page and search.json. Returns the findings, which are the items of the
-    # text's lists, for the terminal.
+    # Writes figure, text, page and search.json. Returns the findings: items of the text's lists.
     kind, template = KINDS[record["kind"]]
     figure = f"{record['kind']}.svg"
     save_panels(out / figure, kind.draw(record["result"]))

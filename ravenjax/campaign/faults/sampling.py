@@ -44,7 +44,7 @@ def sample_runs(group: Group, axes: Mapping[Key, Axis], rng: np.random.Generator
     """Return the runs of `group`. Random draws depend only on `rng` and the order of the axes."""
     samples = count_samples(group, axes)
     runs = samples * group.repeats
-    # Number of the sample, and of the repeat, of each run.
+    # Number of the sample, and of the repeat, of each run. A scalar applies to all runs.
     sample, repeat = np.arange(runs), np.zeros((), np.int64)
     if group.repeats > 1:
         sample, repeat = np.divmod(sample, group.repeats)

@@ -125,7 +125,7 @@ def find_invalid_values(config: CampaignConfig) -> Iterator[Complaint]:
 
 
 def find_invalid_paths(config: CampaignConfig, known: Iterable[str]) -> Iterator[Complaint]:
-    """Yield (key, message) of each unknown path, and of each list that looks like a vector."""
+    """Yield (key, message) of each unknown path, and of each list that seems to mean a vector."""
     known = list(known)
     for key, table in config.parameter_tables():
         for path, axis in table.items():
@@ -182,7 +182,7 @@ def out_of_range(axis: Axis, row: Quantity) -> str:
 
 
 def paths_overlap(robot: Robot, path: str, other: str) -> bool:
-    """Return whether two different paths of parameters name the same number, at least one."""
+    """Return whether two different paths of parameters have at least one number in common."""
     joints_and_axes = paths.path_words(robot.joints)
 
     def split_path(path: str) -> list[list[str]]:

@@ -62,8 +62,8 @@ def part_source(name: str, file: Path, sha256: str | None, what: str) -> OwnSour
 def locate_part(
     table: AnySection, folder: Path, what: str, name: str, key: str = "file", sha256: str = "sha256"
 ) -> AnySection:
-    """Return a table with the absolute path of its file, which is in `folder`, and its hash. key,
-    sha256: names of the keys for the path and the hash.
+    """Return a table with the absolute path of its file, which is in `folder`, and its hash. what:
+    "check" or "detector". name: its name. key, sha256: keys of the table for the path and the hash.
     """
     file: Path | None = getattr(table, key)
     if file is None:

@@ -43,7 +43,7 @@ def _has_drawn_fault(group: Mapping[str, Any]) -> bool:
 def _is_drawn(value, samples_lists: bool) -> bool:
     # samples_lists: the design draws from lists of values, instead of using each value.
     if isinstance(value, Mapping):
-        # A list is the only form of a value table that enumerates.
+        # { uniform = [0, 9] } is drawn in any design, { list = [1, 2] } as [1, 2] below.
         return samples_lists or "list" not in value
     return samples_lists and (
         value == "all" or (isinstance(value, list | tuple) and len(value) > 1)

@@ -1,6 +1,4 @@
-"""First page of the report: which faults evade the checks, how soon people can notice them, and
-what a haptic cue changes.
-"""
+"""First page of the report: faults that evade, how soon people notice, and what a cue changes."""
 
 import math
 from collections.abc import Sequence
@@ -69,8 +67,8 @@ class Changed(NamedTuple):
     pairs: list[Difference]  # over all faults, one for each reaction
     # Lead of the cue that the verdicts use; None: no cue, or no fault evaded.
     announced: Announced | None
-    # The haptic set without a false cue that warns of most motions, if better than that of
-    # verdicts.
+    # The haptic set that warns of most motions without a false cue, if it is better than that of
+    # the verdicts.
     better: Announced | None
 
 
@@ -113,21 +111,19 @@ def class_rows(runs: Runs, kind: str = "") -> list[ClassRow]:
     )
     by = f"{FACTS}.{quote_name(kind)}::VARCHAR" if kind else "''"
     rows = []
-    for name, groups, n, *counts, mm, not_live, not_live_mm in tables.class_counts(
-        runs, by, columns
-    ):
+    for name, groups, n, *counts, mm, not_live, far_mm in tables.class_counts(runs, by, columns):
         half_ms = latency.incidence_curve(delays.get(name, NO_DELAYS)).quantile_interval(0.5)
         before = latency.rate_before(lags.get(name, NO_DELAYS))
         if not runs.sampled(groups):
             half_ms, before = tables.without_interval(half_ms), tables.without_interval(before)
         evaded, unintended, loss = (tables.fault_share(runs, k, n, groups) for k in counts)
         rates = evaded, unintended, loss, before
-        rows.append(ClassRow(name, *rates, half_ms, Quantiles(*mm), not_live, not_live_mm))
+        rows.append(ClassRow(name, *rates, half_ms, Quantiles(*mm), not_live, far_mm))
     return sorted(rows, key=lambda row: [*map(tables.rate_order, (row.evaded, row.unintended))])
 
 
 def cue_effects(runs: Runs) -> Changed:
-    """Return the effect of the haptic cue in a campaign."""
+    """Return the effect of the cue, and of a better haptic set without a false cue, if any."""
     manifest = runs.manifest
     condition = "sample AND faulty AND evaded"
     any_rows = runs.count(condition) and runs.motions.count
@@ -152,7 +148,7 @@ def _announced(runs: Runs, k: int, condition: str) -> Announced:
 
 
 def _changed_groups(runs: Runs):
-    # Returns group -> paths of the parameters that only this group changes.
+    # Returns group -> paths of the parameters that the group itself sets.
     paths = {
         group["name"]: dict.fromkeys(
             path for table in (group, *group.get("run", ())) for path in table.get("parameters", ())
@@ -163,6 +159,7 @@ def _changed_groups(runs: Runs):
 
 
 def _content(runs: Runs, _: Path):
+    # Returns the variables of the template answers.html.j2.
     return {
         "class_words": CLASSES,
         "most_classes": MOST_CLASSES,
@@ -175,7 +172,7 @@ def _content(runs: Runs, _: Path):
         },
         "changed": cue_effects(runs),
         "your_robot": runs.once(robots.robot_rates),
-        "far": next(iter(class_rows(runs)), None),
+        "all_faults": next(iter(class_rows(runs)), None),
         "golden_halts": golden_halts(runs),
         "changed_groups": _changed_groups(runs),
     }

@@ -42,9 +42,7 @@ SHORTEST_S, LONGEST_S = 5, 60
 MIN_MOTIONS = 12
 """Smallest number of motions, so that each use has at least three."""
 MAX_ALARMS = 0.2
-"""Largest expected number of alarms per run. Only one alarm of a run is counted, so more alarms
-would make the measured rate too small.
-"""
+"""Largest expected number of alarms per run. A run counts only one, so more would bias the rate."""
 _USES = ("test", "scales", "test", "calibration")
 """Uses of the motions, in turn: test of the false-alarm rate, scales, calibration of the margin."""
 
@@ -144,8 +142,7 @@ class EvadingFaults(NamedTuple):
     # Int, the independent unit: the fault, or the robot if whole robots were drawn.
     unit: np.ndarray
     units_are_robots: bool
-    # int [runs, candidates, margins], time from the first alarm to the harm; below 0 without an
-    # earlier alarm.
+    # int [runs, candidates, margins], time from first alarm to harm; below 0 without earlier alarm.
     lead_ms: np.ndarray
 
     @property
@@ -168,8 +165,7 @@ class EvadingFaults(NamedTuple):
         for stratum in range(strata.max(initial=-1) + 1):
             shuffled = rng.permutation(np.unique(self.unit[strata == stratum]))
             selection |= (strata == stratum) & np.isin(self.unit, shuffled[start::2])
-            # In groups of odd size one half gets one unit more: the selection in the first such
-            # group, the test in the next.
+            # In groups of odd size one half gets one unit more: first the selection, then the test.
             start = (start + len(shuffled)) % 2
         return selection, ~selection
 
