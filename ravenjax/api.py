@@ -3,6 +3,8 @@
 # Callers may pass anything, and pandas has no types.
 # pyright: reportUnnecessaryIsInstance=false, reportMissingTypeStubs=false
 
+from __future__ import annotations
+
 import io
 from collections.abc import Sequence
 from pathlib import Path
@@ -58,7 +60,7 @@ def open_results(folder: str | Path) -> CampaignResults:
     return CampaignResults(folder)
 
 
-def simulate(campaign: AnyCampaign, run: str | int = 0, engine: str = "auto") -> "xarray.Dataset":
+def simulate(campaign: AnyCampaign, run: str | int = 0, engine: str = "auto") -> xarray.Dataset:
     """Return the time series of one run of a campaign as an xarray.Dataset, one tick per ms.
 
     The dataset has one variable per quantity, with attrs units and long_name. Coordinates are time

@@ -5,8 +5,6 @@ runs share a golden run, it is computed a second time with checkpoints, and thes
 the checkpoints. If each run has a different golden run, checkpoints would save no time.
 """
 
-from __future__ import annotations
-
 from concurrent.futures import Future
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -30,7 +28,7 @@ class Computed(NamedTuple):
     reference: np.ndarray  # [ticks, series, golden runs]
     outcomes: Columns  # outcome -> [golden runs]
 
-    def select_lanes(self, numbers: np.ndarray) -> Computed:
+    def select_lanes(self, numbers: np.ndarray) -> "Computed":
         """Return those of these golden runs whose numbers are in `numbers`."""
         mask = np.isin(self.numbers, numbers)
         outcomes = take_rows(self.outcomes, mask)
@@ -38,8 +36,8 @@ class Computed(NamedTuple):
 
     @staticmethod
     def join(
-        parts: list[Future[Computed]], earlier: Future[Computed] | None, numbers: np.ndarray
-    ) -> Computed:
+        parts: "list[Future[Computed]]", earlier: "Future[Computed] | None", numbers: np.ndarray
+    ) -> "Computed":
         """Join the golden runs of `parts` and those golden runs of `earlier` that are in `numbers`.
         `numbers`: numbers of all golden runs of the result, ascending. The list `parts` is emptied,
         so that memory of the large time series is released early.

@@ -1,6 +1,8 @@
 """The class Campaign: a campaign that is declared in Python or read from a TOML file, checked, and
 run."""
 
+from __future__ import annotations
+
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -71,7 +73,7 @@ class Campaign:
         self.__dict__.update(_tables=tables, config=config)
 
     @classmethod
-    def from_toml(cls, source: str | Path, overrides: Sequence[str] = ()) -> "Campaign":
+    def from_toml(cls, source: str | Path, overrides: Sequence[str] = ()) -> Campaign:
         """Return the campaign of a TOML file, a bundled campaign's name, or a TOML text of lines.
 
         overrides: `key.path=value`, as for `--set` on the command line. Comments are lost. Raise
@@ -111,7 +113,7 @@ class Campaign:
         files.write_text(path, text)
         return text
 
-    def replace(self, **keys: Any) -> "Campaign":
+    def replace(self, **keys: Any) -> Campaign:
         """Return a copy in which the given keys have new values; None removes a key."""
         other = {key: table for key, table in self._tables.items() if key != SECTION}
         return Campaign(**{**self._tables[SECTION], **other, **keys})
@@ -123,7 +125,7 @@ class Campaign:
         on_progress: OnProgress | None = None,
         executor: str | None = None,
         workers: int | None = None,
-    ) -> "CampaignResults":
+    ) -> CampaignResults:
         """Run the campaign. The arguments are those of the function `run`.
 
         Without `out` the results are in a temporary folder that is deleted together with them.

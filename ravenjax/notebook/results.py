@@ -126,9 +126,10 @@ class CampaignResults:
 
         event: one or several names of events, as for `[stop] rates`. by: one or several columns
         that define the classes: group, site, layer, block (site and effect), response, hazard,
-        outcome, a key of the first fault (effect), the path of a varied parameter, or any column;
-        (): one class with all faults. low and high are the 95 % Wilson interval of drawn faults.
-        For enumerated faults they are NaN. Raise UserError for an unknown name.
+        outcome, a key of the first fault, such as effect, the path of a varied parameter, or any
+        column; (): one class with all faults. low and high are the 95 % Wilson interval of drawn
+        faults. For enumerated faults they are NaN, because nothing was sampled. Raise UserError for
+        an unknown name.
         """
         from ravenjax.notebook import rates
 

@@ -182,14 +182,13 @@ def _bands(runs: Runs, number: int):
     # None) if all runs have the same outcome, or all have the same fault.
     from ravenjax.stats.alarms.roc import curve_bands
 
-    score = f"detector{number}_score"
-    sample = runs.drawn(f'{score} AS score, unintended, "distinct" AS fault', SCORED, MOST_DRAWN)
-    columns = (sample[name].to_numpy() for name in ("score", "unintended", "fault"))
-    values, unintended, fault = columns
+    columns = f'detector{number}_score AS score, unintended, "distinct" AS fault'
+    sample = runs.drawn(columns, SCORED, MOST_DRAWN)
+    score, unintended, fault = (sample[name].to_numpy() for name in sample)
     if min(len(np.unique(unintended)), len(np.unique(fault))) < 2:
         return None, None
-    resamples = int(np.clip(DRAWS // len(values), 100, 400))
-    bands = curve_bands(values, unintended, fault, grid=GRID, resamples=resamples)
+    resamples = int(np.clip(DRAWS // len(score), 100, 400))
+    bands = curve_bands(score, unintended, fault, grid=GRID, resamples=resamples)
     # Enumerated faults have no interval.
     if runs.sampled():
         return bands
