@@ -65,7 +65,7 @@ def fill_slot(
             codes["channel"] = np.where(has_effect, channel, codes["channel"])
     value = axes["value"].at(places["value"])
     if not axes["value"].listed:
-        # Drawn values of integer channels are rounded. Bool [channels, effects]:
+        # Bool [channels, effects], by index in `words`: a drawn value is rounded to an integer.
         needs_rounding = np.zeros((len(words["channel"]), len(words["effect"])), bool)
         for channel, name in itertools.product(site.channels, axes["effect"].listed):
             row, column = words["channel"].index(channel.name), words["effect"].index(name)

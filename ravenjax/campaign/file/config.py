@@ -120,7 +120,7 @@ class CampaignConfig(Section):
         return robot.with_checks(self.own_checks).with_channels(PARAMETER, channels)
 
     def _faulty_parameters(self) -> Iterator[tuple[int, int, str]]:
-        """Yield (group, slot, path) of each fault at site `parameter`, if the robot has it."""
+        """Yield (group, slot, path) of each fault at site `parameter`, which robots may lack."""
         for g, group in enumerate(self.group):
             if self.changeable and any(fault.site == PARAMETER for fault in group.fault):
                 for run in group.run or (Run(),):
