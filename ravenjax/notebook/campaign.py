@@ -225,8 +225,7 @@ def run_config(
 ) -> Results:
     """Run a campaign and store its results in the folder `out`.
 
-    Without `out`, results are in a temporary folder that is deleted with them. Raise UserError and
-    StoreError.
+    Without `out`, the results delete their temporary folder. Raise UserError and StoreError.
     """
     if out is not None:
         out = location.require_path("out", out, "a result folder, or None for a temporary one")
