@@ -79,19 +79,20 @@ class Arithmetic:
 # --- sine and cosine
 
 _MAGIC = 1.5 * 2.0**23
-"""If this number is added to a small float32, the lowest bits of the sum are its integer part."""
+"""A sum of this number and a small float32 is an integer: the float32 is rounded to an integer."""
 # The float32 below pi. Both parts of pi are then positive, so that a zero keeps its sign.
 _PI_HIGH = 3.141592502593994
 _PI_LOW = 1.509957990978376e-7
 
 
 def _half_turns(m: Arithmetic, x: Number):
-    """Return r = x - k pi for the nearest integer k, r^2, and a sign bit, set if k is odd."""
+    """Return r = x - k pi, r^2, and a sign bit that is set if k is odd; k is x / pi, rounded."""
     shifted = m.fma(x, 1.0 / math.pi, _MAGIC)
     turns = m.sub(shifted, _MAGIC)
     rest = m.fma(turns, -_PI_LOW, m.fma(turns, -_PI_HIGH, x))
     # The limits have an effect only if |x| > 1e6.
     rest = m.max(-1.7, m.min(1.7, rest))
+    # The last bit of k + _MAGIC is set if k is odd, and moves to the place of the sign bit.
     return rest, m.mul(rest, rest), m.integer("shl", m.bits(shifted), 31)
 
 

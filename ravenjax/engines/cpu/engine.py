@@ -86,21 +86,23 @@ class SimdKernel(traced.PrintedKernel):
         return trunk, dict(zip(self.forms(block, motion).traced.outcomes, columns, strict=True))
 
     def _run(self, block: Block, motion: Motion, progress: Progress | None):
-        # Returns the results of a block, and the raw outputs [ticks, outputs, lanes]. Lanes that
-        # share inputs form a group. Groups are computed one after the other.
+        # Returns the results of a block, and the outputs of its ticks: the reference series, then
+        # the signals, [ticks, outputs, lanes]. Only golden runs and signals keep the outputs.
         tick, ticks = self.forms(block, motion).traced, self.program.ticks
         inputs, group, grouped = self._groups(block)
         code, tables = self._code(block, motion, grouped), traced.motion_tables(motion)
-        lanes, keep = len(group), self.signals or block.reference is None
+        lanes, keep_outputs = len(group), self.signals or block.reference is None
+        # Beside signals, which have several types, each output fills a slot of 64 bits.
         dtype = np.dtype(np.uint64) if self.signals else self._dtype
-        out = np.zeros((ticks if keep else 0, code.kernel.outputs, lanes), dtype)
+        out = np.zeros((ticks if keep_outputs else 0, code.kernel.outputs, lanes), dtype)
         outcomes = []
+        # Groups, whose lanes share inputs, are computed one after the other.
         for number in range(group.max() + 1):
             members = np.flatnonzero(group == number)
             # The last vector is filled by repeating the last lane.
             vector_lanes = members[np.minimum(np.arange(self.size(len(members))), len(members) - 1)]
             course = self._course(block, vector_lanes, grouped)
-            first, last = (0, ticks) if keep else (course.first, course.last)
+            first, last = (0, ticks) if keep_outputs else (course.first, course.last)
             # The output is large, so one group of all lanes writes into it without a copy.
             one_group = len(vector_lanes) == lanes
             group_out = out if one_group else np.zeros((*out.shape[:2], len(vector_lanes)), dtype)
@@ -108,11 +110,11 @@ class SimdKernel(traced.PrintedKernel):
                 inputs=[column[vector_lanes] for column in inputs],
                 tick_inputs=self._golden_series(block, vector_lanes, grouped, first, last),
                 tables=tables,
-                out=group_out if keep else None,
+                out=group_out if keep_outputs else None,
                 first=first,
             )
             columns = code.run_course(vectors, course, progress)
-            # Count also the ticks that no lane had to run.
+            # `run_course` has counted the ticks that lanes run. The others count as finished, too.
             if progress is not None:
                 progress(ticks * len(vector_lanes) - self.width * course.vector_ticks)
             outcomes = outcomes or [np.zeros(lanes, column.dtype) for column in columns]
@@ -122,8 +124,7 @@ class SimdKernel(traced.PrintedKernel):
                 out[:, :, members] = group_out[:, :, : len(members)]
         reference = out[:, : tick.series]
         if self.signals:
-            numbers = np.ascontiguousarray(reference).view(self._dtype)
-            reference = numbers[:, :, :: 8 // self._dtype.itemsize]
+            reference = _from_slots(np.ascontiguousarray(reference), self._dtype)
         return BlockResult(dict(zip(tick.outcomes, outcomes, strict=True)), reference), out
 
     def _groups(self, block: Block):
@@ -169,10 +170,10 @@ class SimdKernel(traced.PrintedKernel):
         return forms.code(key, lambda: VectorCode(forms.printed(key, print_code), self.objects))
 
 
-def _from_slots(column: np.ndarray, dtype: np.dtype) -> np.ndarray:
-    """Return the numbers of a column that is stored in slots of 64 bits."""
-    numbers = column.view(np.int32 if dtype.kind == "b" else dtype)
-    return numbers[:: 8 // max(4, dtype.itemsize)].astype(dtype)
+def _from_slots(slots: np.ndarray, dtype: np.dtype) -> np.ndarray:
+    """Return the numbers that slots of 64 bits begin with, in an array of the same shape."""
+    numbers = slots.view(np.int32 if dtype.kind == "b" else dtype)
+    return numbers[..., :: 8 // max(4, dtype.itemsize)].astype(dtype)
 
 
 def lanes_of_block(runs: int, threads: int, width: int) -> int:

@@ -192,7 +192,7 @@ class _LlvmModule(LoopPrinting[Place]):
         self.declared |= printer.declared
 
     def _loop(self, name: str, printer: LlvmPrinter, steps: dict[str, str]):
-        """Add a function that repeats its body. steps: bytes by which each pointer advances."""
+        """Add a function that repeats its body. steps: pointer -> bytes it advances per tick."""
         self.functions.append(repeat_lines(name, _noalias_parameters(name), printer, steps, " #0"))
         self.declared |= printer.declared
 
@@ -203,14 +203,16 @@ class _LlvmModule(LoopPrinting[Place]):
         self._function("shared_begin", printer)
 
     def _shared_run(self):
-        # Prints the loop over ticks for the numbers that all lanes of a group share.
-        printer = LlvmPrinter(1, self.features, "again")
+        # Prints the loop over ticks of a group. A tick reads the group's inputs and its own, writes
+        # the new state of the group, and writes the numbers that lanes read to the tick's row.
+        printer = LlvmPrinter(1, self.features, in_loop=True)
         split, buffers, state = self.split, self.buffers, self._group_state_places()
         sources = self.sources(self.step, buffers.group_inputs.places("%inputs"), state)
         tick_values = self._add_tick_inputs(printer, sources, shared=True)
         row = _places_by_number(split.row, buffers.row, "%row").items()
         self.print_step(printer, split.shared, sources, state, row, tick_values)
-        self._loop("shared_run", printer, {"in": "%in_stride", "row": str(buffers.row.bytes)})
+        steps = {"in": "%in_stride", "row": str(buffers.row.bytes)}
+        self._loop("shared_run", printer, steps)
 
     def _add_tick_inputs(self, printer: LlvmPrinter, sources: dict[int, Place], shared: bool):
         """Add the places of the tick's inputs to `sources`; return the tick's number as a value."""
@@ -236,7 +238,7 @@ class _LlvmModule(LoopPrinting[Place]):
 
     def _lane_run(self):
         # Prints the loop over ticks of one vector of lanes.
-        printer = LlvmPrinter(self.width, self.features, "again")
+        printer = LlvmPrinter(self.width, self.features, in_loop=True)
         split, buffers, state = self.split, self.buffers, self._lane_state_places()
         sources = self.sources(self.step, buffers.inputs.places("%inputs"), state)
         self._add_tick_inputs(printer, sources, shared=False)

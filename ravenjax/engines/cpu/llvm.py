@@ -28,10 +28,10 @@ _TYPES: dict[str, str] = {**_STORED, "bool": "i1"}
 class LlvmPrinter(Printing[Place]):
     """Prints the body of one function for `width` lanes on a CPU with these features."""
 
-    def __init__(self, width: int, features: frozenset[str], block: str = "entry"):
-        """block: label of the basic block in which the lines begin."""
+    def __init__(self, width: int, features: frozenset[str], in_loop: bool = False):
+        """in_loop: whether the lines become the body of a loop, by `repeat_lines`."""
         super().__init__()
-        self.width, self.features, self.block = width, features, block
+        self.width, self.features, self.block = width, features, "again" if in_loop else "entry"
         self.declared: set[str] = set()
 
     # --- a program ---

@@ -220,7 +220,7 @@ def _print_transition(transition: StateTransition, features: Set[str]) -> LlvmPr
     targets = [*state, *transition.step_outputs.places("%step_outputs")]
     results = list(zip(program.outputs, targets, strict=True))
     order = [i for i in program.needed() if program.operations[i].name not in ("input", "constant")]
-    printer = LlvmPrinter(1, frozenset(features), "again")
+    printer = LlvmPrinter(1, frozenset(features), in_loop=True)
     arranged = arrange_regions(program.operations, order, program.outputs)
     printer.run(program, schedule_operations(program.operations, arranged), sources, results)
     return printer

@@ -107,23 +107,25 @@ def plan_course(
     acts = np.zeros_like(ends) if acts is None else acts
     trunks = [None] * len(places.first) if trunks is None else trunks
     thread_ends = ends[places.lane].astype(np.int32)
-    earliest = np.minimum(acts[places.lane], thread_ends - 1).reshape(-1, WARP).min(axis=1)
-    begins = np.zeros(len(earliest), np.int64)
+    # First tick that a lane of each warp needs. Every lane runs at least its last tick.
+    needed = np.minimum(acts[places.lane], thread_ends - 1).reshape(-1, WARP).min(axis=1)
+    warp_begins = np.zeros(len(needed), np.int64)
     for number, trunk in enumerate(trunks):
         is_member = places.group == number
         if trunk is not None:
-            begins[is_member] = trunk.start_ticks(earliest[is_member])
-    begins = begins.reshape(-1, threads // WARP).min(axis=1)
+            warp_begins[is_member] = trunk.start_ticks(needed[is_member])
+    begins = warp_begins.reshape(-1, threads // WARP).min(axis=1)
     block_ends = thread_ends.reshape(-1, threads).max(axis=1)
     spans = np.stack([begins, block_ends], axis=1).astype(np.int32)
-
-    snapshot_number = np.repeat(begins // EVERY, threads // WARP)
-    rows = np.stack([places.group, snapshot_number], axis=1)
-    pairs, snapshot = np.unique(rows, axis=0, return_inverse=True)
-    states = [trunks[group].lane[row] for group, row in pairs.tolist() if row]
-    position = np.cumsum(pairs[:, 1] > 0) - 1
-    snapshot = np.where(snapshot_number > 0, position[snapshot.reshape(-1)], -1).astype(np.int32)
     first = int(begins.min()) // EVERY
-    shared = np.stack([trunk.group[first] for trunk in trunks if trunk]) if first else None
+    group_state = np.stack([trunk.group[first] for trunk in trunks if trunk]) if first else None
+
+    # Each warp starts from snapshot `number` of its group's golden run; 0: without a snapshot.
+    number = np.repeat(begins // EVERY, threads // WARP)
+    pairs = np.stack([places.group, number], axis=1)
+    used_pairs, index = np.unique(pairs[number > 0], axis=0, return_inverse=True)
+    states = [trunks[group].lane[row] for group, row in used_pairs.tolist()]
     snapshots = np.stack(states) if states else np.zeros((0, 0), np.uint32)
-    return BlockCourse(spans, thread_ends, snapshots, snapshot, shared)
+    snapshot = np.full(len(number), -1, np.int32)
+    snapshot[number > 0] = index.reshape(-1)
+    return BlockCourse(spans, thread_ends, snapshots, snapshot, group_state)

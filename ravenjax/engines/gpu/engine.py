@@ -68,17 +68,18 @@ class CudaKernel(traced.PrintedKernel):
     def trunk(
         self, block: Block, motion: Motion, last: int, ends: np.ndarray
     ) -> tuple[Trunk, dict[str, np.ndarray]]:
-        """See `interface.Kernel`."""
-        golden_run = _repeated(block, np.full(self.size(1), self.program.ticks))
+        """See `interface.BranchingKernel`."""
+        golden_run = _repeat_lane(block, np.full(self.size(1), self.program.ticks))
         with self._seat() as device:
             inputs, places, _ = self._placed(golden_run, device)
             code = self._code(golden_run, motion, True, device)
             tables, golden = traced.motion_tables(motion), _golden_series(golden_run, places, True)
             trunk = code.trunk(Lanes(inputs, golden, tables, None), places, last)
+        # A second run has one lane for each end. It needs at least one lane.
         if len(ends):
-            return trunk, self.run(_repeated(block, ends), motion).outcomes
-        none = [typed_column(np.zeros(0, np.uint32), dtype) for dtype in code.source.results]
-        return trunk, dict(zip(self.forms(block, motion).traced.outcomes, none, strict=True))
+            return trunk, self.run(_repeat_lane(block, ends), motion).outcomes
+        empty = [typed_column(np.zeros(0, np.uint32), dtype) for dtype in code.source.results]
+        return trunk, dict(zip(self.forms(block, motion).traced.outcomes, empty, strict=True))
 
     @contextlib.contextmanager
     def _seat(self) -> Iterator[Device]:
@@ -140,7 +141,8 @@ class CudaKernel(traced.PrintedKernel):
         return forms.code(("cuda", grouped, device), make)
 
 
-def _repeated(block: Block, ends: np.ndarray) -> Block:
+def _repeat_lane(block: Block, ends: np.ndarray) -> Block:
+    # Returns a block with the first lane of `block` once for each end, from tick 0 to this end.
     repeated = block.select_lanes(np.zeros(len(ends), np.int64))
     return dataclasses.replace(repeated, acts=None, ends=None if block.ends is None else ends)
 

@@ -183,15 +183,20 @@ class _CudaModule(LoopPrinting[str]):
         return tuple(k for k in self.split.shared_state if k in indices)
 
     def _state_in_loop(self):
-        # State that is used often lies in shared memory, the rest in global memory.
+        """Return the words of the state in the loop over ticks: index in the state -> C code.
+
+        Words that are read often lie in shared memory `room`, with VECTOR words of a thread side by
+        side: [vector, thread, member]. Other words lie in device memory, [word, thread]. `Far`
+        accesses them by assembly (see `_MAX_PLAIN_WORDS`).
+        """
         is_plain = len(self.in_device_memory) <= _MAX_PLAIN_WORDS
         template = "state[{} * {}]" if is_plain else "Far{{state + {} * {}}}"
         threads, places = self.form.threads, {}
         for position, k in enumerate(self.in_device_memory):
             places[k] = template.format(position, threads)
         for position, k in enumerate(self.in_shared):
-            group, member = divmod(position, VECTOR)
-            places[k] = f"room[{group * threads * VECTOR + member}]"
+            vector, member = divmod(position, VECTOR)
+            places[k] = f"room[{vector * threads * VECTOR + member}]"
         return places
 
     def _state_word(self, position: int) -> str:
@@ -223,7 +228,13 @@ class _CudaModule(LoopPrinting[str]):
         return printer.text()
 
     def _lane_run(self):
-        # Prints the loop over ticks of one lane, and the code before and after it.
+        """Return values for `lane_run` in kernel.cu.j2, the loop over ticks of one lane.
+
+        prologue, lane_run: statements before the loop and of one tick. packed: see
+        `_print_prologue`. inputs_read: lane inputs that a tick reads. near: words in shared memory,
+        and the words in device memory that store them between launches. in_step: whether warps
+        begin each tick together. saved: positions in the row of a lane's last tick to be saved.
+        """
         step, split, form = self.step, self.split, self.form
         state = self._state_in_loop()
         inputs = self.sources(step, self._input_words("in{}"), state)
@@ -231,11 +242,13 @@ class _CudaModule(LoopPrinting[str]):
 
         printer = CudaPrinter("    ")
         given = f"given[((size_t)tick * {self.tick_inputs} + {{}}) * lanes + lane]"
-        words, tick_values = self._tick_input_words(given)
+        tick_words, tick_values = self._tick_input_words(given)
         position_in_row = {i: position for position, i in enumerate(self.in_row)}
         # A row is read in vectors of four words, whose members are x, y, z and w.
         rows = {i: f"row[{k // VECTOR}].{'xyzw'[k % VECTOR]}" for i, k in position_in_row.items()}
-        sources = inputs | ({} if self.given_by_group else words) | rows | prologue_words
+        # If tick inputs are equal in a group, only the row depends on them.
+        own_words = {} if self.given_by_group else tick_words
+        sources = inputs | own_words | rows | prologue_words
         changed = {k: state[k] for k in split.lane_state}
         outputs = [(i, f"o{position}") for position, i in enumerate(self.outputs)]
         self.print_step(printer, split.lane, sources, changed, outputs, tick_values)

@@ -63,6 +63,7 @@ def _accelerators() -> tuple[Any, ...]:
 
 def _choose_lanes(runs: int, cores: int, by_mjx: bool) -> int:
     """Return the lanes of a block: for all accelerators together, or for one CPU core."""
+    # Runs of each core, largest number of lanes, and the number of which lanes are a multiple.
     share, limit, multiple = -(-runs // cores), SMALL_LANES, LANE_MULTIPLE
     if devices := _accelerators():
         memory = min(device.memory_stats()["bytes_limit"] for device in devices)
@@ -70,9 +71,10 @@ def _choose_lanes(runs: int, cores: int, by_mjx: bool) -> int:
         share, limit = runs, min(ACCELERATOR_LANES, fitting) * len(devices)
         multiple = LANE_MULTIPLE * len(devices)
     elif share >= 4 * SMALL_LANES and not by_mjx:
-        # Blocks of equal size, because a smaller one computes as many lanes. A second size of block
-        # has to be compiled, which is too slow for fewer runs.
-        limit = -(-share // -(-share // CPU_LANES))
+        # The fewest blocks of equal size. With fewer runs a core, blocks have SMALL_LANES lanes,
+        # because compiling code for another size would take longer than it saves.
+        blocks = -(-share // CPU_LANES)
+        limit = -(-share // blocks)
     return -(-min(limit, share) // multiple) * multiple
 
 

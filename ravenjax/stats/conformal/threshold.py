@@ -101,11 +101,11 @@ class FalseAlarmTarget(NamedTuple):
 
     @property
     def min_clusters(self) -> int:
-        """The smallest number n of units without loss that is enough to show the limit by the
-        betting test, which is used if units have several operations.
+        """The smallest number n of units without loss with which the betting test of `excess_p`
+        shows that the mean loss is at most `risk`; for units of several operations.
 
-        The capital of the test grows by the factor 1 + a per unit: (1 + a)^n >= 1 / (1 - c). If
-        detectors are not always active, more units are needed.
+        Each unit multiplies the capital of the test by 1 + risk. The capital has to reach
+        1 / (1 - confidence). If detectors are not always active, more units are needed.
         """
         clusters = -math.log(alpha_of(self.confidence)) / math.log1p(self.risk)
         # The tolerance prevents that rounding adds a unit.

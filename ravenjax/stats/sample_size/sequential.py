@@ -171,15 +171,14 @@ class Sequential:
         )
 
     def next_sizes(self, look: Look, k: np.ndarray, n: np.ndarray) -> np.ndarray:
-        """Return the number of draws of each stratum before the next look, int64 [strata]. Numbers
-        never decrease.
+        """Return the number of draws of each stratum before the next look, int64 [strata].
 
-        With allocation `neyman`, the planned total is distributed so that intervals become as
-        narrow as possible. For the rate of the whole table, draws are in proportion to size times
-        standard deviation (Neyman 1934). For separate rates of strata they are in proportion to the
-        variance, which makes the widest interval narrowest, and at most as many as a stratum
-        probably needs. Of several rates the largest deviation is used. Strata that are precise
-        enough get no draws. Then each number is rounded up to a planned size.
+        k: events [rates, strata]. n: valid draws [strata]. Numbers never decrease. With allocation
+        `neyman`, the planned total is distributed among the strata that `look` is waiting for, and
+        each number is rounded up to a planned size. For the rate of the whole table, draws are in
+        proportion to size times standard deviation (Neyman 1934). For separate rates of strata they
+        are in proportion to the variance, which makes the widest interval narrowest, and a stratum
+        gets at most what it probably needs. Of several rates the largest deviation counts.
         """
         sizes, counts = self.sizes(), np.array(list(look.taken.values()), np.int64)
         if self.allocation == "proportional":
