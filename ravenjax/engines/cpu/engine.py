@@ -69,18 +69,18 @@ class SimdKernel(traced.PrintedKernel):
         """Run a block like `run`. Return also the signals of the first lane, arrays [ticks]."""
         result, out = self._run(block, motion, None)
         tick = self.forms(block, motion).traced
+        # `out` is [ticks, outputs, lanes], and the signals come after the reference series.
         columns = np.ascontiguousarray(out[:, tick.series :, 0].T)
-        numbers = map(_from_slots, columns, tree.tree_leaves(tick.signals))
-        return result, tree.fill_tree(tick.signals, list(numbers))
+        signals = map(_from_slots, columns, tree.tree_leaves(tick.signals))
+        return result, tree.fill_tree(tick.signals, list(signals))
 
     def trunk(
         self, block: Block, motion: Motion, last: int, ends: np.ndarray
     ) -> tuple[Trunk, dict[str, np.ndarray]]:
-        """See `interface.Kernel`."""
+        """Return snapshots of a golden run and its outcomes; see `interface.BranchingKernel`."""
         code, inputs = self._code(block, motion, True), traced.lane_inputs(self.program, block)
         until = max([last, *ends.tolist()])
-        lanes = np.arange(self.width)
-        golden_series = self._golden_series(block, lanes, grouped=True, first=0, last=until)
+        golden_series = self._golden_series(block, np.arange(self.width), True, 0, until)
         lanes = Lanes(inputs, golden_series, traced.motion_tables(motion), None)
         trunk, columns = code.trunk(lanes, last, ends)
         return trunk, dict(zip(self.forms(block, motion).traced.outcomes, columns, strict=True))
@@ -137,19 +137,22 @@ class SimdKernel(traced.PrintedKernel):
         return inputs, group if grouped else np.zeros_like(group), grouped
 
     def _course(self, block: Block, lanes: np.ndarray, grouped: bool) -> LaneCourse:
-        # Plans the ticks of lanes: in which tick each vector begins and each lane ends.
+        # Plans in which tick each vector of lanes begins and each lane ends. Until a fault acts,
+        # lanes equal their golden run, so vectors can begin at its snapshots.
         ends = np.full(len(lanes), self.program.ticks) if block.ends is None else block.ends[lanes]
         begins = np.zeros(len(lanes) // self.width, np.int64)
-        trunk = block.trunk(int(lanes[0])) if grouped else None
-        if trunk is not None and block.acts is not None:
-            begins = trunk.start_ticks(block.acts[lanes].reshape(-1, self.width).min(axis=1))
-        return LaneCourse(begins, ends, trunk)
+        golden_run = block.trunk(int(lanes[0])) if grouped else None
+        if golden_run is not None and block.acts is not None:
+            first_acts = block.acts[lanes].reshape(-1, self.width).min(axis=1)
+            begins = golden_run.start_ticks(first_acts)
+        return LaneCourse(begins, ends, golden_run)
 
     def _golden_series(
         self, block: Block, lanes: np.ndarray, grouped: bool, first: int, last: int
     ) -> np.ndarray:
-        # Returns the reference series of the lanes' golden runs from tick `first` to before `last`;
-        # zeros if lanes are not compared. See `Lanes.tick_inputs` for the shape.
+        # Returns the reference series of the lanes' golden runs from tick `first` to before `last`:
+        # [ticks, series] if grouped, else [ticks, series, lanes]. If lanes are not compared, they
+        # are zeros of one tick.
         if not block.compared or block.reference is None:
             series = self.program.loop.series_length(self.program.setup)
             return np.zeros((1, series) if grouped else (1, series, len(lanes)), self._dtype)
@@ -158,7 +161,7 @@ class SimdKernel(traced.PrintedKernel):
         return np.ascontiguousarray(series)
 
     def _code(self, block: Block, motion: Motion, grouped: bool) -> VectorCode:
-        # Returns the compiled code for this block, from the cache if it was compiled before.
+        # Returns the compiled code for this block. `forms` caches it, and its text on disk.
         forms, host = self.forms(block, motion), self._host
         key = "simd", self.signals, grouped, self.width, host.text
 

@@ -218,6 +218,7 @@ class _LlvmModule(LoopPrinting[Place]):
         """Add the places of the tick's inputs to `sources`; return the tick's number as a value."""
         tick_values: dict[int, str] = {}
         for i, k in self.tick_reads.items():
+            # Input 0 is the tick's number. Only the shared code counts ticks; lanes read the row.
             if k:
                 offset = printer.op(f"mul i64 %in_step, {k - 1}")
                 sources[i] = Place(printer.op(f"getelementptr i8, ptr %in, i64 {offset}"))
@@ -227,7 +228,8 @@ class _LlvmModule(LoopPrinting[Place]):
         return tick_values
 
     def _lane_begin(self):
-        # Prints the first state of the lanes, and the numbers that are constant in time.
+        # Prints the first state of a vector of lanes and the prologue: numbers that are constant in
+        # time, which `lane_run` reads from the buffer `held`.
         printer = LlvmPrinter(self.width, self.features)
         inputs, state = self.buffers.inputs.places("%inputs"), self._lane_state_places()
         self.print_begin(printer, inputs, state)
@@ -237,7 +239,8 @@ class _LlvmModule(LoopPrinting[Place]):
         self._function("lane_begin", printer)
 
     def _lane_run(self):
-        # Prints the loop over ticks of one vector of lanes.
+        # Prints the loop over ticks of one vector of lanes. A tick reads the lanes' inputs, its own
+        # inputs, the prologue and the group's row, and writes the lanes' new state and outputs.
         printer = LlvmPrinter(self.width, self.features, in_loop=True)
         split, buffers, state = self.split, self.buffers, self._lane_state_places()
         sources = self.sources(self.step, buffers.inputs.places("%inputs"), state)
@@ -248,9 +251,8 @@ class _LlvmModule(LoopPrinting[Place]):
         for k, i in enumerate(self.outputs):
             offset = printer.op(f"mul i64 %out_step, {k}")
             outputs.append((i, Place(printer.op(f"getelementptr i8, ptr %out, i64 {offset}"))))
-        changed = {k: state[k] for k in split.lane_state}
-        order = schedule_operations
-        self.print_step(printer, split.lane, sources, changed, outputs, schedule=order)
+        stored = {k: state[k] for k in split.lane_state}
+        self.print_step(printer, split.lane, sources, stored, outputs, schedule=schedule_operations)
         steps = {"in": "%in_stride", "row": str(buffers.row.bytes), "out": "%out_stride"}
         self._loop("lane_run", printer, steps)
 

@@ -47,24 +47,26 @@ class StepCode:
 
         def make():
             # Traces the three functions and prints them as one module.
-            first, state = traced.trace_function(begin, self.inputs.shapes())
+            begin_program, state = traced.trace_function(begin, self.inputs.shapes())
             columns = tuple(jax.ShapeDtypeStruct((n,), np.float32) for n in self.tables)
-            middle, (_, out) = traced.trace_function(
-                lambda inputs, state, row, tables: step(inputs, state, row[0], row[1], tables),
+            step_program, (_, outputs) = traced.trace_function(
+                lambda inputs, state, row, tables: step(inputs, state, *row, tables),
                 *(self.inputs.shapes(), state, self.step_inputs.shapes(), columns),
             )
-            last, outcomes = traced.trace_function(finish, self.inputs.shapes(), state)
-            if any(x.dtype != np.float32 for x in tree.tree_leaves(out)):
+            finish_program, outcomes = traced.trace_function(finish, self.inputs.shapes(), state)
+            output_types = [x.dtype for x in tree.tree_leaves(outputs)]
+            if any(dtype != np.float32 for dtype in output_types):
                 raise TypeError("every output of a tick must be float32")
-            kind, fixed = RecordKind.of(state), self.inputs.layout
-            # Each: a program, and the layouts of its inputs in the order of `StateTransition`.
+            kind, fixed, row = RecordKind.of(state), self.inputs.layout, self.step_inputs.layout
+            # A transition is a program with the layouts of its inputs: fixed, state, step inputs.
+            # The state is an output of `begin`, and a step input of `finish`.
             transitions = {
-                "begin": StateTransition(first, fixed, EMPTY, EMPTY),
-                "step": StateTransition(middle, fixed, kind.layout, self.step_inputs.layout),
-                "finish": StateTransition(last, fixed, EMPTY, kind.layout),
+                "begin": StateTransition(begin_program, fixed, EMPTY, EMPTY),
+                "step": StateTransition(step_program, fixed, kind.layout, row),
+                "finish": StateTransition(finish_program, fixed, EMPTY, kind.layout),
             }
-            named, outputs = RecordKind.of(outcomes), len(tree.tree_leaves(out))
-            return transition.print_module(transitions), kind, named, outputs
+            text = transition.print_module(transitions)
+            return text, kind, RecordKind.of(outcomes), len(output_types)
 
         # The generated code depends on the CPU's instructions.
         types = [str(kind.layout) + repr(kind.record) for kind in (self.inputs, self.step_inputs)]
