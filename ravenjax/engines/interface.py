@@ -231,9 +231,10 @@ class BranchingKernel(Kernel, Protocol):
     ) -> tuple[Any, dict[str, np.ndarray]]:
         """Return snapshots of a golden run before tick `last`, and its outcomes at `ends`.
 
-        Lanes whose faults act in tick `last` at the latest can start from the snapshots (see
-        `Block.trunks`). block: `size(1)` equal lanes without faults, with the reference series of
-        their golden run. ends: int [ends], ascending. Outcomes: each [ends].
+        Runs whose fault begins to act in tick `last` or before can start from one of the snapshots,
+        which are some ticks apart (see `Block.trunks`). block: `size(1)` equal lanes without
+        faults, with the reference series of their golden run. ends: int [ends], ascending.
+        Outcomes: name -> [ends].
         """
         ...
 

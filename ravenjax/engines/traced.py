@@ -153,13 +153,15 @@ def trace_tick(program: TickProgram, block: Block, motion: Sequence[np.ndarray])
             (np.dtype(np.int32),) if program.ends else (),
         )
     )
+    # The number of the tick, and the golden run's reference series.
     tick_inputs = record_shapes((np.int32, [np.dtype(setup.precision.real)] * series))
 
     with x64_context(setup):
-        begin, state = trace_function(lambda varied, *_: program.begin(varied), *lane)
+        # All three programs have the same inputs of the lane. `begin` and `finish` read only some.
+        begin, state = trace_function(lambda varied, faults, end: program.begin(varied), *lane)
         step, (_, _, signals) = trace_function(program.step, *lane, state, *tick_inputs, columns)
         finish, outcomes = trace_function(
-            lambda varied, _, end, state: program.finish(varied, state), *lane, state
+            lambda varied, faults, end, state: program.finish(varied, state), *lane, state
         )
     signals = tree.map_leaves(lambda leaf: np.dtype(leaf.dtype), signals)
     return TracedTick(TimeLoop(begin, step, finish), tuple(sorted(outcomes)), series, signals)

@@ -33,7 +33,7 @@ def evaluate_operation(name: str, dtype: str, operands: tuple[Array, ...]) -> Ar
 
 
 def _result(name: str, dtype: str, *operands: Array) -> Array:
-    # Computes an operation; `evaluate_operation` also silences NumPy's warnings.
+    # Computes an operation, with NumPy's warnings. [()] makes a number from an array without axes.
     if name in ("convert", "bitcast"):
         x = np.asarray(operands[0])
         return (_convert(x, np.dtype(dtype)) if name == "convert" else x.view(dtype))[()]
@@ -74,6 +74,7 @@ def fma(a: Array, b: Array, c: Array) -> Array:
     error = (product - (total - rest)) + (np.float64(c) - rest)  # of the sum, exactly (Knuth)
     bits = total.view(np.int64)
     is_inexact_and_even = np.isfinite(total) & (error != 0.0) & (bits & 1 == 0)
+    # The exact sum is between `total` and this neighbour. bits + 1: the next number away from 0.
     odd_neighbour = np.where((error > 0.0) == (total > 0.0), bits + 1, bits - 1)
     to_odd = np.where(is_inexact_and_even, odd_neighbour, bits)
     return to_odd.view(np.float64).astype(np.float32)[()]
@@ -99,7 +100,7 @@ def _convert(x: Array, dtype: np.dtype) -> Array:
         return x != 0
     if x.dtype.kind == "f" and dtype.kind in "iu":
         integers = np.iinfo(dtype)
-        # The smallest power of two above the integers. Their largest number may have no float64.
+        # The power of two above the largest integer, which may not be a float64 (2^63 - 1 is none).
         limit = 2.0 ** (integers.bits - (dtype.kind == "i"))
         number = np.where(np.isnan(x), 0.0, x).astype(np.float64)
         clipped = np.clip(number, float(integers.min), np.nextafter(limit, 0.0))

@@ -151,7 +151,8 @@ def _live_state(loop: TimeLoop) -> Set[int]:
         return indices.intersection(range(loop.states))
 
     live = list_state_reads(loop.finish, loop.finish.needed())
-    # Adds what these numbers need in the tick before, until nothing is added.
+    # Outputs of `step` are the new state, then the outputs of the tick. Adds the state that they
+    # and the new state need, until nothing is added.
     while True:
         needed = step.needed([*(step.outputs[k] for k in live), *step.outputs[loop.states :]])
         new = live | list_state_reads(step, needed)

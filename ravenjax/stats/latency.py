@@ -66,8 +66,8 @@ class Incidence(NamedTuple):
 def rate_before(lags: Delays) -> Rate:
     """Return the rate of harmful runs with an alarm before the harm.
 
-    `lags`: alarm minus harm of all harmful runs. Runs without an alarm are censored, with the end
-    of the run minus the harm. So a detector cannot look better because it misses faults.
+    `lags`: alarm minus harm of all harmful runs. Runs without an alarm are included: their lag is
+    at least the end of the run minus the harm (censored). So missed faults lower the rate.
     """
     return wilson_interval(int(lags.count[lags.occurred & (lags.time < 0)].sum()), lags.n)
 

@@ -87,7 +87,8 @@ def subset_simulation(
     failure: BaseException | None = None
 
     def margins(points: object) -> np.ndarray:
-        # Counts the runs, and ends a search that has not reached the event in _MAX_LEVELS levels.
+        # Returns the margins of points, for OpenTURNS, and counts the runs. Ends a search that has
+        # not reached the event in _MAX_LEVELS levels.
         nonlocal runs, failure
         if runs >= _MAX_LEVELS * per_level:
             raise RuntimeError("the event is not reached")

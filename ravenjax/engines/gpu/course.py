@@ -62,8 +62,8 @@ class BlockCourse:
     ends: np.ndarray
     # uint32 [snapshots, words]: states of a lane from which warps start.
     snapshots: np.ndarray
-    # int32 [warps]: index of the snapshot of each warp; -1: the warp starts in tick 0.
-    snapshot: np.ndarray
+    # int32 [warps]: index of each warp's snapshot in `snapshots`; -1: it starts in tick 0.
+    snapshot_of_warp: np.ndarray
     # uint32 [groups, words]: state of each group at tick `first`; None: `first` is 0.
     group_state: np.ndarray | None
 
@@ -126,6 +126,6 @@ def plan_course(
     used_pairs, index = np.unique(pairs[number > 0], axis=0, return_inverse=True)
     states = [trunks[group].lane[row] for group, row in used_pairs.tolist()]
     snapshots = np.stack(states) if states else np.zeros((0, 0), np.uint32)
-    snapshot = np.full(len(number), -1, np.int32)
-    snapshot[number > 0] = index.reshape(-1)
-    return BlockCourse(spans, thread_ends, snapshots, snapshot, group_state)
+    snapshot_of_warp = np.full(len(number), -1, np.int32)
+    snapshot_of_warp[number > 0] = index.reshape(-1)
+    return BlockCourse(spans, thread_ends, snapshots, snapshot_of_warp, group_state)

@@ -94,7 +94,8 @@ class CudaPrinter(Printing[str]):
 def _operation_text(name: str, dtype: str, sources: Sequence[str], x: Sequence[str], known) -> str:
     """Return the C text of an operation.
 
-    x: texts of the operands. sources: their types. known: the first operand's constant, else None.
+    x: texts of the operands. sources: their types. known: value of the first operand if it is a
+    constant, else None.
     """
     real, source = dtype == "float32", sources[0]
     if "float64" in (dtype, *sources):
@@ -109,6 +110,7 @@ def _operation_text(name: str, dtype: str, sources: Sequence[str], x: Sequence[s
             return f"{'!' if dtype == 'bool' else '~'}{x[0]}"
         case "max" | "min":
             function = "larger" if name == "max" else "smaller"
+            # An instruction of the GPU does the same if the first operand is neither 0 nor NaN.
             plain = real and known is not None and known != 0 and not np.isnan(known)
             return f"{function}{'_than' if plain else ''}({x[0]}, {x[1]})"
         case "bitcast" | "convert":

@@ -140,7 +140,7 @@ class _CudaModule(LoopPrinting[str]):
 
     @staticmethod
     def _lane_word(name: str) -> str:
-        # Returns C code for a word of this lane; {} is the word's number.
+        # Returns a template of C code for a word of this lane; {} takes the word's number.
         return f"{name}[{{}} * (size_t)lanes]"
 
     def _count_reads(self):
@@ -159,7 +159,7 @@ class _CudaModule(LoopPrinting[str]):
         because one instruction reads neighbours.
         """
         read_counts, first_readers = self._count_reads()
-        # Index in the state -> operation that reads it.
+        # Index in the state -> operation that reads it; -1 below if no operation does.
         operation_of = {k - self.inputs: i for i, k in self.step.reads.items()}
         numbers = (*self.split.lane_state, *self.split.held_state)
         order = sorted(numbers, key=lambda k: read_counts[operation_of.get(k, -1)])
@@ -211,12 +211,13 @@ class _CudaModule(LoopPrinting[str]):
         return printer.text()
 
     def _shared_run(self) -> str:
-        # Prints one tick of the numbers that all lanes of a group share.
+        # Prints one tick of the numbers that all lanes of a group share. They depend on the group's
+        # inputs and state, and on the tick's inputs `given`. Those that lanes read go to the row.
         printer = CudaPrinter("    ")
         state = {k: f"s{position}" for position, k in enumerate(self.split.shared_state)}
         given = f"given[(size_t)tick * {self.tick_inputs} + {{}}]"
-        words, tick_values = self._tick_input_words(given)
-        sources = self.sources(self.step, self._input_words("inputs[{}]"), state) | words
+        tick_words, tick_values = self._tick_input_words(given)
+        sources = self.sources(self.step, self._input_words("inputs[{}]"), state) | tick_words
         row = [(i, f"row[{position}]") for position, i in enumerate(self.in_row)]
         self.print_step(printer, self.split.shared, sources, state, row, tick_values)
         return printer.text()
@@ -270,8 +271,8 @@ class _CudaModule(LoopPrinting[str]):
     def _print_prologue(self, inputs: dict[int, str]):
         """Return the code that computes a lane's constant numbers before the loop over ticks.
 
-        Returns the names of the words that contain packed truth values, operation -> C code of its
-        number in the loop, and the code.
+        It comes after two other results: the names of words that each pack 32 truth values, and a
+        dict from operation to the C code that gives its number in the loop.
         """
         printer = CudaPrinter()
         numbers = self.split.prologue_results
@@ -289,10 +290,11 @@ class _CudaModule(LoopPrinting[str]):
         return names, words_of, printer.text()
 
     def _lane_finish(self) -> str:
-        # Prints the outcomes of one lane from its last state.
-        printer, saved = CudaPrinter(), self._lane_word("saved")
+        # Prints the outcomes of one lane from its last state and the saved state of its group.
+        printer = CudaPrinter()
+        saved_word, result_word = self._lane_word("saved"), self._lane_word("results")
         state = {k: self._state_word(place) for place, k in enumerate(self.lane_state)}
-        state |= {k: saved.format(position) for position, k in enumerate(self.saved)}
-        results = map(self._lane_word("results").format, range(len(self.finish.outputs)))
+        state |= {k: saved_word.format(place) for place, k in enumerate(self.saved)}
+        results = map(result_word.format, range(len(self.finish.outputs)))
         self.print_finish(printer, self._input_words(self._lane_word("inputs")), state, results)
         return printer.text()

@@ -96,24 +96,26 @@ def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> 
     outcomes so far, the lanes' reference series and, if kept, every signal of the first lane
     [length]. Both series are [length, series, lanes]. ends: value of `traced.lane_ends`.
     """
-    # The last segment extends beyond the run.
-    overshoots = program.ticks % length != 0
+    # If the last segment extends beyond the run, lanes without an own end stop at the run's end.
+    run_end = (program.ticks,) if program.ticks % length else ()
 
-    def advance(varied, faults, end, state, now, reference, motion):
-        end = end or ((program.ticks,) if overshoots else ())
-        moved = program.step(varied, faults, end, state, now, reference, motion)
+    def advance(varied, faults, own_end, state, now, reference, motion):
+        moved = program.step(varied, faults, own_end or run_end, state, now, reference, motion)
         return moved if keep_signals else (*moved[:2], ())
 
     def segment(varied, faults, ends, state, first, reference, motion):
         # Advances all lanes by `length` ticks. At tick 0 they start from the initial state.
-        fresh = jax.vmap(program.begin, axis_size=reference.shape[2])(varied)
+        lanes = reference.shape[2]
+        fresh = jax.vmap(program.begin, axis_size=lanes)(varied)
         state = jax.tree.map(lambda a, b: jnp.where(first == 0, a, b), fresh, state)
 
         def body(carry, x):
+            # Lanes are axis 0, but axis 1 of a row of the reference. now, motion: no axis of lanes.
             advance_all = jax.vmap(advance, in_axes=(0, 0, 0, 0, None, 1, None))
             now, row = x
             new, series, signals = advance_all(varied, faults, ends, carry, now, row, motion)
-            return new, (jnp.stack(series), jax.tree.map(lambda leaf: leaf[0], signals))
+            first_lane = jax.tree.map(lambda leaf: leaf[0], signals)
+            return new, (jnp.stack(series), first_lane)
 
         rows = first + jnp.arange(length, dtype=jnp.int32), reference
         state, (series, signals) = lax.scan(body, state, rows)
@@ -180,13 +182,14 @@ class ScanKernel:
         The last row is repeated if the segment ends after the run.
         """
         if not block.compared:
-            return _place(np.zeros((self.length, self.series, lanes), self.dtype), 2)
+            return _place(np.zeros((self.length, self.series, lanes), self.dtype), axis=2)
         assert block.reference is not None
         rows = np.minimum(np.arange(first, first + self.length), len(block.reference) - 1)
         golden = np.arange(lanes) if block.golden is None else block.golden
-        runs, golden = np.unique(golden, return_inverse=True)
-        series = jnp.take(jnp.asarray(block.reference[rows][:, :, runs]), _place(golden), axis=2)
-        return _place(series, 2)
+        # Each golden run is copied to the device once, although several lanes may have it.
+        runs, run_of_lane = np.unique(golden, return_inverse=True)
+        series = jnp.asarray(block.reference[rows][:, :, runs])
+        return _place(jnp.take(series, _place(run_of_lane), axis=2), axis=2)
 
     def run(self, block: Block, motion: Motion, progress: Progress | None = None) -> BlockResult:
         """See `interface.Kernel`."""
@@ -210,6 +213,7 @@ class ScanKernel:
                     reference = self._reference(block, first, lanes)
                 inputs = varied, faults, ends, state, jnp.int32(first), reference, columns
                 state, outcomes, series, signals = compiled(*inputs)
+                # Only golden runs and traces return their series.
                 if block.reference is None or self.keep_signals:
                     read = series[:, :, : block.rows or lanes]
                     chunks.append(jax.tree.map(np.asarray, (read, signals)))

@@ -38,6 +38,7 @@ def hours_to_bound(per_hour: float, count: int = 0) -> float:
     After these hours the upper end of the exact interval (`alarm_rate`) is `per_hour`. Without an
     alarm, 3.69 / per_hour hours are needed at 95 %.
     """
+    # The upper end after one hour. The upper end is inversely proportional to the hours.
     return alarm_rate(count, 1.0).high / per_hour
 
 

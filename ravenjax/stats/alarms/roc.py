@@ -49,13 +49,13 @@ def curve_bands(
         )
     order = np.argsort(-values, kind="stable")
     falling = values[order]
-    # Of equal scores, the last has the counts of all.
+    # Index of the last run of each score. Counts up to this run include all runs of the score.
     last = np.flatnonzero(np.append(falling[1:] != falling[:-1], True))
     recalls = grid[1:]
 
     def curves(hits: np.ndarray, false_alarms: np.ndarray) -> np.ndarray:
-        # Returns both curves, each with its area, from the counts at each threshold, the highest
-        # first. The ROC curve begins at 0, above the highest score.
+        # Returns [ROC curve at `grid`, its area, precisions at `recalls`, average precision]. The
+        # counts are those of each threshold, the highest first. The ROC curve begins at (0, 0).
         tpr, fpr = (np.insert(count, 0, 0.0) / count[-1] for count in (hits, false_alarms))
         roc = np.append(np.interp(grid, fpr, tpr), np.trapezoid(tpr, fpr))
         recall, precision = hits / hits[-1], hits / (hits + false_alarms)

@@ -49,7 +49,10 @@ class Units(NamedTuple):
         return Units(unit, self.stratum[present])
 
     def weights(self, resamples: int = RESAMPLES, seed: int = 0) -> np.ndarray:
-        """Return each unit's weight in each resample, [resamples, units]; mean 1 per stratum."""
+        """Return each unit's weight in each resample, [resamples, units]; mean 1 per stratum.
+
+        The bootstrap is that of Rao and Wu: n - 1 draws of n units, each with weight n / (n - 1).
+        """
         rng = np.random.default_rng(seed)
         weight = np.empty((resamples, self.count))
         for members in _units_by_stratum(self.stratum):

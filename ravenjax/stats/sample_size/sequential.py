@@ -167,6 +167,7 @@ class Sequential:
             stop=not waiting or number == len(self.shares),
             half_width=self.half_width,
             each=self.each,
+            # Whether these are the planned sizes of one look.
             even=bool((taken == self.sizes()).all(axis=1).any()),
         )
 
@@ -199,9 +200,11 @@ class Sequential:
         return np.where(sizes >= allocated, sizes, sizes[-1]).min(axis=0)
 
     def _needed_draws(self, k: np.ndarray, n: np.ndarray) -> np.ndarray:
-        """Return how many more draws each stratum probably needs, at least 1; for the rate of the
-        whole table, all draws of the stratum.
+        """Return how many more draws each stratum probably needs, at least 1: int64 [strata].
+
+        k: events [rates, strata]. n: valid draws [strata].
         """
+        # A rate of the whole table does not limit the draws of a single stratum.
         if self.of == "whole":
             return self.size
         alpha = alpha_of(self.each)
@@ -289,6 +292,7 @@ def allocate_runs(total: int, weight: ArrayLike, least: ArrayLike, most: ArrayLi
     """
     weights, low, high = np.asarray(weight, float), np.asarray(least), np.asarray(most)
     total = int(np.clip(total, low.sum(), high.sum()))
+    # If strata with a weight get all that they may, is something left for the others?
     full = np.where(weights > 0, high, low)
     if total > full.sum():
         return allocate_runs(total, np.ones(len(weights)), full, high)
