@@ -196,11 +196,10 @@ class LoopPrinting(Generic[Where]):
         given: Mapping[int, str] | None = None,
         schedule: Callable[..., list[int | Region]] = lambda _, order: order,
     ) -> None:
-        """Print the statements that compute some operations of a tick.
+        """Print the statements that compute these operations of a tick.
 
-        The statements write the new state to the places `state`, and other results to `outputs`,
-        pairs (operation, place). schedule: reorders (all operations, those to print); by default
-        the order is kept. See `Printing.run` for sources and given.
+        They write the new state to the places `state`, and other results to `outputs`, pairs
+        (operation, place). schedule: reorders. See `Printing.run` for sources and given.
         """
         new_state = [(self.step.outputs[k], place) for k, place in state.items()]
         results = [*new_state, *outputs]

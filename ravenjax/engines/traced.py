@@ -36,11 +36,10 @@ class TracedTick:
     """The time loop of one lane as programs.
 
     Inputs of the lane are the varied parameters and the faults. Inputs of a tick are its number and
-    the golden run's reference series. Outputs of a tick are the lane's reference series, then all
-    signals. Results are the outcomes.
+    the golden run's reference series. Its outputs are the lane's reference series and all signals.
     """
 
-    loop: TimeLoop
+    loop: TimeLoop  # its results are the outcomes
     outcomes: tuple[str, ...]  # names of the results
     series: int  # number of numbers in the reference series
     signals: Any  # structure of the signals, each leaf its dtype
@@ -201,8 +200,7 @@ class PrintedKernel:
     def groups(self, block: Block) -> tuple[list[np.ndarray], np.ndarray]:
         """Return a block's inputs, each [lanes], and the group number of each lane.
 
-        Lanes of a group have the same varied parameters, bit by bit. A block without a size has all
-        lanes of the kernel.
+        Lanes of a group have equal varied parameters. A block without a size has all lanes.
         """
         columns = lane_inputs(self.program, block)
         # Divides the groups further by each parameter in turn, and numbers them anew.

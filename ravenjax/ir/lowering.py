@@ -65,12 +65,11 @@ class UnknownPrimitive(NotImplementedError):
 
 
 def lower_jaxpr(jaxpr: core.ClosedJaxpr, functions: Functions = "polynomials") -> Program:
-    """Return the program of a closed jaxpr (`jax.make_jaxpr(f)(...)`).
+    """Return the program of a closed jaxpr (`jax.make_jaxpr(f)(...)`). Raises UnknownPrimitive.
 
     Inputs of the program are the jaxpr's single numbers in order, and tables are its 1-D inputs.
     functions: with `polynomials`, sin, atan2 and similar functions become sums and products. With
-    `library`, they remain operations with the meaning of the C library, and integers of 64 bits are
-    allowed. Raises UnknownPrimitive.
+    `library`, they remain functions of the C library, and integers may have 64 bits.
     """
     builder = Builder()
     lowering = _Lowering(builder, functions)

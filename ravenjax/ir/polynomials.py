@@ -76,8 +76,6 @@ class Arithmetic:
         return result
 
 
-# --- sine and cosine
-
 _MAGIC = 1.5 * 2.0**23
 """A sum of this number and a small float32 is an integer: the float32 is rounded to an integer."""
 # The float32 below pi. Both parts of pi are then positive, so that a zero keeps its sign.
@@ -118,9 +116,6 @@ def tan(m: Arithmetic, x: Number) -> Number:
     return m.div(sin(m, x), cos(m, x))
 
 
-# --- inverse functions
-
-
 def atan2(m: Arithmetic, y: Number, x: Number) -> Number:
     """Return the angle of the point (x, y), rad in [-pi, pi]."""
     # First the angle in [0, pi/4] of the point whose larger coordinate lies along the x axis.
@@ -159,8 +154,6 @@ def acos(m: Arithmetic, x: Number) -> Number:
     """Return the arc cosine, rad in [0, pi]."""
     return atan2(m, _leg(m, x), x)
 
-
-# --- exponential and logarithm
 
 _LN2_HIGH = 0.693359375
 _LN2_LOW = -2.1219444e-4

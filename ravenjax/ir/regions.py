@@ -2,8 +2,8 @@
 
 A `rarely` operation selects one of two values by a condition that is seldom true. Some operations
 are needed only to compute the second value of `rarely` operations with the same condition. These
-operations form the *region* of the condition. Generated code enters the region as a block if the
-condition is true in any lane.
+operations form the *region* of the condition. Generated code skips the region if the condition is
+false in all lanes.
 """
 
 from collections.abc import Iterable, Iterator, Sequence

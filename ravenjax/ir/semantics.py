@@ -33,7 +33,7 @@ def evaluate_operation(name: str, dtype: str, operands: tuple[Array, ...]) -> Ar
 
 
 def _result(name: str, dtype: str, *operands: Array) -> Array:
-    # Computes an operation, with NumPy's warnings. [()] makes a number from an array without axes.
+    # Computes an operation; callers silence NumPy. [()] makes a number of an array without axes.
     if name in ("convert", "bitcast"):
         x = np.asarray(operands[0])
         return (_convert(x, np.dtype(dtype)) if name == "convert" else x.view(dtype))[()]
@@ -63,8 +63,7 @@ def fma(a: Array, b: Array, c: Array) -> Array:
 
     float64 is computed in long double, whose 64 bits of mantissa keep the result within (1/2 +
     2^-11) ulp. float32 is computed in float64, with the sum rounded to odd: of the two neighbours
-    of an inexact sum, the result is the one whose last bit is 1. The conversion to float32 then
-    rounds like the exact sum.
+    of an inexact sum, the one whose last bit is 1. The float32 is then that of the exact sum.
     """
     if np.asarray(a).dtype == np.float64:
         return np.float64(np.longdouble(a) * np.longdouble(b) + np.longdouble(c))

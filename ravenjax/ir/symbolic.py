@@ -75,10 +75,8 @@ class Term:
         return self.builder.constant(_REAL, value)
 
     def _factor(self) -> tuple[Term, float | None]:
-        """Return (x, c) if this term is a product c x with a constant c, else (self, None).
-
-        `__mul__` stores only positive constants, because `sign` holds the sign.
-        """
+        """Return (x, c) if this term is a product c x with a constant c > 0, else (self, None)."""
+        # All constants of products are positive, because `__mul__` moves their signs to `sign`.
         operation = self.builder.operations[self.number]
         if operation.name == "mul":
             for number, rest in (operation.operands, operation.operands[::-1]):

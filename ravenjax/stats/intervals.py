@@ -155,12 +155,10 @@ def independent_difference(first: Estimate, second: Estimate) -> Estimate:
 
 
 def rate_difference(k1: int, n1: int, k2: int, n2: int) -> Estimate:
-    """Return the rate of k1 of n1 minus the rate of k2 of n2 independent runs, with its interval;
-    NaN if a group is empty.
+    """Return the rate of k1 of n1 minus that of k2 of n2 independent runs; NaN if n1 or n2 is 0.
 
     The interval is Newcombe's square-and-add of two Wilson intervals (Stat. Med. 17, 1998, method
-    10). Runs of the same faults are not independent: use `paired`. Raises ValueError on impossible
-    counts.
+    10). For runs of the same faults use `paired`. Raises ValueError on impossible counts.
     """
     # The first two fields of a Rate are k and n.
     first, second = (Estimate(*rate[2:]) for rate in rates_with_intervals([k1, k2], [n1, n2]))

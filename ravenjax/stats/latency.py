@@ -105,8 +105,7 @@ def delay_quantile(
 def incidence_curve(delays: Delays) -> Incidence:
     """Return the incidence over time, with a pointwise 95 % band (Greenwood, log(-log)).
 
-    The incidence of lags gives the lead times of an alarm before the harm: a lead is the negative
-    of a lag, see `Estimate.negated`.
+    Lead times of alarms before the harm are negated lags, see `Estimate.negated`.
     """
     # The formulas are as in scipy.stats.ecdf, which cannot use counts of equal delays.
     from scipy.special import ndtri

@@ -66,8 +66,7 @@ def _posterior(hits: np.ndarray, trials: np.ndarray) -> tuple[np.ndarray, np.nda
     error = np.sqrt((1.0 / events + 1.0 / others) * max(1.0, excess))
     logit = np.log(events / others)
     means = 1.0 / (1.0 + np.exp(-(logit + 6.0 * error * np.linspace(-1.0, 1.0, GRID))))
-    # The grid of the root of the correlation: the likely points of a coarse grid, and one step
-    # beyond them.
+    # The grid of the root spans the likely points of a coarse grid, and one step to each side.
     coarse = np.geomspace(1e-4, 0.95, GRID)
     best = _log_likelihood(hits, trials, means[:, None], coarse[None, :]).max(axis=0)
     likely = coarse[best > best.max() - _NEGLIGIBLE]

@@ -29,8 +29,7 @@ CALL_TICKS = 2**18
 class LaneCourse:
     """The tick in which each vector of a group begins, and the tick in which each lane ends."""
 
-    # int [vectors]: ticks of snapshots of `trunk`; 0: from the beginning.
-    begins: np.ndarray
+    begins: np.ndarray  # int [vectors]: ticks of snapshots of `trunk`; 0: from the beginning
     ends: np.ndarray  # int [lanes]: the first tick that the lane does not run
     trunk: Trunk | None = None  # the golden run that the lanes start from
 

@@ -24,12 +24,13 @@ from ravenjax.numbers import tree
 MIN_LANES, MAX_LANES = 256, 1024
 """Least and greatest number of lanes of a block.
 
-With fewer lanes, what the group shares is a large part of the work. With many threads, Python then
-takes longer to prepare the next block than the threads take to compute one. With more lanes, the
-last blocks leave threads idle.
+With fewer lanes, the shared numbers are a large part of the work, and Python prepares blocks more
+slowly than many threads compute them. With more lanes, the last blocks leave threads idle.
 """
 BLOCKS = 8
 """Least number of blocks per thread, if blocks have more than MIN_LANES lanes."""
+VECTORS = {16: "AVX-512", 8: "AVX2", 4: "128-bit vectors"}
+"""Number of float32 lanes -> the CPU's vectors in words."""
 UNSHARED_WORK = 0.5
 """Approximate extra time of a vector that also computes the shared numbers, as a fraction."""
 
@@ -150,9 +151,8 @@ class SimdKernel(traced.PrintedKernel):
     def _golden_series(
         self, block: Block, lanes: np.ndarray, grouped: bool, first: int, last: int
     ) -> np.ndarray:
-        # Returns the reference series of the lanes' golden runs from tick `first` to before `last`:
-        # [ticks, series] if grouped, else [ticks, series, lanes]. If lanes are not compared, they
-        # are zeros of one tick.
+        # Returns the series of golden runs from tick `first` to before `last`: [ticks, series] if
+        # grouped, else [ticks, series, lanes]; one tick of zeros if lanes are not compared.
         if not block.compared or block.reference is None:
             series = self.program.loop.series_length(self.program.setup)
             return np.zeros((1, series) if grouped else (1, series, len(lanes)), self._dtype)
@@ -190,14 +190,14 @@ def lanes_of_block(runs: int, threads: int, width: int) -> int:
 class SimdEngine:
     """Engine that uses all cores of a CPU and its widest vectors."""
 
-    # Cache of compiled code that outlives the process.
-    objects: jit.Objects | None = None
+    objects: jit.Objects | None = None  # cache of compiled code that outlives the process
     name: str = "simd"
 
     @property
     def device(self) -> str:
         """The CPU in words."""
-        return f"{jit.host_target().cpu}, {jit.host_target().vectors}"
+        host = jit.host_target()
+        return f"{host.cpu}, {VECTORS[host.width]}"
 
     @property
     def threads(self) -> int:

@@ -10,8 +10,7 @@ numbers that are equal in a group are computed once for the group. The module ha
     lane_finish   writes the results of the lanes
 
 `make_calls` makes a list of calls of these functions. This file also defines the layout of their
-buffers. A buffer of lanes contains `width` consecutive values of each number, and a buffer of
-groups contains one value.
+buffers. A buffer of lanes has `width` consecutive values of each number, one of groups one value.
 """
 
 import bisect
@@ -172,8 +171,6 @@ class _LlvmModule(LoopPrinting[Place]):
         lines = [*self.functions, calls, *sorted(self.declared), attributes, BRANCH_WEIGHTS]
         return dataclasses.replace(self.buffers, text="\n".join(lines))
 
-    # --- addresses of inputs ---
-
     def _lane_state_places(self):
         # Index in the state -> place in the buffer of a lane.
         return _places_by_number(self.lane_state, self.buffers.state, "%state")
@@ -181,8 +178,6 @@ class _LlvmModule(LoopPrinting[Place]):
     def _group_state_places(self, pointer: str = "%state", splat: bool = False):
         # Index in the state -> place in the buffer of a group. splat: each lane reads the number.
         return _places_by_number(self.split.shared_state, self.buffers.group_state, pointer, splat)
-
-    # --- functions ---
 
     def _function(self, name: str, printer: LlvmPrinter):
         # Adds a function without a loop, whose body is the lines of the printer.
@@ -211,8 +206,7 @@ class _LlvmModule(LoopPrinting[Place]):
         tick_values = self._add_tick_inputs(printer, sources, shared=True)
         row = _places_by_number(split.row, buffers.row, "%row").items()
         self.print_step(printer, split.shared, sources, state, row, tick_values)
-        steps = {"in": "%in_stride", "row": str(buffers.row.bytes)}
-        self._loop("shared_run", printer, steps)
+        self._loop("shared_run", printer, {"in": "%in_stride", "row": str(buffers.row.bytes)})
 
     def _add_tick_inputs(self, printer: LlvmPrinter, sources: dict[int, Place], shared: bool):
         """Add the places of the tick's inputs to `sources`; return the tick's number as a value."""

@@ -34,8 +34,6 @@ class LlvmPrinter(Printing[Place]):
         self.width, self.features, self.block = width, features, "again" if in_loop else "entry"
         self.declared: set[str] = set()
 
-    # --- a program ---
-
     def _operation(self, program: Program, i: int, inputs: list[str]) -> str:
         # Prints one operation. Returns the name of its result.
         name, dtype, operands, detail = program.operations[i]
@@ -74,8 +72,6 @@ class LlvmPrinter(Printing[Place]):
             values.append(self.op(f"phi {self.type(dtype)} {sources}"))
         self.block = after
         return values
-
-    # --- text ---
 
     def type(self, dtype: str) -> str:
         """Return the LLVM type of a number in registers."""
@@ -142,8 +138,6 @@ class LlvmPrinter(Printing[Place]):
             value = self.op(f"sext {self.type('bool')} {value} to {self._vector_of('i32')}")
         target = f"{self._vector_of(_STORED[dtype])} {value}, ptr {self.address(place)}"
         self.lines.append(f"store {target}, align {stored_size(dtype)}")
-
-    # --- operations ---
 
     def _select_as_floats(self, dtype: str, inputs: list[str]) -> str:
         """Select one of two integers as if they were floats.

@@ -2,8 +2,7 @@
 
 The robot runs the operations of engine `simd` for one lane and gives the same bits. State, inputs
 and tables are plain memory. Between two ticks the caller may change inputs, for example to start a
-fault. The caller may also copy the state and run the copy, and may write the operator's motion row
-by row.
+fault. The caller may also run a copy of the state, and write the operator's motion row by row.
 """
 
 from collections.abc import Callable, Sequence
@@ -80,8 +79,7 @@ class Stepper:
     """One robot that runs a `StepCode`.
 
     The caller writes to the arrays `inputs`, `step_inputs` and `tables`. `inputs[k][0] = x` changes
-    an input, and `step_inputs[k][0] = x` an input of the next tick. `tables[k]` is a table that
-    several steppers may share.
+    an input, and `step_inputs[k][0] = x` an input of the next tick. Steppers may share tables.
     """
 
     def __init__(self, code: StepCode, inputs: Any, tables: np.ndarray | None = None):

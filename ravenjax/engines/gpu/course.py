@@ -58,10 +58,8 @@ class BlockCourse:
 
     # int32 [blocks, 2]: the first tick of each block, and the first tick that it does not run.
     spans: np.ndarray
-    # int32 [threads]: the first tick that the thread's lane does not run.
-    ends: np.ndarray
-    # uint32 [snapshots, words]: states of a lane from which warps start.
-    snapshots: np.ndarray
+    ends: np.ndarray  # int32 [threads]: the first tick that the thread's lane does not run
+    snapshots: np.ndarray  # uint32 [snapshots, words]: states of a lane from which warps start
     # int32 [warps]: index of each warp's snapshot in `snapshots`; -1: it starts in tick 0.
     snapshot_of_warp: np.ndarray
     # uint32 [groups, words]: state of each group at tick `first`; None: `first` is 0.

@@ -108,8 +108,8 @@ class CudaKernel(traced.PrintedKernel):
     def _placed(self, block: Block, device: Device):
         """Return a block's inputs, the threads of its lanes, and whether lanes run by group.
 
-        Lanes run by group if the warps of all groups fit on the device, or if they are at most
-        twice as many as without groups.
+        Lanes run by group if this needs no more warps than fit on the device, or at most twice as
+        many warps as without groups.
         """
         form = form_for(device)
         inputs, group = self.groups(block)
@@ -154,8 +154,8 @@ def _repeat_lane(block: Block, ends: np.ndarray) -> Block:
 def block_lanes(runs: int, devices: tuple[Device, ...]) -> int:
     """Return the number of lanes of a block, for a campaign of `runs` runs.
 
-    Each device gets the same number of blocks, and each block fills the device a whole number of
-    times, if there are enough runs.
+    With enough runs, each block fills a device a whole number of times, at most WAVES times. Each
+    device gets the same number of blocks.
     """
     resident_lanes = devices[0].multiprocessors * form_for(devices[0]).threads
     device_runs = -(-runs // len(devices))
@@ -182,8 +182,7 @@ def _golden_series(block: Block, places: Places, grouped: bool) -> np.ndarray:
 class CudaEngine:
     """Engine that uses every visible NVIDIA GPU."""
 
-    # Cache of compiled code that outlives the process.
-    objects: Objects | None = None
+    objects: Objects | None = None  # cache of compiled code that outlives the process
     name: str = "cuda"
 
     @property

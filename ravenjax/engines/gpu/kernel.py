@@ -65,8 +65,7 @@ class KernelSource:
     text: str
     results: tuple[str, ...]  # types
     outputs: int  # number of outputs of each tick
-    # Number of inputs of each tick, without the tick's number.
-    tick_inputs: int
+    tick_inputs: int  # number of inputs of each tick, without the tick's number
     state: int
     group_state: int
     saved: int
@@ -128,8 +127,6 @@ class _CudaModule(LoopPrinting[str]):
             shared_bytes=-(-len(self.in_shared) // VECTOR) * VECTOR * 4 * self.form.threads,
         )
 
-    # --- words ---
-
     def _input_words(self, template: str) -> list[str]:
         return [template.format(k) for k in range(self.inputs)]
 
@@ -185,9 +182,8 @@ class _CudaModule(LoopPrinting[str]):
     def _state_in_loop(self):
         """Return the words of the state in the loop over ticks: index in the state -> C code.
 
-        Words that are read often lie in shared memory `room`, with VECTOR words of a thread side by
-        side: [vector, thread, member]. Other words lie in device memory, [word, thread]. `Far`
-        accesses them by assembly (see `_MAX_PLAIN_WORDS`).
+        Words that are read often lie in shared memory, [vector, thread, member]. Others lie in
+        device memory, [word, thread]; if they are many, assembly (`Far`) accesses them.
         """
         is_plain = len(self.in_device_memory) <= _MAX_PLAIN_WORDS
         template = "state[{} * {}]" if is_plain else "Far{{state + {} * {}}}"
@@ -201,8 +197,6 @@ class _CudaModule(LoopPrinting[str]):
 
     def _state_word(self, position: int) -> str:
         return f"state[{position} * {self.form.threads}]"
-
-    # --- statements of kernels ---
 
     def _shared_begin(self) -> str:
         printer = CudaPrinter()
@@ -231,10 +225,9 @@ class _CudaModule(LoopPrinting[str]):
     def _lane_run(self):
         """Return values for `lane_run` in kernel.cu.j2, the loop over ticks of one lane.
 
-        prologue, lane_run: statements before the loop and of one tick. packed: see
-        `_print_prologue`. inputs_read: lane inputs that a tick reads. near: words in shared memory,
-        and the words in device memory that store them between launches. in_step: whether warps
-        begin each tick together. saved: positions in the row of a lane's last tick to be saved.
+        lane_run: statements of a tick. prologue, packed: see `_print_prologue`. inputs_read: lane
+        inputs that a tick reads. near: words in shared memory, and their copies between launches.
+        in_step: whether warps begin each tick together. saved: words to save of the last row.
         """
         step, split, form = self.step, self.split, self.form
         state = self._state_in_loop()

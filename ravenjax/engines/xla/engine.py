@@ -39,8 +39,7 @@ ACCELERATOR_LANES = 2**19
 """Largest number of lanes of a block on each accelerator.
 
 A tick launches some 400 kernels, which takes 1.7 ms on an H100, so large blocks are the fastest
-(analysis/engines/gpu.md). With 2**20 lanes an array of engine mjx exceeds 2**31 bytes, and its
-results were wrong.
+(analysis/engines/gpu.md). With 2**20 lanes an array of mjx exceeds 2**31 bytes and is wrong.
 """
 LANE_BYTES = 2**14
 """Device memory of each lane in bytes: its state and the intermediate results of a tick."""

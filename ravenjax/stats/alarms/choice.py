@@ -35,8 +35,7 @@ class AlarmCounts(NamedTuple):
 def missed_difference(alarms: AlarmCounts) -> Estimate:
     """Return the difference of missed shares for each pair of alarms, arrays [alarms, alarms].
 
-    It is the share that the first alarm misses minus the share that the second alarm misses. This
-    equals the difference of the shares that only one of them misses.
+    It is the share that only the first alarm misses minus the share that only the second misses.
     """
     if not alarms.sampled:
         value = (alarms.only - alarms.only.T) / alarms.hazards
@@ -47,8 +46,7 @@ def missed_difference(alarms: AlarmCounts) -> Estimate:
 def false_rates(alarms: AlarmCounts, times: float = 1.0) -> Estimate:
     """Return false alarms per hour with exact Poisson intervals, arrays [alarms].
 
-    `times`: the interval is that after this many times the hours, with the same rates. Infinite:
-    the interval has no width.
+    `times`: the interval is that after this many times the hours; it has no width if infinite.
     """
     if np.isinf(times):
         value = alarms.count / alarms.hours

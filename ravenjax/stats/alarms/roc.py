@@ -39,8 +39,7 @@ def curve_bands(
     precision at the highest threshold whose recall reaches each value of `grid` above the first,
     which is 0. Its area is the average precision. `cluster`: label of each run's cluster [n];
     np.arange(n) if runs are independent. The bands are pointwise. Raise ValueError if a score is
-    NaN or a label is missing. scikit-learn would sort for each resample, which is about 5 times
-    slower.
+    NaN or a label is missing. scikit-learn sorts for each resample and is about 5 times slower.
     """
     values, truth = np.asarray(score, float), np.asarray(positive, bool)
     if np.isnan(values).any():

@@ -16,8 +16,7 @@ The test is by betting (`excess_p`). It is valid for losses of any distribution 
 units the less they differ. With one operation per unit, whose loss is 0 or 1, the test is exact. It
 then equals the order statistic of Wilks (Ann. Math. Stat. 12, 1941): as many alarms among n as the
 binomial tail allows. Units with several operations are clusters and are counted as units.
-`first_operations` takes one operation of each unit, called subsampling by Dunn, Wasserman, Ramdas
-(JASA 118, 2023).
+`first_operations` takes one operation of each unit (Dunn, Wasserman, Ramdas, JASA 118, 2023).
 """
 
 from __future__ import annotations
@@ -67,8 +66,7 @@ class FalseAlarmTarget(NamedTuple):
 
         L = A + (1 - A) r (T - H) / (1 + r T),        a = r T / (1 + r T)
 
-    If H = T, L is A. If alarms do not end operations, a is approximately the largest share of
-    operations with an alarm.
+    If H = T, L is A. If alarms do not end operations, a is about the largest share with an alarm.
     """
 
     per_hour: float  # largest rate of false alarms (r)
@@ -112,10 +110,10 @@ class FalseAlarmTarget(NamedTuple):
         return max(self.min_units, math.ceil(clusters - 1e-9))
 
     def without_alarm(self, hours: np.ndarray) -> np.ndarray:
-        """Return the loss of operations without an alarm, [operations].
+        """Return the loss r (T - H) / (1 + r T) of operations without an alarm, [operations].
 
-        The loss is r (T - H) / (1 + r T), with r = per_hour, T = length_h and H = hours, the time
-        in which detectors are active [operations]. Raise ValueError if hours are not in 0..T.
+        H is `hours`, the time in which detectors are active [operations]; r is `per_hour`, and T is
+        `length_h`. Raise ValueError if hours are not in 0..T.
         """
         # Rounding may make the hours slightly larger than the duration.
         if not ((hours >= 0) & (hours <= self.length_h * (1 + 1e-9))).all():
@@ -242,9 +240,8 @@ def joint_scores(peaks: np.ndarray, scales: np.ndarray) -> np.ndarray:
     """Return the score of each operation: the largest of its maxima divided by their scales.
 
     peaks: maxima [operations, signals * segments]. scales: [signals, segments]. A failed operation
-    has a maximum NaN, and its score is infinite. The computation is in float32, as in a monitor.
-    Division by a positive number keeps the order. So the score equals, to the bit, the largest of
-    the monitor's scores over time.
+    has a maximum NaN, and its score is infinite. The score equals, to the bit, the largest of a
+    monitor's scores over time, because both use float32 and division keeps the order.
     """
     maxima = peaks.reshape(len(peaks), -1).astype(np.float32)
     scores = (maxima / scales.astype(np.float32).ravel()).max(axis=1)
