@@ -199,7 +199,7 @@ class LoopPrinting(Generic[Where]):
         """Print the statements that compute these operations of a tick.
 
         They write the new state to the places `state`, and other results to `outputs`, pairs
-        (operation, place). schedule: reorders. See `Printing.run` for sources and given.
+        (operation, place). schedule: changes the order. See `Printing.run` for sources and given.
         """
         new_state = [(self.step.outputs[k], place) for k, place in state.items()]
         results = [*new_state, *outputs]

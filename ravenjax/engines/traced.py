@@ -200,7 +200,7 @@ class PrintedKernel:
     def groups(self, block: Block) -> tuple[list[np.ndarray], np.ndarray]:
         """Return a block's inputs, each [lanes], and the group number of each lane.
 
-        Lanes of a group have equal varied parameters. A block without a size has all lanes.
+        Lanes of a group have the same bits in varied parameters. A block without a size is full.
         """
         columns = lane_inputs(self.program, block)
         # Divides the groups further by each parameter in turn, and numbers them anew.

@@ -49,12 +49,12 @@ class StepCode:
             begin_program, state = traced.trace_function(begin, self.inputs.shapes())
             columns = tuple(jax.ShapeDtypeStruct((n,), np.float32) for n in self.tables)
             step_program, (_, outputs) = traced.trace_function(
-                lambda inputs, state, row, tables: step(inputs, state, *row, tables),
+                lambda inputs, state, row, tables: step(inputs, state, row[0], row[1], tables),
                 *(self.inputs.shapes(), state, self.step_inputs.shapes(), columns),
             )
             finish_program, outcomes = traced.trace_function(finish, self.inputs.shapes(), state)
-            output_types = [x.dtype for x in tree.tree_leaves(outputs)]
-            if any(dtype != np.float32 for dtype in output_types):
+            dtypes = [x.dtype for x in tree.tree_leaves(outputs)]
+            if any(dtype != np.float32 for dtype in dtypes):
                 raise TypeError("every output of a tick must be float32")
             kind, fixed, row = RecordKind.of(state), self.inputs.layout, self.step_inputs.layout
             # A transition is a program with the layouts of its inputs: fixed, state, step inputs.
@@ -64,8 +64,7 @@ class StepCode:
                 "step": StateTransition(step_program, fixed, kind.layout, row),
                 "finish": StateTransition(finish_program, fixed, EMPTY, kind.layout),
             }
-            text = transition.print_module(transitions)
-            return text, kind, RecordKind.of(outcomes), len(output_types)
+            return transition.print_module(transitions), kind, RecordKind.of(outcomes), len(dtypes)
 
         # The generated code depends on the CPU's instructions.
         types = [str(kind.layout) + repr(kind.record) for kind in (self.inputs, self.step_inputs)]

@@ -118,12 +118,13 @@ def plan_course(
     first = int(begins.min()) // EVERY
     group_state = np.stack([trunk.group[first] for trunk in trunks if trunk]) if first else None
 
-    # Each warp starts from snapshot `number` of its group's golden run; 0: without a snapshot.
-    number = np.repeat(begins // EVERY, threads // WARP)
-    pairs = np.stack([places.group, number], axis=1)
-    used_pairs, index = np.unique(pairs[number > 0], axis=0, return_inverse=True)
+    # The snapshot of its group's golden run from which each warp starts; number 0 is not needed.
+    snapshot_number = np.repeat(begins // EVERY, threads // WARP)
+    has_snapshot = snapshot_number > 0
+    pairs = np.stack([places.group, snapshot_number], axis=1)[has_snapshot]
+    used_pairs, index = np.unique(pairs, axis=0, return_inverse=True)
     states = [trunks[group].lane[row] for group, row in used_pairs.tolist()]
     snapshots = np.stack(states) if states else np.zeros((0, 0), np.uint32)
-    snapshot_of_warp = np.full(len(number), -1, np.int32)
-    snapshot_of_warp[number > 0] = index.reshape(-1)
+    snapshot_of_warp = np.full(len(has_snapshot), -1, np.int32)
+    snapshot_of_warp[has_snapshot] = index.reshape(-1)
     return BlockCourse(spans, thread_ends, snapshots, snapshot_of_warp, group_state)

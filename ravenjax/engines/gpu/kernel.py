@@ -182,8 +182,8 @@ class _CudaModule(LoopPrinting[str]):
     def _state_in_loop(self):
         """Return the words of the state in the loop over ticks: index in the state -> C code.
 
-        Words that are read often lie in shared memory, [vector, thread, member]. Others lie in
-        device memory, [word, thread]; if they are many, assembly (`Far`) accesses them.
+        Words that are read often lie in shared memory, [vector, thread, member of the vector].
+        Others lie in device memory, [word, thread]; if they are many, by assembly (`Far`).
         """
         is_plain = len(self.in_device_memory) <= _MAX_PLAIN_WORDS
         template = "state[{} * {}]" if is_plain else "Far{{state + {} * {}}}"
@@ -262,10 +262,10 @@ class _CudaModule(LoopPrinting[str]):
         }
 
     def _print_prologue(self, inputs: dict[int, str]):
-        """Return the code that computes a lane's constant numbers before the loop over ticks.
+        """Print the code that computes a lane's constant numbers before the loop over ticks.
 
-        It comes after two other results: the names of words that each pack 32 truth values, and a
-        dict from operation to the C code that gives its number in the loop.
+        Returns the names of words that each pack 32 truth values, a dict from operation to the C
+        code of its number in the loop, and the printed code.
         """
         printer = CudaPrinter()
         numbers = self.split.prologue_results

@@ -70,8 +70,8 @@ def _choose_lanes(runs: int, cores: int, by_mjx: bool) -> int:
         share, limit = runs, min(ACCELERATOR_LANES, fitting) * len(devices)
         multiple = LANE_MULTIPLE * len(devices)
     elif share >= 4 * SMALL_LANES and not by_mjx:
-        # The fewest blocks of equal size. With fewer runs a core, blocks have SMALL_LANES lanes,
-        # because compiling code for another size would take longer than it saves.
+        # The fewest blocks, of one size, because a smaller block would compute as many lanes. Fewer
+        # runs use SMALL_LANES, because compiling for another size would take too long.
         blocks = -(-share // CPU_LANES)
         limit = -(-share // blocks)
     return -(-min(limit, share) // multiple) * multiple

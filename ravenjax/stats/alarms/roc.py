@@ -49,7 +49,7 @@ def curve_bands(
     order = np.argsort(-values, kind="stable")
     falling = values[order]
     # Index of the last run of each score. Counts up to this run include all runs of the score.
-    last = np.flatnonzero(np.append(falling[1:] != falling[:-1], True))
+    last_of_score = np.flatnonzero(np.append(falling[1:] != falling[:-1], True))
     recalls = grid[1:]
 
     def curves(hits: np.ndarray, false_alarms: np.ndarray) -> np.ndarray:
@@ -67,8 +67,8 @@ def curve_bands(
     def statistic(weight: np.ndarray) -> np.ndarray:
         # Returns the curves for each resample. weight: of each run in each resample [b, runs].
         ordered = weight[:, order]
-        hits = np.cumsum(ordered * truth[order], axis=1)[:, last]
-        false_alarms = np.cumsum(ordered * ~truth[order], axis=1)[:, last]
+        hits = np.cumsum(ordered * truth[order], axis=1)[:, last_of_score]
+        false_alarms = np.cumsum(ordered * ~truth[order], axis=1)[:, last_of_score]
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.stack([curves(*counts) for counts in zip(hits, false_alarms, strict=True)])
 

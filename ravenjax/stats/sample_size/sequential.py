@@ -118,7 +118,7 @@ class Sequential:
 
     @property
     def each(self) -> float:
-        """The confidence of each interval: Bonferroni's inequality divides the chance to miss."""
+        """The confidence of each interval: the intervals share the chance to miss (Bonferroni)."""
         populations = int(self.judged.sum()) if self.of == "groups" else 1
         return 1 - alpha_of(self.confidence) / (populations * len(self.rates))
 
