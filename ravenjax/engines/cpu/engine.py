@@ -93,7 +93,7 @@ class SimdKernel(traced.PrintedKernel):
         inputs, group, grouped = self._groups(block)
         code, tables = self._code(block, motion, grouped), traced.motion_tables(motion)
         lanes, keep_outputs = len(group), self.signals or block.reference is None
-        # Beside signals, which have several types, each output fills a slot of 64 bits.
+        # With signals, which have several types, each output fills a slot of 64 bits.
         dtype = np.dtype(np.uint64) if self.signals else self._dtype
         out = np.zeros((ticks if keep_outputs else 0, code.kernel.outputs, lanes), dtype)
         outcomes = []

@@ -118,7 +118,7 @@ def plan_course(
     first = int(begins.min()) // EVERY
     group_state = np.stack([trunk.group[first] for trunk in trunks if trunk]) if first else None
 
-    # The snapshot of its group's golden run from which each warp starts; number 0 is not needed.
+    # Number of each warp's snapshot in its group's golden run; 0: it starts without a snapshot.
     snapshot_number = np.repeat(begins // EVERY, threads // WARP)
     has_snapshot = snapshot_number > 0
     pairs = np.stack([places.group, snapshot_number], axis=1)[has_snapshot]
