@@ -29,7 +29,7 @@ from ravenjax.campaign import outcomes
 from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.plan import Plan
 from ravenjax.engines.cpu import jit
-from ravenjax.engines.cpu.engine import VECTORS, SimdEngine, SimdKernel
+from ravenjax.engines.cpu.engine import SimdEngine, SimdKernel
 from ravenjax.engines.interface import Engine, TickProgram
 
 QUIET: Any = SimpleNamespace(
@@ -174,8 +174,8 @@ def speed(ready: Plan, description: dict[str, Any]) -> None:
     seconds, compiling, version = in_browser(description, faults_of(ready, runs))
     engines = {
         "simd, 128-bit vectors, no fusion": Narrow(),
-        f"simd, {VECTORS[jit.host_target().width]}, no fusion": Unfused(),
-        f"simd, {VECTORS[jit.host_target().width]}": SimdEngine(),
+        f"simd, {jit.host_target().vectors}, no fusion": Unfused(),
+        f"simd, {jit.host_target().vectors}": SimdEngine(),
     }
     rows = {f"wasm, {version}": seconds}
     rows |= {

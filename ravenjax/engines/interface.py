@@ -230,9 +230,9 @@ class BranchingKernel(Kernel, Protocol):
     ) -> tuple[Any, dict[str, np.ndarray]]:
         """Return snapshots of a golden run before tick `last`, and its outcomes at `ends`, [ends].
 
-        Runs whose fault begins to act in tick `last` or before can start from one of the snapshots,
-        which are some ticks apart (see `Block.trunks`). block: `size(1)` equal lanes without
-        faults, with the reference series of their golden run. ends: int [ends], ascending.
+        Runs whose fault begins to act in tick `last` or before can start from a snapshot (see
+        `Block.trunks`). block: `size(1)` equal lanes without faults, with their golden run's
+        reference series. ends: int [ends], ascending.
         """
         ...
 

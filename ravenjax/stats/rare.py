@@ -85,8 +85,7 @@ def subset_simulation(
     failure: BaseException | None = None
 
     def margins(points: object) -> np.ndarray:
-        # Returns the margins of points, for OpenTURNS, and counts the runs. Ends a search that has
-        # not reached the event in _MAX_LEVELS levels.
+        # Returns margins for OpenTURNS and counts runs. Ends the search after _MAX_LEVELS levels.
         nonlocal runs, failure
         if runs >= _MAX_LEVELS * per_level:
             raise RuntimeError("the event is not reached")

@@ -29,8 +29,6 @@ slowly than many threads compute them. With more lanes, the last blocks leave th
 """
 BLOCKS = 8
 """Least number of blocks per thread, if blocks have more than MIN_LANES lanes."""
-VECTORS = {16: "AVX-512", 8: "AVX2", 4: "128-bit vectors"}
-"""Number of float32 lanes -> the CPU's vectors in words."""
 UNSHARED_WORK = 0.5
 """Approximate extra time of a vector that also computes the shared numbers, as a fraction."""
 
@@ -196,8 +194,7 @@ class SimdEngine:
     @property
     def device(self) -> str:
         """The CPU in words."""
-        host = jit.host_target()
-        return f"{host.cpu}, {VECTORS[host.width]}"
+        return f"{jit.host_target().cpu}, {jit.host_target().vectors}"
 
     @property
     def threads(self) -> int:

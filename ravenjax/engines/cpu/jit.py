@@ -35,6 +35,11 @@ class Host:
         return 16 if "avx512f" in self.features else 8 if "avx2" in self.features else 4
 
     @property
+    def vectors(self) -> str:
+        """Description of the CPU's widest vectors."""
+        return {16: "AVX-512", 8: "AVX2", 4: "128-bit vectors"}[self.width]
+
+    @property
     def text(self) -> str:
         """CPU features in LLVM's format."""
         return ",".join(f"+{name}" for name in sorted(self.features))

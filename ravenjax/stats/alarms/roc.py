@@ -53,8 +53,8 @@ def curve_bands(
     recalls = grid[1:]
 
     def curves(hits: np.ndarray, false_alarms: np.ndarray) -> np.ndarray:
-        # Returns [ROC curve at `grid`, its area, precisions at `recalls`, average precision]. The
-        # counts are those of each threshold, the highest first. The ROC curve begins at (0, 0).
+        # Returns [ROC curve at `grid`, its area, precisions at `recalls`, average precision], from
+        # the counts at each threshold, the highest first. The ROC curve begins at (0, 0).
         tpr, fpr = (np.insert(count, 0, 0.0) / count[-1] for count in (hits, false_alarms))
         roc = np.append(np.interp(grid, fpr, tpr), np.trapezoid(tpr, fpr))
         recall, precision = hits / hits[-1], hits / (hits + false_alarms)
