@@ -57,7 +57,7 @@ def arrange_regions(
         if any(o in region_condition and o in unplaced for o in operations[i].operands):
             # Only a `rarely` outside of a region reads its members. Operand 0 is the condition.
             condition = operations[i].operands[0]
-            # Members that need only each other and placed operations. Others come later.
+            # Members that need only each other and placed operations. The others are placed later.
             ready: dict[int, None] = {}
             for member in order:
                 is_member = member in unplaced and region_condition.get(member) == condition

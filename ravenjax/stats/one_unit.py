@@ -48,7 +48,7 @@ def rate_per_unit(k: ArrayLike, n: ArrayLike) -> UnitRate:
     deviation = np.nan
     # Without events, or with only events, the deviation would depend only on the prior.
     if 0 < hit_count < trial_count:
-        # A beta distribution has this standard deviation. root: of the intra-class correlation.
+        # Standard deviation of a beta distribution. root: root of the intra-class correlation.
         deviation = float((weight * root * np.sqrt(mean * (1.0 - mean))).sum())
     return UnitRate(Rate(hit_count, trial_count, value, low, high), unit_count, deviation)
 

@@ -49,7 +49,7 @@ class StepCode:
             begin_program, state = traced.trace_function(begin, self.inputs.shapes())
             columns = tuple(jax.ShapeDtypeStruct((n,), np.float32) for n in self.tables)
             step_program, (_, outputs) = traced.trace_function(
-                lambda inputs, state, row, tables: step(inputs, state, *row, tables),
+                lambda inputs, state, row, tables: step(inputs, state, row[0], row[1], tables),
                 *(self.inputs.shapes(), state, self.step_inputs.shapes(), columns),
             )
             finish_program, outcomes = traced.trace_function(finish, self.inputs.shapes(), state)

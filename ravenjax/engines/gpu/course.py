@@ -114,7 +114,7 @@ def plan_course(
     begins = warp_begins.reshape(-1, threads // WARP).min(axis=1)
     block_ends = thread_ends.reshape(-1, threads).max(axis=1)
     spans = np.stack([begins, block_ends], axis=1).astype(np.int32)
-    # Number of the snapshot at the tick in which the first block begins, and every group advances.
+    # Groups advance from the first tick of any block. `first` is the number of its snapshot.
     first = int(begins.min()) // EVERY
     group_state = np.stack([trunk.group[first] for trunk in trunks if trunk]) if first else None
     states, index = _lane_states(places.group, np.repeat(begins // EVERY, threads // WARP), trunks)

@@ -203,7 +203,7 @@ def excess_p(losses: np.ndarray, risk: float, confidence: float, exact: bool = F
     if exact:
         return float(binom.cdf(round(float(losses.sum())), units, risk))
     count = np.arange(1, units + 1)
-    # Mean and variance so far. They include one assumed loss, `risk`, with the variance risk / 4.
+    # Mean and variance of losses so far, after an assumed loss `risk` with the variance risk / 4.
     mean = (risk + np.cumsum(losses)) / (1 + count)
     variance_after = (risk / 4 + np.cumsum((losses - mean) ** 2)) / (1 + count)
     # A bet may depend only on the losses before its own.
