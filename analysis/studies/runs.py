@@ -22,7 +22,7 @@ from ravenjax.store import folder, manifest
 from ravenjax.store.access import query
 from ravenjax.store.manifest import Manifest
 from studies import kinds
-from studies.hazards import severity
+from studies.hazards import classes
 from studies.study import Line, StudyEstimate, own_line
 
 SCALE, DEFAULT_SCALE = "param:operator.scale", 0.1
@@ -79,7 +79,7 @@ def read(path: Path) -> Runs:
     warned = (facts["warned_ms"] >= 0) & (facts["warned_ms"] < facts["unintended_ms"])
     events = {
         EXCURSION: excursion,
-        "injury": severity.injury_capable(frame),
+        "injury": classes.injury_capable(frame),
         "stopped": facts["response"] == "stopped",
         "unwarned": facts["unintended"] & ~warned,
     }

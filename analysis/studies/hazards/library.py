@@ -3,7 +3,7 @@ risk by hazard, by class and by adverse event reports.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -18,38 +18,27 @@ from studies.hazards.safecomp45 import NOT_SIMULATED, HazardOutcome
 from studies.study import Cell, Line, Published, StudyEstimate, own_line, read_table
 
 NAME, BASELINE, EVERY_CYCLE = "hazard_library", "library", "every_cycle"
-MANIFEST = {
-    "network": ("C01", "C02", "C03", "C05", "C06", "C07", "C08"),
-    "get_usb": ("B01", "B02", "B03", "B23"),
-    "put_usb": ("B07", "B08", "B10"),
-    "put_usb_jumps": ("B11",),
-    "in_range": ("C06",),
-}
-"""Maps published shares of MCPS 2015 to the rows of the library that are injected in the same way.
-"""
 DOCUMENTED = ("id", "layer", "title", "source", "expected", "documented_only")
 
 
 def compare(context: study.Context) -> study.Findings:
     """Compare every row of the library, and its risk."""
-    frame = folder.read_all(context.folders[BASELINE])
-    outcomes, others = (
-        [one for one in safecomp45.hazard_outcomes(part) if one.hazard.runnable]
-        for part in (frame, folder.read_all(context.folders[EVERY_CYCLE]))
-    )
+    runnable = [row for row in library.all_hazards() if row.runnable]
+    frames = [folder.read_all(context.folders[name]) for name in (BASELINE, EVERY_CYCLE)]
+    outcomes, others = (safecomp45.hazard_outcomes(frame, runnable) for frame in frames)
     unrun = [
         [getattr(row, field) for field in DOCUMENTED]
         for row in library.all_hazards()
         if not row.runnable
     ]
-    counts, pools = risk.counts(frame), risk.report_pools()
+    counts, pools = risk.counts(frames[0]), risk.report_pools()
     meaning = "all simulated categories, by their shares; a hazard of two categories counts in both"
     risks = [
         *(risk.by_pool(counts, pool) for pool in pools),
         risk.together(counts, pools, "all", meaning),
     ]
     return study.Findings(
-        tuple(_lines(outcomes, others, Published(NAME))),
+        tuple(_lines(outcomes, others)),
         (
             read_table(NAME, "rows", map(_row, outcomes)),
             read_table(NAME, "documented", unrun),
@@ -84,9 +73,7 @@ def _percent(mean: Estimate | None) -> str:
     return value if math.isnan(mean.low) else f"{value} ({low} to {high})"
 
 
-def _lines(
-    found: Sequence[HazardOutcome], others: Sequence[HazardOutcome], published: Published
-) -> Iterator[Line]:
+def _lines(found: Sequence[HazardOutcome], others: Sequence[HazardOutcome]) -> Iterator[Line]:
     counts = {
         "rows that ran": sum(one.runs > 0 for one in found),
         "rows with at least one activated run": sum(one.activated > 0 for one in found),
@@ -95,25 +82,25 @@ def _lines(
     for quantity, count in counts.items():
         value = StudyEstimate(count, n=len(found), of="rows that can be run")
         yield own_line(quantity, "rows", value)
-    reason = "published: drawn values; here every value and hazard counts alike"
+    reason, published = (
+        "published: drawn values; here every value and hazard counts alike",
+        Published(NAME),
+    )
     for packets, part in {"": found, ", a packet each cycle": others}.items():
-        by_id = {one.hazard.id: one for one in part if one.valid}
-        for key, ids in MANIFEST.items():
-            rows = {name: by_id[name] for name in ids if name in by_id}
-            predicted = _manifest(rows, jumps=key == "put_usb_jumps") if rows else None
-            what = f"{published.numbers[key]['what']}{packets}"
+        for key, row in published.numbers.items():
+            mine = [one for one in part if one.valid and one.hazard.id in row["rows"]]
+            predicted = _manifest(mine, jumps=key == "put_usb_jumps") if mine else None
+            what = f"{row['what']}{packets}"
             yield Line(what, "%", published.estimate(key), predicted, reason=reason)
 
 
-def _manifest(rows: Mapping[str, HazardOutcome], jumps: bool) -> StudyEstimate:
+def _manifest(rows: Sequence[HazardOutcome], jumps: bool) -> StudyEstimate:
     """Return the share of activated runs with a jump, or with an effect. Rows count equally."""
-    runs = np.array([one.valid for one in rows.values()])
-    hits = [
-        one.counts["jump"] if jumps else one.valid - one.without_effect for one in rows.values()
-    ]
-    rate = risk.mean_over(hits / runs, list(rows), np.ones(len(rows)))
+    runs, ids = np.array([one.valid for one in rows]), [one.hazard.id for one in rows]
+    hits = [one.counts["jump"] if jumps else one.valid - one.without_effect for one in rows]
+    rate = risk.mean_over(hits / runs, ids, np.ones(len(rows)))
     percent = (100 * end for end in rate)
-    return StudyEstimate(*percent, int(runs.sum()), f"runs of {', '.join(rows)}")
+    return StudyEstimate(*percent, int(runs.sum()), f"runs of {', '.join(ids)}")
 
 
 STUDY = study.study(NAME, study.read_variants(NAME), compare)

@@ -7,7 +7,7 @@ of a pool's mean depends on its number of hazards, so its interval resamples haz
 
 import math
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,10 +16,7 @@ import pandas as pd
 from ravenjax.hazards import library, naming
 from ravenjax.stats.bootstrap import units
 from ravenjax.stats.intervals import Estimate
-from studies.hazards import severity
-
-Counts = Mapping[str, np.ndarray]
-"""Maps a hazard id to the number of valid runs of each severity, int [6]."""
+from studies.hazards import classes
 
 
 class Pool(NamedTuple):
@@ -58,38 +55,35 @@ def report_pools() -> list[Pool]:
     return pools
 
 
-def counts(frame: pd.DataFrame) -> dict[str, np.ndarray]:
-    """Return the number of valid runs of each severity by hazard id."""
-    result: dict[str, np.ndarray] = {}
-    grades = severity.rate_severity(frame)
-    for group, part in grades.groupby(frame["group"].astype(str)):
-        number = np.bincount(part.dropna().to_numpy(int), minlength=len(severity.SCALE))
-        for name in naming.hazards_of(str(group)):
-            result[name] = result.get(name, 0) + number
-    return result
+def counts(frame: pd.DataFrame) -> pd.DataFrame:
+    """Return the number of valid runs by hazard id (rows) and severity (columns 0 to 5)."""
+    hazard = frame["group"].astype(str).map(naming.hazards_of).explode()
+    severity = classes.rate_severity(frame).loc[hazard.index].to_numpy()
+    return pd.crosstab(hazard.to_numpy(), severity).reindex(
+        columns=range(len(classes.SEVERITIES)), fill_value=0
+    )
 
 
-def by_pool(found: Counts, pool: Pool) -> PoolRisk:
-    """Return the risk of a pool's hazards, each counting equally."""
+def by_pool(found: pd.DataFrame, pool: Pool) -> PoolRisk:
+    """Return the risk of a pool's hazards, each counting equally. `found`: as `counts` returns."""
     one = together(found, [pool], pool.name, pool.meaning)
     return one._replace(pool=one.pool._replace(weight=pool.weight))
 
 
-def together(found: Counts, pools: Sequence[Pool], name: str, meaning: str) -> PoolRisk:
+def together(found: pd.DataFrame, pools: Sequence[Pool], name: str, meaning: str) -> PoolRisk:
     """Return the risk of all pools by their weights, without pools that have no run."""
     ids, weights, total = [], [], 0.0
     for pool in pools:
-        run = [one for one in pool.hazards if one in found and found[one].sum()]
-        if run:
+        if run := [one for one in pool.hazards if one in found.index]:
             ids += run
             weights += [pool.weight / len(run)] * len(run)
             total += pool.weight
     whole, weight = Pool(name, meaning, tuple(ids), total), np.array(weights)
     if not ids:
         return PoolRisk(whole)
-    numbers = np.array([found[one] for one in ids])
+    numbers = found.loc[ids].to_numpy()
     share = numbers / numbers.sum(axis=1, keepdims=True)
-    injury = numbers[:, severity.INJURY :].sum(axis=1) / numbers.sum(axis=1)
+    injury = numbers[:, classes.INJURY :].sum(axis=1) / numbers.sum(axis=1)
     return PoolRisk(
         whole,
         float(np.average(share @ np.arange(share.shape[1]), weights=weight)),

@@ -16,7 +16,7 @@ from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.store import folder
 from studies import kinds, runs, study
 from studies.dsn16 import recording
-from studies.hazards import severity
+from studies.hazards import classes
 from studies.healthy_robot import arm_errors, camera_log, tip_error
 from studies.healthy_robot.camera_log import CameraLog
 from studies.study import StudyEstimate, read_table
@@ -32,7 +32,7 @@ SHARES = {
     "cue3": "cue at 3 mm",
     "cue1": "cue at 1 mm",
     "unwarned": "unintended motion before the cue of 3 mm, or without one",
-    "deeper": f"more than {severity.DEPTH_MM:g} mm deeper in the tissue than the golden run",
+    "deeper": f"more than {classes.DEPTH_MM:g} mm deeper in the tissue than the golden run",
 }
 """Events, as shares of faults that changed a bit."""
 ROBOTS = 500
@@ -76,7 +76,7 @@ def scaled_faults(path: Path) -> ScaledFaults:
     events = frame.assign(
         cue3=frame["cue0_first_ms"] >= 0,
         cue1=frame["cue1_first_ms"] >= 0,
-        deeper=deeper_mm > severity.DEPTH_MM,
+        deeper=deeper_mm > classes.DEPTH_MM,
     )[[*SHARES]]
     parts = {scale: events[np.isclose(frame[COLUMN], scale)] for scale in SCALES}
     common = sorted(set.intersection(*(set(part.index) for part in parts.values())))
