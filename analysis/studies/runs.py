@@ -13,7 +13,7 @@ import pandas as pd
 
 from ravenjax.outcomes import verdict
 from ravenjax.report.data import facts as run_facts
-from ravenjax.report.sections.reaction import EXCURSION
+from ravenjax.report.sections.reaction import EXCURSION, Pairs
 from ravenjax.stats import latency
 from ravenjax.stats.alarms.false_alarms import alarm_rate
 from ravenjax.stats.bootstrap import units
@@ -110,6 +110,13 @@ def warning_times(runs: Runs, cue: int) -> np.ndarray:
 def changed_a_bit(runs: Runs) -> np.ndarray:
     """Return which runs have a fault that changed a bit, and a valid outcome, bool [runs]."""
     return runs["activated"] & runs["faulty"] & ~runs["failed"]
+
+
+def acting_pairs(with_: pd.DataFrame, without: pd.DataFrame) -> Pairs:
+    """Return the valid pairs of two tables of the same faults that changed a bit without it."""
+    pairs = Pairs(*(part.sort_values("pair") for part in (with_, without)))
+    failed = np.any([part["failed"] for part in pairs], axis=0)
+    return pairs.where(~failed & pairs.without["activated"].to_numpy(bool))
 
 
 def pooled(folders: Mapping[str, Path], motions: Iterable[str] = MOTIONS) -> Runs:
