@@ -12,7 +12,7 @@ from ravenjax.errors import UserError
 from ravenjax.store.files import write_aside
 from studies import claims
 from studies import findings as findings_files
-from studies.study import plain, standings, targets
+from studies.study import standings, targets
 
 
 def reproduce(name: str | None, out: Path, engine: str, keep: Path | None, as_json: bool) -> None:
@@ -34,21 +34,13 @@ def reproduce(name: str | None, out: Path, engine: str, keep: Path | None, as_js
     for study in chosen:
         folder = out / study.name
         with terminal.Watch(console.err if as_json else console.out) as watch:
-            found = findings_files.reproduce(study, out, engine, watch)
+            findings_files.reproduce(study, out, engine, watch)
         if not as_json:
-            if found.lines:
-                rows = findings_files.line_rows(found)
-                console.print_table(study.title, findings_files.BRIEF_COLUMNS, rows)
-            for state in standings(plain(found)["lines"]):
-                console.print_text(f"{state.sentence}. {targets()[state.id].definition}")
-            for answer in claims.answers(findings_files.read(folder)):
-                console.print_text(f"- {answer}")
-            console.print_text(f"findings: {folder / findings_files.PAGE}")
-            console.print_text(f"page: {folder / findings_files.HTML}")
+            _print_findings(study.title, folder)
         if keep is not None:
             findings_files.keep(folder, keep / study.name)
     for folder in filter(None, (out, keep)):
-        page = findings_files.write_credibility(folder, studies.NAMES)
+        page = findings_files.write_credibility(folder)
         if not as_json:
             console.print_text(f"credibility: {page}")
     if as_json:
@@ -56,9 +48,25 @@ def reproduce(name: str | None, out: Path, engine: str, keep: Path | None, as_js
         console.emit_json([{"folder": path} | findings_files.read(path) for path in folders])
 
 
+def _print_findings(title: str, folder: Path) -> None:
+    record = findings_files.read(folder)
+    if rows := findings_files.line_rows(record):
+        console.print_table(title, findings_files.BRIEF_COLUMNS, rows)
+    for target, sentence in standings(record["lines"]).items():
+        console.print_text(f"{sentence}. {targets()[target].definition}")
+    for claim in claims.read_claims(folder.name).claim:
+        answer, limit = (
+            claims.filled(text, claim.numbers, record)
+            for text in (claim.answer, claim.not_adequate_for)
+        )
+        console.print_text(f"- {claim.title}: {answer} Not adequate for {limit}")
+    console.print_text(f"findings: {folder / findings_files.PAGE}")
+    console.print_text(f"page: {folder / findings_files.HTML}")
+
+
 def credibility(folder: Path, out: Path | None) -> None:
     """Run `ravenjax credibility`."""
-    records = findings_files.records(folder, studies.NAMES)
+    records = findings_files.records(folder)
     if not records:
         raise UserError(
             f"{folder}: no findings of a study there; run `ravenjax reproduce NAME --out {folder}`"
@@ -74,7 +82,7 @@ def credibility(folder: Path, out: Path | None) -> None:
 
 def model_credibility(folder: Path) -> ModelCredibility:
     """Return what studies say of the simulator, with numbers from their findings in `folder`."""
-    records = findings_files.records(folder, studies.NAMES)
+    records = findings_files.records(folder)
     if not records:
         raise UserError(
             f"--credibility {folder}: no findings of a study there; a checkout has some in"
