@@ -34,8 +34,6 @@ RECORDED, CLUTCHED = "recorded", "clutched"
 """Prefixes of people's recorded hands, and of recordings in which the pedal goes up and down."""
 MOTIONS = ("suture", "reach", "peg_transfer", "palpate")
 """Variants with faults whose runs are pooled."""
-EVERY_CYCLE = "every_cycle"
-"""The variant of the first motion with a packet in each control cycle."""
 MOVED = "runs with unintended motion"
 
 
@@ -129,13 +127,6 @@ def pooled(folders: Mapping[str, Path], motions: Iterable[str] = MOTIONS) -> Run
         numbered = runs.frame.assign(cell=first["distinct"], motion=motion)
         parts.append(numbered.loc[changed_a_bit(runs)])
     return Runs(pd.concat(parts, ignore_index=True), first.made)
-
-
-def by_packets(folders: Mapping[str, Path]) -> dict[str, Runs]:
-    """Return the faulty runs of the first motion, by the length of packets in words."""
-    motion = MOTIONS[0]
-    words = {motion: motion, EVERY_CYCLE: f"{motion}, a packet each cycle"}
-    return {words[name]: pooled(folders, [name]) for name in words}
 
 
 def fault_free(path: Path) -> Runs:
