@@ -184,17 +184,16 @@ def caught(faulty: Runs, name: str, threshold: float) -> study.StudyEstimate:
     return share(spoke, faulty["unintended"], faulty.faults, MOVED)
 
 
-def layer_table(faulty: Runs, chosen: Sequence[Point]) -> study.Table:
-    """Return the share of unintended motion detected, by layer of the fault."""
+def layer_rows(faulty: Runs, chosen: Sequence[Point]) -> Iterator[tuple[str | int, ...]]:
+    """Yield the share of unintended motion detected, by layer of the fault."""
     moved = faulty.where(faulty["unintended"])
-    layers, rows = moved["layer"].astype(str), []
+    layers = moved["layer"].astype(str)
     for layer in (*LAYERS.values(), OTHER_LAYER):
         part = moved.where(layers == layer)
         if len(part.frame):
             shares = (percent(caught(part, at.name, at.threshold)) for at in chosen)
             cells = len(np.unique(part["cell"]))
-            rows.append((layer, len(part.frame), cells, kinds.count(part.faults), *shares))
-    return study.read_table(NAME, "layers", rows, chosen=" | ".join(at.words for at in chosen))
+            yield layer, len(part.frame), cells, kinds.count(part.faults), *shares
 
 
 def robot_rows(faulty: Runs, free: Runs, main: Sequence[str]) -> Iterator[tuple[str | float, ...]]:
@@ -247,23 +246,22 @@ def condition_rows(
             yield words, scale, name, *cells
 
 
-def hazard_table(faulty: Runs, main: Sequence[str]) -> study.Table:
-    """Return how areas depend on what a detector is to detect."""
+def no_hazard(faulty: Runs) -> np.ndarray:
+    """Return the runs without hazard and jump, bool [runs]."""
+    jumped = faulty["jump_tip"].astype(bool) | faulty[faulty.made.verdict_jump].astype(bool)
+    return (faulty["hazard"] == "none") & ~jumped
+
+
+def hazard_rows(faulty: Runs, main: Sequence[str]) -> Iterator[tuple[str | int, ...]]:
+    """Yield how areas depend on what a detector is to detect."""
     hazard, leapt = faulty["hazard"], faulty["jump_tip"].astype(bool)
     jumped = faulty[faulty.made.verdict_jump].astype(bool)
-    calm = (hazard == "none") & ~jumped & ~leapt
-    told = {
-        **{f"{word}, the run's hazard": hazard == word for word in HAZARDS if word != "none"},
-        "jump of the true tip": leapt,
-        "jump of the reported tip alone": jumped & ~leapt,
-    }
-    rows = []
+    told = {f"{word}, the run's hazard": hazard == word for word in HAZARDS if word != "none"}
+    told |= {"jump of the true tip": leapt, "jump of the reported tip alone": jumped & ~leapt}
     for words, hit in told.items():
-        mine = hit | calm
+        mine = hit | no_hazard(faulty)
         auc = area_estimates(faulty.where(mine), hit[mine])
-        rows.append((words, int(hit.sum()), *(plain(auc[name]) for name in main)))
-    count = wording.format_count(int(calm.sum()))
-    return study.read_table(NAME, "hazards", rows, calm=count, main=" | ".join(main))
+        yield words, int(hit.sum()), *(plain(auc[name]) for name in main)
 
 
 def at_scale(free: Runs, scale: float) -> Runs:
@@ -288,23 +286,24 @@ def compare(context: study.Context) -> study.Findings:
     quiet = [points[name] for name in main if name in points]
     others = [point(faulty, modelled, name) for name in OTHERS]
     hours = float(modelled["hours"].sum())
-    conditions = condition_rows(folders, faulty, modelled, main)
-    return study.Findings(
-        lines=tuple(_lines(faulty, hands, modelled, quiet, others)),
-        tables=(
-            layer_table(faulty, [*quiet, *others]),
-            study.read_table(NAME, "robots", robot_rows(faulty, free, main)),
-            study.read_table(NAME, "conditions", conditions, per_hour=PER_HOUR),
-            hazard_table(faulty, main),
-        ),
-        notes=study.read_notes(
-            NAME,
-            motion=events.event_meaning("unintended_motion", faulty.made.rules),
-            hours=hours,
-            recordings=len(np.unique(modelled["recording"])),
-            unseen=alarm_rate(0, hours).high,
-            per_hour=PER_HOUR,
-        ),
+    tables = {
+        "layers": layer_rows(faulty, [*quiet, *others]),
+        "robots": robot_rows(faulty, free, main),
+        "conditions": condition_rows(folders, faulty, modelled, main),
+        "hazards": hazard_rows(faulty, main),
+    }
+    return study.findings(
+        NAME,
+        _lines(faulty, hands, modelled, quiet, others),
+        tables,
+        chosen=" | ".join(at.words for at in (*quiet, *others)),
+        main=" | ".join(main),
+        calm=wording.format_count(int(no_hazard(faulty).sum())),
+        motion=events.event_meaning("unintended_motion", faulty.made.rules),
+        hours=hours,
+        recordings=len(np.unique(modelled["recording"])),
+        unseen=alarm_rate(0, hours).high,
+        per_hour=PER_HOUR,
     )
 
 

@@ -70,11 +70,7 @@ def compare(context: study.Context) -> study.Findings:
     ]
     runs = pd.concat(parts, ignore_index=True)
     absent = "" if set(runs["kind"]) - set(MOTIONS) else f" Set {recording.DATA}."
-    return study.Findings(
-        tuple(_lines(runs)),
-        (study.read_table(NAME, "motions", _rows(runs)),),
-        study.read_notes(NAME, absent=absent),
-    )
+    return study.findings(NAME, _lines(runs), {"motions": _rows(runs)}, absent=absent)
 
 
 def _lines(runs: pd.DataFrame) -> Iterator[study.Line]:

@@ -17,7 +17,7 @@ from ravenjax.vocabulary.reactions import RELEASE
 from studies import kinds, reacting_operator, study
 from studies.reacting_operator import number
 from studies.runs import acting_pairs, read
-from studies.study import percent_line, read_table
+from studies.study import percent_line
 
 NAME = "hand"
 DELAYS_MS = (155.0, 190.0, 250.0, 384.0, 725.0, 1250.0, 1500.0)
@@ -128,7 +128,7 @@ def compare(context: study.Context) -> study.Findings:
         of = f"faults that make it where nobody reacts, {kinds.count(contrasts[-1].affected)}"
         lines.append(percent_line(words, contrasts[-1].avoided, of))
     times = (study.HERE / "published" / "reaction_times.md").read_text(encoding="utf-8")
-    rows = {
+    tables = {
         "followed": followed,
         "changed": changed,
         "loop": loop_rows(),
@@ -136,8 +136,7 @@ def compare(context: study.Context) -> study.Findings:
         "times": [line.split(" | ") for line in times.splitlines() if " | " in line],
         "avoided": avoided,
     }
-    tables = tuple(read_table(NAME, key, table) for key, table in rows.items())
-    return study.Findings(tuple(lines), tables, study.read_notes(NAME))
+    return study.findings(NAME, lines, tables)
 
 
 def loop_rows() -> Iterator[tuple[str | float, ...]]:

@@ -22,6 +22,8 @@ from studies import kinds
 
 HERE = Path(__file__).parent
 Cell = str | int | float
+Tables = Mapping[str, Iterable[Sequence[Cell]]]
+"""Rows of tables by their keys in `tables/STUDY.md`."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -202,6 +204,16 @@ def read_table(study: str, key: str, rows: Iterable[Sequence[Cell]], **values: o
     if any(len(row) != len(heads) for row in cells):
         raise ValueError(f"{study}, table {key}: a row has not {len(heads)} cells")
     return Table(title, heads, cells, *note)
+
+
+def findings(
+    study: str, lines: Iterable[Line], tables: Tables, notes: Iterable[str] = (), **values: object
+) -> Findings:
+    """Return findings with the tables of `tables/STUDY.md` (rows by key), and with these notes and
+    those of `notes/STUDY.md`. `values` replace names in braces, as in `read_notes`.
+    """
+    written = tuple(read_table(study, key, rows, **values) for key, rows in tables.items())
+    return Findings(tuple(lines), written, (*notes, *read_notes(study, **values)))
 
 
 class Published:

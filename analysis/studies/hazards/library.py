@@ -15,7 +15,7 @@ from studies import study
 from studies.hazards import risk, safecomp45
 from studies.hazards.risk import PoolRisk
 from studies.hazards.safecomp45 import NOT_SIMULATED, HazardOutcome
-from studies.study import Cell, Line, Published, StudyEstimate, own_line, read_table
+from studies.study import Cell, Line, Published, StudyEstimate, own_line
 
 NAME, BASELINE, EVERY_CYCLE = "hazard_library", "library", "every_cycle"
 DOCUMENTED = ("id", "layer", "title", "source", "expected", "documented_only")
@@ -37,14 +37,10 @@ def compare(context: study.Context) -> study.Findings:
         *(risk.by_pool(counts, pool) for pool in pools),
         risk.together(counts, pools, "all", meaning),
     ]
-    return study.Findings(
-        tuple(_lines(outcomes, others)),
-        (
-            read_table(NAME, "rows", map(_row, outcomes)),
-            read_table(NAME, "documented", unrun),
-            read_table(NAME, "risk", map(_pool_row, risks)),
-        ),
-        study.read_notes(NAME),
+    return study.findings(
+        NAME,
+        _lines(outcomes, others),
+        {"rows": map(_row, outcomes), "documented": unrun, "risk": map(_pool_row, risks)},
     )
 
 

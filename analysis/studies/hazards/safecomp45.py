@@ -8,6 +8,7 @@ they are equal, agree `partly` if they have a class in common, and otherwise `di
 
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import pandas as pd
@@ -19,7 +20,7 @@ from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.store import folder
 from studies import study
 from studies.hazards import classes
-from studies.study import Line, Published, StudyEstimate, read_table
+from studies.study import Line, Published, StudyEstimate
 
 AGREE, PARTLY, DIFFER = "agree", "partly", "differ"
 NOT_SIMULATED, UNPUBLISHED = "not simulated", "no outcome published"
@@ -139,19 +140,17 @@ def compare(context: study.Context) -> study.Findings:
         for name in (BASELINE, *LENGTHS)
     ]
     missing = [f"INJ {number_of(row)} ({row.id})" for row in listed if not row.runnable]
-    notes = study.read_notes(
-        NAME, missing=", ".join(missing), first_plc=FIRST_PLC, agreed=", ".join(agreed)
-    )
-    if failed := sum(one.activated - one.valid for one in baseline):
-        notes = (*notes, f"{failed} runs gave no valid outcome and are in no count.")
-    return study.Findings(
+    failed = sum(one.activated - one.valid for one in baseline)
+    found = study.findings(
+        NAME,
         (*_agreement_lines(baseline), *_total_lines(baseline)),
-        (
-            read_table(NAME, "rows", map(_row, baseline)),
-            read_table(NAME, "verdicts", verdict_rows(outcomes)),
-        ),
-        notes,
+        {"rows": map(_row, baseline), "verdicts": verdict_rows(outcomes)},
+        missing=", ".join(missing),
+        first_plc=FIRST_PLC,
+        agreed=", ".join(agreed),
     )
+    lost = (f"{failed} runs gave no valid outcome and are in no count.",) if failed else ()
+    return replace(found, notes=found.notes + lost)
 
 
 def injections() -> dict[int, Hazard]:

@@ -19,7 +19,7 @@ from studies.dsn16 import recording
 from studies.hazards import classes
 from studies.healthy_robot import arm_errors, camera_log, tip_error
 from studies.healthy_robot.camera_log import CameraLog
-from studies.study import StudyEstimate, read_table
+from studies.study import StudyEstimate
 
 NAME, COLUMN = "healthy_robot", "param:plant.kinematic_errors.scale"
 FREE, FAULTS = "free", "faults"
@@ -93,19 +93,26 @@ def mean(values: np.ndarray) -> Estimate:
 def compare(context: study.Context) -> study.Findings:
     """Compare the recording, if there is one, with drawn robots, and headlines with errors."""
     path, pairs = recording.locate(camera_log.FILE), scaled_faults(context.folders[FAULTS])
-    lines, tables, notes = [], [], []
-    if path is None:
-        notes.append(f"Not at hand: {camera_log.FILE}. Set {recording.DATA} to its folder.")
-    else:
-        lines, tables = _report_findings(camera_log.read(path))
-    lines += _headline_lines(pairs, folder.read_all(context.folders[FREE]))
-    count = len(pairs.events[OFF])
-    tables.append(read_table(NAME, "headlines", _headline_rows(pairs), faults=count))
-    return study.Findings(tuple(lines), tuple(tables), (*notes, *study.read_notes(NAME)))
+    lines, tables, factor = [], {}, np.nan
+    notes = [f"Not at hand: {camera_log.FILE}. Set {recording.DATA} to its folder."]
+    if path is not None:
+        lines, tables, factor = _report_findings(camera_log.read(path))
+        notes = []
+    return study.findings(
+        NAME,
+        [*lines, *_headline_lines(pairs, folder.read_all(context.folders[FREE]))],
+        {**tables, "headlines": _headline_rows(pairs)},
+        notes,
+        robots=ROBOTS,
+        factor=factor,
+        faults=len(pairs.events[OFF]),
+    )
 
 
-def _report_findings(log: CameraLog) -> tuple[list[study.Line], list[study.Table]]:
-    """Return lines over the second half of a log, and tables of errors and what explains them."""
+def _report_findings(log: CameraLog) -> tuple[list[study.Line], study.Tables, float]:
+    """Return lines over the second half of a log, tables of errors and of what explains them, and
+    the factor on the distribution of errors that the log asks for.
+    """
     robots, thin = tip_error.draw(ROBOTS), log.rows(slice(None, None, EVERY))
     true = tip_error.tips_of(thin, robots)
     first, seen = tip_error.errors_of(log, log.camera)
@@ -133,11 +140,8 @@ def _report_findings(log: CameraLog) -> tuple[list[study.Line], list[study.Table
         of = "robots drawn, 10 to 90 % of them"
         predicted = StudyEstimate(middle, low, high, ROBOTS, of)
         lines.append(study.Line(f"{quantity}, second half", unit, StudyEstimate(value), predicted))
-    factor = tip_error.factor(thin, robots)
-    return lines, [
-        read_table(NAME, "report", rows, robots=ROBOTS, factor=factor),
-        read_table(NAME, "explained", _explained_rows(log)),
-    ]
+    tables = {"report": rows, "explained": _explained_rows(log)}
+    return lines, tables, tip_error.factor(thin, robots)
 
 
 def _numbers(errors: np.ndarray) -> list[float]:

@@ -20,7 +20,7 @@ from studies.network_operator.fit import LOWEST, NUMBERS, WORSE
 from studies.reacting_operator import number
 from studies.runs import Runs, acting_pairs, read
 from studies.series import Recorder, Row, Series, own_operator
-from studies.study import Cell, Line, StudyEstimate, Table, own_line, read_table
+from studies.study import Cell, Line, StudyEstimate, own_line
 
 NAME = "network_operator"
 HERE = Path(__file__).parent
@@ -99,7 +99,7 @@ def judged(every: fit.Operators, people: fit.People) -> Judged:
     return found
 
 
-def network_findings(folders: Sequence[Path], table: Path) -> tuple[list[Line], list[Table]]:
+def network_findings(folders: Sequence[Path], table: Path) -> tuple[list[Line], study.Tables]:
     """Return what the fitted operator predicts for the worse networks beside null models, and how
     well every model meets the mild networks. `folders`: of the grid; `table`: of people.
     """
@@ -130,8 +130,7 @@ def network_findings(folders: Sequence[Path], table: Path) -> tuple[list[Line], 
     operator = (
         (name, number(_estimate(numbers[:, k]))) for k, name in enumerate((*NUMBERS, "reach_mm"))
     )
-    tables = {"predictions": rows, "judged": beside, "operator": operator}
-    return lines, [read_table(NAME, key, content) for key, content in tables.items()]
+    return lines, {"predictions": rows, "judged": beside, "operator": operator}
 
 
 def _estimate(samples: np.ndarray) -> Estimate:
@@ -159,7 +158,7 @@ def cue_pairs(runs: dict[str, Runs]) -> dict[str, Pairs]:
 def compare(context: study.Context) -> study.Findings:
     """Fit and predict if the table of people is there, and compare the cues."""
     folders, table = context.folders, recording.locate(FILE)
-    lines, tables, absent = [], [], f" Set {recording.DATA}."
+    lines, tables, absent = [], {}, f" Set {recording.DATA}."
     if table is not None:
         grid = [folder for name, folder in folders.items() if name.startswith(GRID)]
         (lines, tables), absent = network_findings(grid, table), ""
@@ -173,8 +172,7 @@ def compare(context: study.Context) -> study.Findings:
             lines.append(study.percent_line(words, one.avoided, of))
             avoided = reacting_operator.avoided(one)
             rows.append((name, f"{size:g}", one.n, one.without, one.with_, avoided, one.caused))
-    tables.append(read_table(NAME, "cue", rows))
-    return study.Findings(tuple(lines), tuple(tables), study.read_notes(NAME, absent=absent))
+    return study.findings(NAME, lines, {**tables, "cue": rows}, absent=absent)
 
 
 STUDY = study.study(NAME, study.read_variants(NAME), compare)
