@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ravenjax.numbers.lazy import jax, jnp
-from studies.healthy_robot import rigid, tip_error
+from studies.healthy_robot import tip_error
 from studies.healthy_robot.camera_log import CameraLog, halves
 from studies.healthy_robot.tip_error import PATHS, SPREAD
 
@@ -42,7 +42,7 @@ def fit(log: CameraLog, parts: Collection[str]) -> ArmFit:
         for _ in range(ITERATIONS):
             slope = np.asarray(_slope(x, first.joints, first.rotation))[..., free]
             left = first.camera - np.asarray(_predicted(x, first.joints, first.rotation))
-            weight = rigid.huber(np.linalg.norm(left, axis=1)) * readings / NOISE_M**2
+            weight = tip_error.huber(np.linalg.norm(left, axis=1)) * readings / NOISE_M**2
             prior = np.diag(spread[free] ** -2.0)
             normal = np.einsum("nak,n,nal->kl", slope, weight, slope) + prior
             pull = np.einsum("nak,n,na->k", slope, weight, left) - x[free] / spread[free] ** 2

@@ -9,8 +9,8 @@ import pytest
 import result_rows
 
 from ravenjax.hazards import library
-from studies.hazards import risk
-from studies.hazards.risk import Pool
+from studies.hazards import library as risk
+from studies.hazards.library import Pool
 
 JUMPS = {"jump_tip": True}
 TOLD = {"response": "stopped"}
