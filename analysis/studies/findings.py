@@ -14,7 +14,7 @@ from ravenjax.campaign import loading, runner
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.progress import OnProgress, Status
 from ravenjax.document import html
-from ravenjax.errors import StoreError
+from ravenjax.errors import StoreError, UserError
 from ravenjax.report import wording
 from ravenjax.store import manifest
 from ravenjax.store.files import parse_json, require_writable, write_aside
@@ -145,8 +145,16 @@ def read(folder: Path) -> dict[str, Any]:
 
 
 def records(folder: Path) -> dict[str, dict[str, Any]]:
-    """Return the records of all studies in a folder, in their order. Raises StoreError."""
-    return {name: read(folder / name) for name in NAMES if (folder / name / JSON).is_file()}
+    """Return the records of all studies in a folder, in their order. Raises StoreError, and
+    UserError if there are none.
+    """
+    found = {name: read(folder / name) for name in NAMES if (folder / name / JSON).is_file()}
+    if not found:
+        raise UserError(
+            f"{folder}: no findings of a study there; a checkout has some in results/reference,"
+            f" `ravenjax reproduce NAME --out {folder}` makes them"
+        )
+    return found
 
 
 def write_credibility(folder: Path) -> Path:

@@ -72,11 +72,15 @@ def read(path: Path) -> Runs:
     (-capable), `stopped` (by a check), `unwarned` (an unintended motion without an earlier cue).
     """
     frame, made = folder.read_all(path), manifest.read_manifest(path)
-    facts = facts_of(frame, made)
-    excursion = frame[["unintended_mm", "unintended_off_mm"]].max(axis=1)
+    with query.open_empty() as table:
+        run_facts.register_table(table, frame)
+        run_facts.define_facts(table, run_facts.recorded_choices(made))
+        facts = table.frame("SELECT * EXCLUDE row FROM facts ORDER BY row").set_axis(frame.index)
+    words = ("response", "hazard", "outcome", "site", "layer", "block")
+    facts = facts.astype({name: "str" for name in words if name in facts} | {"group": "category"})
     warned = (facts["warned_ms"] >= 0) & (facts["warned_ms"] < facts["unintended_ms"])
     events = {
-        EXCURSION: excursion,
+        EXCURSION: frame[["unintended_mm", "unintended_off_mm"]].max(axis=1),
         "injury": classes.injury_capable(frame),
         "stopped": facts["response"] == "stopped",
         "unwarned": facts["unintended"] & ~warned,
@@ -84,19 +88,6 @@ def read(path: Path) -> Runs:
     plain = frame.drop(columns=frame.columns.intersection(facts.columns))
     # A copy is in one piece, so that columns can be added.
     return Runs(pd.concat([plain, pd.DataFrame(events), facts], axis=1).copy(), made)
-
-
-def facts_of(frame: pd.DataFrame, made: Manifest) -> pd.DataFrame:
-    """Return the facts of a result table, and run_id, one row per run."""
-    with query.open_empty() as table:
-        run_facts.register_table(table, frame)
-        run_facts.define_facts(table, run_facts.recorded_choices(made))
-        facts = table.frame("SELECT * EXCLUDE row FROM facts ORDER BY row")
-    words = ("response", "hazard", "outcome", "site", "layer", "block")
-    facts = facts.astype({name: "str" for name in words if name in facts})
-    facts.index = frame.index
-    facts["group"] = facts["group"].astype("category")
-    return facts.assign(run_id=frame["run_id"])
 
 
 def warning_times(runs: Runs, cue: int) -> np.ndarray:
