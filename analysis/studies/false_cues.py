@@ -52,11 +52,11 @@ def rate(runs: pd.DataFrame, mm: float) -> StudyEstimate:
     """Return cues an hour: over recordings, or exact Poisson for a count of 0 or few recordings."""
     counts, hours = runs[f"cues of {mm:g} mm"], runs["hours"].to_numpy()
     exact, among = alarm_rate(int(counts.sum()), float(hours.sum())), group_units(runs["recording"])
-    ends = exact.low, exact.high
+    low, high = exact.low, exact.high
     if exact.count and among.count >= MIN_UNITS:
-        ends = ratio_band(counts, hours, among)[1:]
+        _, low, high = ratio_band(counts, hours, among)
     of = f"cues in {hours.sum():.2f} h of {among.count} recordings"
-    return StudyEstimate(exact.per_hour, *map(float, ends), exact.count, of)
+    return StudyEstimate(exact.per_hour, float(low), float(high), exact.count, of)
 
 
 def compare(context: study.Context) -> study.Findings:

@@ -77,15 +77,19 @@ def effect(pairs: Pairs) -> HandEffect:
         return units.ratio_band(above, below, among)
 
     return HandEffect(
-        len(with_),
-        len(hand_mm),
-        among,
-        *map(ratio, (hand_mm, model, golden)),
-        *(ratio(np.abs(change), SCALE * hand_mm) for change in (model, golden)),
-        *map(ratio, (cue_ms, pulses)),
-        ratio(path, off[-1]),
-        (int(without.sum()), int(with_.sum())),
-        kinds.difference(with_, without, kinds.of(pairs.without["group"])),
+        pairs=len(with_),
+        pulled=len(hand_mm),
+        kinds=among,
+        hand=ratio(hand_mm),
+        model=ratio(model),
+        golden=ratio(golden),
+        model_share=ratio(np.abs(model), SCALE * hand_mm),
+        golden_share=ratio(np.abs(golden), SCALE * hand_mm),
+        cue_ms=ratio(cue_ms),
+        pulses=ratio(pulses),
+        path=ratio(path, off[-1]),
+        unintended=(int(without.sum()), int(with_.sum())),
+        difference=kinds.difference(with_, without, kinds.of(pairs.without["group"])),
     )
 
 

@@ -10,6 +10,7 @@ as independent, so the intervals are too wide rather than too narrow.
 
 import math
 from collections.abc import Iterable, Mapping
+from functools import reduce
 from pathlib import Path
 from typing import NamedTuple
 
@@ -116,7 +117,8 @@ def operators(runs: pd.DataFrame) -> Operators:
     for condition, mine in runs.sort_values([*NUMBERS]).groupby("condition"):
         weighted = mine[[*SIMULATED, "done"]].to_numpy(float) * mine[["weight"]].to_numpy(float)
         # Of each operator: the runs of all lengths of losses, and of all motions
-        total = sum(np.moveaxis(weighted.reshape(*map(len, values), -1, weighted.shape[1]), -2, 0))
+        runs_of_each = weighted.reshape(*map(len, values), -1, weighted.shape[1])
+        total = reduce(np.add, np.moveaxis(runs_of_each, -2, 0))
         # An operator who makes no progress needs very long, not infinitely
         done = np.maximum(total[..., -1], 1e-3 * total[..., 0])
         grid = total[..., :-1] / done[..., None]
