@@ -5,8 +5,8 @@ a compiled module is being imported, the import fails. About one signal in 100 t
 these errors in a campaign.
 
 Therefore a signal is delayed. Its exception is raised when the main thread waits for other threads
-or begins a new step. Code that does not return for a long time, such as a compiler that runs for
-minutes, ends with the process.
+or begins a new step. If neither happens within `GRACE_S`, for example because a compiler runs for
+minutes, the process ends.
 """
 
 import concurrent.futures

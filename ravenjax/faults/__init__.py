@@ -109,7 +109,7 @@ class Fault:
                     f"a fault with {words} {'needs' if is_needed else 'takes no'} {name}"
                 )
         if is_random and self.every is not None:
-            raise UserError("a fault has a probability or every, not both")
+            raise UserError("a fault takes 'probability' or 'every', not both: remove one of them")
 
 
 call_when_jax_loads(

@@ -53,11 +53,11 @@ class Operator(Section):
         keys = self.model_dump(exclude_defaults=True).keys() - {"motion"}
         follows_path = self.motion == "tip"
         if not (keys in ({"tip"}, {"file"}) if follows_path else keys.isdisjoint({"tip", "file"})):
-            raise ValueError("motion 'tip' takes tip or file alone, and 'sines' takes the others")
+            raise ValueError("motion 'tip' takes only tip or file, 'sines' seed, amplitude and hz")
         # A quaternion of zeros is no orientation.
         sizes = {len(row) if any(row[4:]) or len(row) == 4 else 0 for row in self.tip}
         if sizes not in (set(), {4}, {8}):
-            raise ValueError("expected places of 4 numbers each, or of 8 with a quaternion")
+            raise ValueError("tip: expected rows of [s, x, y, z] or [s, x, y, z, qw, qx, qy, qz]")
         return self
 
 

@@ -12,8 +12,8 @@ plain sample with the effective number of runs (`stratified_rate`), at 1 - (1 - 
 This interval is approximate.
 
 Runs count as independent draws. A table that is itself the population, such as a shuffled grid, is
-drawn without replacement. Its intervals are therefore wider than necessary. `analysis/stopping`
-simulates both.
+drawn without replacement, so its intervals are wider than necessary. `analysis/stopping` simulates
+the approximate interval and the shuffled grid.
 """
 
 import dataclasses

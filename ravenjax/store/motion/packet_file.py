@@ -137,7 +137,7 @@ def _read_capture(path: Path) -> RawPackets:
         there = ", ".join(f"{count} to port {port}" for port, count in ports.most_common(4))
         raise UserError(
             f"{path}: expected a console's packets, UDP datagrams of {FIELDS.size} bytes or more to"
-            f" port {UDP_PORT} or to one other port; got {there or 'none'}"
+            f" port {UDP_PORT}, or all to a single other port; got {there or 'none'}"
         )
     port = UDP_PORT if UDP_PORT in ports else next(iter(ports))
     to_port = [datagram for datagram in datagrams if datagram.port == port]

@@ -318,7 +318,8 @@ def _with_panel(client: str, head_tags: str, panel: str) -> str:
     for part in (_FIRST_TAG, head_tags, panel):
         if part not in text:
             raise RuntimeError(
-                f"viser {viser.__version__}: the page of its client lacks {part[:60]!r}"
+                f"viser {viser.__version__} is not supported: its page has no {part[:60]!r}."
+                " Install the version in requirements.lock"
             )
     return text
 
