@@ -135,7 +135,7 @@ class State:
 def init(signal: Any, fault: Fault) -> State:
     """Return the state before the first tick. Only the shape and type of `signal` are used.
 
-    With effect delay, `fault.value` must not be traced, because it is the length of the history.
+    If the effect is "delay", JAX must not trace `fault.value`: it is the length of the history.
     """
     with run_eagerly(signal) as signal:
         longest_delay = 0
@@ -146,7 +146,7 @@ def init(signal: Any, fault: Fault) -> State:
 
 
 def reset(state: State, done: Any) -> State:
-    """Return the state with the environments that are `done` (bool) as before their first tick."""
+    """Reset the environments that are `done` (bool) to the state before their first tick."""
     # This array has the shape and the library of the signal, and the type of computations.
     like_signal = state.slot.latched
     shape = like_signal.shape
