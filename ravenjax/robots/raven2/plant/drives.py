@@ -29,8 +29,8 @@ gamma`. The torque on the motor is `-reaction_scale * lambda`, and on the joints
 **Friction.** A force with `sign(velocity)` alternates at rest, and a smoothed sign lets the joint
 creep. Instead, the force `drive = inertia_rate * v + forces` is computed, which would act in a step
 without friction. Here `inertia_rate` is the inertia divided by the step, plus all other implicit
-damping. If `level`, the force of dry friction, is greater than |drive|, the joint must stop: its
-damping becomes so large that the velocity ends at zero within `CREEP`. Otherwise the joint slides
+damping. If `level`, the force of dry friction, is greater than |drive|, the joint must stop. Its
+damping is then so large that the velocity ends at zero within `CREEP`. Otherwise the joint slides
 with the predicted velocity v1 = (|drive| - level) / inertia_rate, and its damping is level / v1.
 
 **Brakes** act on motors 1-3 only (RE40); tool motors run free without power. A brake engages and
