@@ -1,7 +1,7 @@
 """Section "Robots": the rate that a further robot may have, if robots are drawn from a file.
 
 All parameters of a robot are drawn together. The interval is a prediction interval for the rate of
-a robot that was not drawn. Robots differ, so more faults per robot make it little narrower.
+a robot that was not drawn. More faults per robot narrow it little, because robots differ.
 """
 
 from collections.abc import Mapping
