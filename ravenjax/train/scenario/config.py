@@ -264,8 +264,7 @@ class Entry(Section):
         # Refuses keys that exclude each other, and a fault window of unknown time.
         if bool(self.hazards) == bool(self.fault):
             raise ValueError(
-                'expected either hazards = ["B27"], a list of ids and layers of the hazard library,'
-                " or a table [[hazard.fault]]"
+                'expected either hazards = ["B27"] (ids, layers), or a table [[hazard.fault]]'
             )
         if any(fault.start_ms.phases for fault in self.fault):
             raise ValueError(

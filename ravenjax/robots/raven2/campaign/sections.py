@@ -452,8 +452,7 @@ class OwnStages(Section):
             )
         if strays := [stage for stage in self.sha256 if stage not in dict(self.files())]:
             raise ValueError(
-                f"sha256 has the key {strays[0]!r}, but [controller] names no file {strays[0]}:"
-                " remove the key"
+                f"sha256 has the key {strays[0]!r}, for which [controller] has no file: remove it"
             )
         return self
 
