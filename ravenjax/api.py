@@ -65,8 +65,7 @@ def simulate(campaign: AnyCampaign, run: str | int = 0, engine: str = "auto") ->
 
     The dataset has one variable per quantity, with attrs units and long_name. Coordinates are time
     (s), arm, joint, axis, fault and cue: `simulate(c, 42)["tip"].sel(arm="gold", axis="z")`. Its
-    attrs contain the run's index, id and outcomes. run: index, run id, or its first letters. Raise
-    UserError.
+    attrs: index, id and outcomes. run: index, run id, or its first letters. Raise UserError.
     """
     config = _config(campaign)
     replay = Replayer(config, engine).replay(run)
@@ -180,8 +179,7 @@ def check_monitor(
     level: float = 0.05,
     seed: int = 0,
 ) -> pd.DataFrame:
-    """Test whether the scores of new fault-free operations have the distribution of a monitor's
-    calibration.
+    """Test whether scores of new fault-free operations have a monitor's calibrated distribution.
 
     The table has one row per score, the joint score first. Columns: score; place, median rank among
     the calibration's scores (0 to 1); p; adjusted, p adjusted for all scores together; martingale,

@@ -159,26 +159,28 @@ class Model:
 
         # Each `vmap` adds a leading axis to every array. Its length is 1 if the array is constant.
         def compute(inputs: Any, golden: Any) -> Any:
-            # Computes a batch of any shape on the kernel, whose lanes are one-dimensional.
+            # Computes a batch of any shape on the kernel, whose lanes are one-dimensional. inputs:
+            # parameters and faults. golden: [.., ticks, numbers].
             inputs, golden = jax.tree.map(np.asarray, (inputs, golden))
             shape = np.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(inputs)))
             if golden is not None:
                 shape = np.broadcast_shapes(shape, golden.shape[:-2])
-                number = np.arange(golden[..., 0, 0].size).reshape(golden.shape[:-2])
-                number = np.broadcast_to(number, shape).ravel()
+                # The golden run of each run, as an index in `golden` [ticks, numbers, golden runs].
+                golden_index = np.arange(golden[..., 0, 0].size).reshape(golden.shape[:-2])
+                golden_index = np.broadcast_to(golden_index, shape).ravel()
                 golden = np.moveaxis(golden.reshape(-1, *series.shape), 0, -1)
             inputs = jax.tree.map(lambda leaf: np.broadcast_to(leaf, shape).ravel(), inputs)
             runs = math.prod(shape)
 
-            def run(first: int) -> BlockResult:
-                # Computes the runs of one block, which begins at run `first`.
+            def run_block(first: int) -> BlockResult:
+                # Computes a block of runs from run `first`. Surplus lanes repeat the last run.
                 rows = min(kernel.lanes, runs - first)
-                lanes = first + np.minimum(np.arange(kernel.size(rows)), rows - 1)
-                params, faults = jax.tree.map(lambda leaf: leaf[lanes], inputs)
-                own = None if golden is None else number[lanes]
-                return kernel.run(Block(params, faults, golden, own, rows=rows), motion)
+                run_of_lane = first + np.minimum(np.arange(kernel.size(rows)), rows - 1)
+                params, faults = jax.tree.map(lambda leaf: leaf[run_of_lane], inputs)
+                golden_of_lane = None if golden is None else golden_index[run_of_lane]
+                return kernel.run(Block(params, faults, golden, golden_of_lane, rows=rows), motion)
 
-            parts = map_in_threads(run, range(0, runs, kernel.lanes))
+            parts = map_in_threads(run_block, range(0, runs, kernel.lanes))
             outcomes = {
                 name: np.concatenate([part.outcomes[name] for part in parts])[:runs].reshape(shape)
                 for name in shapes

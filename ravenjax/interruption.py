@@ -145,7 +145,8 @@ def limit_shutdown_time(message: str, grace_s: float = GRACE_S) -> Iterator[None
 
 
 def _enforce_exit(receiver: socket.socket, message: str, grace_s: float):
-    # Ends the process if the block of `limit_shutdown_time` runs for grace_s after a signal.
+    # Ends the process if the block of `limit_shutdown_time` runs for grace_s after a signal. The
+    # receiver gets a byte with the number of each signal of the process.
     with receiver:
         while received := receiver.recv(1):
             if received[0] in SIGNALS and not _closed_within(receiver, grace_s):

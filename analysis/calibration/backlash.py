@@ -131,19 +131,14 @@ def rows(name: str, logged: LoggedRobot, period_ms: float) -> list[tuple[str, ..
 def main() -> None:
     """Print the results of both recorded arms."""
     lines: list[tuple[str, ...]] = []
-    for name, file, read, period_ms in (
-        ("the authors' arm", mechanics.THREE_JOINTS, mechanics.three_joints, 1.0),
-        (
-            "the arm of 2018",
-            mechanics.SEVEN_JOINTS,
-            mechanics.seven_joints,
-            mechanics.SEVEN_PERIOD_MS,
-        ),
+    for name, file, period_ms in (
+        ("the authors' arm", mechanics.THREE_JOINTS, 1.0),
+        ("the arm of 2018", mechanics.SEVEN_JOINTS, mechanics.SEVEN_PERIOD_MS),
     ):
         path = recording.locate(file)
         if path is None:
             raise FileNotFoundError(f"{file}: set {recording.DATA} to its folder")
-        lines += rows(name, read(path), period_ms)
+        lines += rows(name, mechanics.logged(file, path), period_ms)
     columns = (
         "arm",
         "joint",

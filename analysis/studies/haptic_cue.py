@@ -6,8 +6,8 @@ golden run by that time. The cost of a threshold is weight x (share of hazards m
 per hour. The weight is unknown, so it is swept.
 """
 
-from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from ravenjax.stats.bootstrap.units import Units, group_units
 from studies import runs, study
 from studies.cells import hourly, percent, plain, quartiles
 from studies.runs import AS_MODELLED, MOVED, SCALE, UNCERTAIN, Runs, of_robot, share, unclutched
-from studies.study import Cell, StudyEstimate, read_table
+from studies.study import Cell, read_table
 
 NAME = "haptic_cue"
 RESAMPLES = 2000
@@ -42,6 +42,7 @@ SLOW = 0.1
 """Largest scale of motion that is called slow."""
 EARLY_MM = 1.0
 """A threshold below the limit of the unintended motion, which is compared for any choice."""
+Rows = Iterator[tuple[Cell, ...]]
 
 
 class Choice(NamedTuple):
@@ -100,14 +101,6 @@ def _by(among: Units, values: np.ndarray) -> np.ndarray:
     return total
 
 
-def default_sets(faulty: Runs) -> list[int]:
-    """Return the numbers of the sets with the published gains, by rising threshold."""
-    cues = faulty.made.cues
-    gains = [(cue.kp_per_mm, cue.kd_s_per_mm) for cue in cues]
-    alike = [k for k, gain in enumerate(gains) if gain == gains[faulty.made.verdict_cue]]
-    return sorted(alike, key=lambda k: cues[k].threshold_mm)
-
-
 def first_ms(faulty: Runs, k: int) -> np.ndarray:
     """Return when set number k was felt because of the fault, ms [runs]; -1: never."""
     times = runs.warning_times(faulty, k)
@@ -131,71 +124,61 @@ def choices(
     return choose(lost, hazards.faults, false, free["hours"], free["recording"])
 
 
-class CueResult(NamedTuple):
-    """One haptic set. Rates are fractions, times ms."""
-
-    missed: StudyEstimate  # of runs with unintended motion: never felt
-    before: StudyEstimate  # of these: felt before it began
-    others: StudyEstimate  # of the other faulty runs: felt
-    delay_ms: StudyEstimate  # median, from the fault's first effect
-    lead_ms: StudyEstimate  # median, before the unintended motion
-    force: str  # median and quartiles of the largest force, where felt
-    at_cap: StudyEstimate  # of the unintended motions that are felt: those at the cap
-    felt_ms: str  # median and quartiles of the time with force, where felt
-
-
-def felt(faulty: Runs, k: int) -> CueResult:
-    """Return what set number k announces of faults that cause an unintended motion."""
+def felt(faulty: Runs, k: int) -> dict[str, Any]:
+    """Return what set number k announces of faults that cause an unintended motion: rates as
+    fractions, medians in ms, and words for what has quartiles.
+    """
     moved, first = faulty["unintended"], first_ms(faulty, k)
     came = first >= 0
     once, mine = faulty.where(moved).once(), faulty.where(moved & came)
     cap, force = faulty.made.cues[k].cap, mine[f"cue{k}_peak_force"].astype(float)
     at_cap = force >= AT_CAP * (np.inf if cap is None else cap)
+    # From the fault's first effect, and before the unintended motion
     delay, lead = runs.median_times(once, first_ms(once, k))
-    before = share(came & (first < faulty["unintended_ms"]), moved, faulty.faults, MOVED)
-    return CueResult(
-        share(~came, moved, faulty.faults, MOVED),
-        before,
-        share(came, ~moved, faulty.faults, "other faulty runs"),
-        delay,
-        lead,
-        quartiles(force),
-        share(at_cap, np.ones(len(at_cap), bool), mine.faults, "felt runs"),
-        quartiles(mine[f"cue{k}_ms"]),
-    )
+    early = came & (first < faulty["unintended_ms"])
+    return {
+        # Of runs with unintended motion: never felt, and felt before it began
+        "missed": share(~came, moved, faulty.faults, MOVED),
+        "before": share(early, moved, faulty.faults, MOVED),
+        "others": share(came, ~moved, faulty.faults, "other faulty runs"),
+        "delay_ms": delay,
+        "lead_ms": lead,
+        # Of unintended motions that are felt: largest force, those at the cap, time with force
+        "force": quartiles(force),
+        "at_cap": share(at_cap, np.ones(len(at_cap), bool), mine.faults, "felt runs"),
+        "felt_ms": quartiles(mine[f"cue{k}_ms"]),
+    }
 
 
-def false_cues(free: Runs, k: int) -> StudyEstimate:
-    """Return false cues per hour of set k."""
-    return runs.per_hour(free, free[f"cue{k}_count"], "cues")
-
-
-def false_time(free: Runs, k: int) -> str:
-    """Return the share of fault-free motion in which set k pulls."""
-    hours, pulled = free["hours"], free[f"cue{k}_ms"] / 3.6e6
-    band = units.ratio_band(pulled, hours, group_units(free["recording"]))
+def false_cues(free: Runs, k: int) -> dict[str, Any]:
+    """Return false cues per hour of set k, with the robot as modelled and with uncertain robots,
+    and words for the share of motion of the robot as modelled in which it pulls.
+    """
+    modelled, uncertain = of_robot(free, AS_MODELLED), of_robot(free, UNCERTAIN)
+    hours, pulled = modelled["hours"], modelled[f"cue{k}_ms"] / 3.6e6
+    band = units.ratio_band(pulled, hours, group_units(modelled["recording"]))
     shares = pulled.sum() / hours.sum(), band.low, band.high
     value, low, high = map(wording.format_percent, shares)
     ends = f" ({low} to {high})" if pulled.any() and not np.isnan(band.low) else ""
-    return f"{value}{ends} of {hours.sum():.1f} h"
+    return {
+        "false": runs.per_hour(modelled, modelled[f"cue{k}_count"], "cues"),
+        "false_time": f"{value}{ends} of {hours.sum():.1f} h",
+        "false_uncertain": runs.per_hour(uncertain, uncertain[f"cue{k}_count"], "cues"),
+    }
 
 
-Rows = Iterator[tuple[Cell, ...]]
-
-
-def threshold_rows(faulty: Runs, free: Runs, sets: Sequence[int]) -> Rows:
-    """Yield what each threshold does, with the published gains."""
-    modelled, uncertain = of_robot(free, AS_MODELLED), of_robot(free, UNCERTAIN)
-    for k in sets:
-        found = felt(faulty, k)
-        yield (
-            faulty.made.cues[k].threshold_mm,
-            *map(percent, (found.missed, found.before, found.others)),
-            *map(plain, (found.delay_ms, found.lead_ms)),
-            *(found.force, percent(found.at_cap), found.felt_ms),
-            *(hourly(false_cues(modelled, k)), false_time(modelled, k)),
-            hourly(false_cues(uncertain, k)),
-        )
+FORMS = {
+    **dict.fromkeys(("missed", "before", "others", "at_cap"), percent),
+    **dict.fromkeys(("delay_ms", "lead_ms"), plain),
+    **dict.fromkeys(("false", "false_uncertain"), hourly),
+}
+"""How the numbers of `felt` and `false_cues` are written."""
+BY_GAIN = ("missed", "delay_ms", "force", "at_cap", "felt_ms", "false")
+BY_THRESHOLD = (
+    *("missed", "before", "others", "delay_ms", "lead_ms"),
+    *(*BY_GAIN[2:], "false_time", "false_uncertain"),
+)
+"""Numbers in the tables of thresholds and gains."""
 
 
 def choice_rows(thresholds: Sequence[float], published: int, chosen: Sequence[Choice]) -> Rows:
@@ -237,47 +220,44 @@ def rule_rows(faulty: Runs, free: Runs, sets: Sequence[int]) -> Rows:
         yield hazard, miss, motion, percent(lost), *names
 
 
-def gain_rows(faulty: Runs, modelled: Runs, numbers: Sequence[int]) -> Rows:
-    """Yield what the gains change at some sets' thresholds."""
-    cues = faulty.made.cues
-    for mm in dict.fromkeys(cues[k].threshold_mm for k in numbers):
-        for k in (k for k, cue in enumerate(cues) if cue.threshold_mm == mm):
-            found = felt(faulty, k)
-            damper = np.format_float_positional(cues[k].kd_s_per_mm, trim="-")
-            yield (
-                *(mm, cues[k].kp_per_mm, damper, percent(found.missed), plain(found.delay_ms)),
-                *(found.force, percent(found.at_cap), found.felt_ms),
-                hourly(false_cues(modelled, k)),
-            )
-
-
 def compare(context: study.Context) -> study.Findings:
     """Compare all sets over the same runs."""
-    folders = context.folders
-    faulty = runs.pooled(folders)
-    recordings = [name for name in folders if name.startswith("free_")]
-    free = runs.joined([runs.fault_free(folders[name]) for name in recordings])
+    faulty = runs.pooled(context.folders)
+    recordings = {name: path for name, path in context.folders.items() if name.startswith("free_")}
+    free = runs.joined([*map(runs.fault_free, recordings.values())])
     modelled, published = of_robot(free, AS_MODELLED), faulty.made.verdict_cue
-    sets = default_sets(faulty)
-    thresholds = [faulty.made.cues[k].threshold_mm for k in sets]
-    chosen, place = choices(faulty, modelled, sets), sets.index(published)
-    early = [k for k, mm in zip(sets, thresholds, strict=True) if mm == EARLY_MM]
+    thresholds = [cue.threshold_mm for cue in faulty.made.cues]
+    gains = [(cue.kp_per_mm, cue.kd_s_per_mm) for cue in faulty.made.cues]
+    # The sets with the published gains, by rising threshold
+    rising = sorted(range(len(gains)), key=thresholds.__getitem__)
+    sets = [k for k in rising if gains[k] == gains[published]]
+    chosen = choices(faulty, modelled, sets)
+    early = [k for k in sets if thresholds[k] == EARLY_MM]
     winners = [sets[winner] for winner in sorted({at.winner for at in chosen})]
-    compared, mm = list(dict.fromkeys([published, *early, *winners])), thresholds[place]
-    lines = (
-        *runs.design_lines(faulty, modelled),
-        *(line for k in compared for line in _cue_lines(faulty, modelled, k)),
-    )
-    choice, rules = choice_rows(thresholds, place, chosen), rule_rows(faulty, free, sets)
+    compared = list(dict.fromkeys([published, *early, *winners]))
+    # Every set with one of the first two thresholds of these
+    tried = dict.fromkeys(thresholds[k] for k in compared[:2])
+    others = [k for mm in tried for k in range(len(gains)) if thresholds[k] == mm]
+    found = {k: felt(faulty, k) | false_cues(free, k) for k in {*sets, *others}}
+    cells = {
+        k: {name: FORMS.get(name, str)(value) for name, value in numbers.items()}
+        for k, numbers in found.items()
+    }
+    written = [(kp, np.format_float_positional(kd, trim="-")) for kp, kd in gains]
+    tables = {
+        "thresholds": ((thresholds[k], *map(cells[k].get, BY_THRESHOLD)) for k in sets),
+        "choice": choice_rows([thresholds[k] for k in sets], sets.index(published), chosen),
+        "rules": rule_rows(faulty, free, sets),
+        "gains": ((thresholds[k], *written[k], *map(cells[k].get, BY_GAIN)) for k in others),
+    }
+    words = {"mm": thresholds[published], "sure": 100 * SURE, "limit_mm": LIMIT_MM}
     return study.Findings(
-        lines=lines,
-        tables=(
-            read_table(NAME, "thresholds", threshold_rows(faulty, free, sets)),
-            read_table(NAME, "choice", choice, mm=mm, sure=100 * SURE),
-            read_table(NAME, "rules", rules, mm=mm, limit_mm=LIMIT_MM),
-            read_table(NAME, "gains", gain_rows(faulty, modelled, compared[:2])),
+        (
+            *runs.design_lines(faulty, modelled),
+            *(line for k in compared for line in _lines(thresholds[k], k == published, found[k])),
         ),
-        notes=study.read_notes(
+        tuple(read_table(NAME, key, rows, **words) for key, rows in tables.items()),
+        study.read_notes(
             NAME,
             motion=events.event_meaning("unintended_motion", faulty.made.rules),
             hours=modelled["hours"].sum(),
@@ -286,13 +266,13 @@ def compare(context: study.Context) -> study.Findings:
     )
 
 
-def _cue_lines(faulty: Runs, modelled: Runs, k: int) -> Iterator[study.Line]:
-    published = " (published)" if k == faulty.made.verdict_cue else ""
-    words, found = f"{faulty.made.cues[k].threshold_mm:g} mm{published}", felt(faulty, k)
-    yield study.percent_line(f"{words}: unintended motion missed", found.missed)
-    yield study.percent_line(f"{words}: unintended motion felt before it began", found.before)
-    yield study.own_line(f"{words}: median lead over the motion", "ms", found.lead_ms)
-    yield study.own_line(f"{words}: false cues", "1/h", false_cues(modelled, k))
+def _lines(mm: float, published: bool, found: Mapping[str, Any]) -> Iterator[study.Line]:
+    """Yield the lines of the haptic set with the threshold `mm`."""
+    words = f"{mm:g} mm (published): " if published else f"{mm:g} mm: "
+    yield study.percent_line(f"{words}unintended motion missed", found["missed"])
+    yield study.percent_line(f"{words}unintended motion felt before it began", found["before"])
+    yield study.own_line(f"{words}median lead over the motion", "ms", found["lead_ms"])
+    yield study.own_line(f"{words}false cues", "1/h", found["false"])
 
 
 STUDY = study.study(NAME, study.read_variants(NAME), compare)

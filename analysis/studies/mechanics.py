@@ -43,27 +43,21 @@ WRIST = (
 )
 BAND = (0.75, 1.25)
 """Band of agreement: a following error within a quarter of the recorded one."""
-FITTED, FITTED_KINDS = (
-    {THREE_JOINTS: (0, 1, 2), SEVEN_JOINTS: (3, 4, 5, 6)},
-    ("friction", "offsets"),
-)
-"""Joints whose friction and offsets the first half of each recording gives."""
-ARMS = {THREE_JOINTS: "the authors' arm", SEVEN_JOINTS: "the arm of 2018"}
+ARMS, MODELS = study.read_toml(f"published/{NAME}.toml").values()
+"""Recorded arms by the file of the recording, and models of the torque of a motor."""
+COMPARED = tuple(MODELS)[2:5]
+"""Models without the load, with the authors' load, and with the load of statics."""
 
 
-def three_joints(path: Path) -> LoggedRobot:
-    """Return the log of the authors' arm in teleoperation, 21 s at 1 kHz."""
-    return _logged(path, position_loop.FORK2015, 1.0)
-
-
-def seven_joints(path: Path) -> LoggedRobot:
-    """Return the log of another arm, driven along circles with today's gains, 40 s."""
-    return _logged(path, position_loop.RAVEN2, SEVEN_PERIOD_MS)
-
-
-def _logged(path: Path, controller: position_loop.Controller, period_ms: float) -> LoggedRobot:
-    tool, software = LOG_SETUP.tools[0], LOG_SETUP.software
-    log = joint_log.read_joint_log(path, "gold", tool, software, controller, period_ms=period_ms)
+def logged(name: str, path: Path) -> LoggedRobot:
+    """Return a log: of the authors' arm in teleoperation, 21 s at 1 kHz, or of another arm, driven
+    along circles with today's gains, 40 s.
+    """
+    authors = name == THREE_JOINTS
+    controller = position_loop.FORK2015 if authors else position_loop.RAVEN2
+    kind = "gold", LOG_SETUP.tools[0], LOG_SETUP.software, controller
+    period_ms = 1.0 if authors else SEVEN_PERIOD_MS
+    log = joint_log.read_joint_log(path, *kind, period_ms=period_ms)
     return LoggedRobot(log, LOG_SETUP, "gold", controller)
 
 
@@ -72,17 +66,6 @@ def _logged(path: Path, controller: position_loop.Controller, period_ms: float) 
 WINDOW_MS, ORDER, MOVING_RAD_S = 41, 3, 1.0  # of the Savitzky-Golay filter; slowest rows
 STRETCHES = 20
 """Pieces of the recording, about a second each, that the bootstrap resamples."""
-MODELS: dict[str, tuple[tuple[int, ...], float]] = {
-    "null: the first half's mean torque": ((4,), 0.0),
-    "null: bare rotor, viscous friction": ((0, 2), 0.0),
-    "rotor with dry friction and offset": ((0, 2, 3, 4), 0.0),
-    "the same and the load, once (authors)": ((0, 2, 3, 4), 1.0),
-    "the same and the load, 12.25 times (statics)": ((0, 2, 3, 4), transmission.GP42),
-    "the same and the load, fitted": ((0, 1, 2, 3, 4), 0.0),
-}
-"""Columns that are fitted, and the factor of the load that is taken as given."""
-COMPARED = tuple(MODELS)[2:5]
-"""Models without the load, with the authors' load, and with the load of statics."""
 
 
 class LoadShare(NamedTuple):
@@ -104,29 +87,40 @@ class _Joint(NamedTuple):
 
 def of_recording(log: JointRecording) -> list[LoadShare]:
     """Return load shares of shoulder, elbow and insertion. Needs 64-bit numbers."""
-    return [
-        _fit(joint.columns, joint.torque, (joint.place * STRETCHES).astype(int))
-        for joint in _moving(log)
-    ]
+    return [*map(_load_share, _moving(log))]
+
+
+def _load_share(joint: _Joint) -> LoadShare:
+    columns, torque, stretch = joint.columns, joint.torque, (joint.place * STRETCHES).astype(int)
+    pieces = [stretch == s for s in np.unique(stretch)]
+    squares = np.array([columns[p].T @ columns[p] for p in pieces])
+    products = np.array([columns[p].T @ torque[p] for p in pieces])[..., None]
+
+    def solved(rows: np.ndarray) -> np.ndarray:
+        return np.linalg.solve(squares[rows].sum(axis=1), products[rows].sum(axis=1))[..., 0]
+
+    best = solved(np.arange(len(pieces))[None])[0]
+    bands = [bootstrap(len(pieces), lambda rows, k=k: solved(rows)[:, k]) for k in (0, 1)]
+    inertia, scale = (
+        (float(best[k]), float(band.low), float(band.high)) for k, band in enumerate(bands)
+    )
+    return LoadShare(inertia, scale, float(np.std(best[1] * columns[:, 1]) / np.std(torque)))
 
 
 def held_out(log: JointRecording) -> dict[str, list[np.ndarray]]:
     """Return errors (N m, [n] of each joint) of MODELS, fitted to the first half, in the second."""
-    joints = _moving(log)
-    return {
-        model: [_errors(joint, fitted, load) for joint in joints]
-        for model, (fitted, load) in MODELS.items()
-    }
+    errors: dict[str, list[np.ndarray]] = {model: [] for model in MODELS}
+    for joint in _moving(log):
+        first = joint.place < 0.5
+        for model, row in MODELS.items():
+            columns = joint.columns[:, row["fitted"]]
+            rest = joint.torque - row["load"] * joint.columns[:, 1]
+            best, *_ = np.linalg.lstsq(columns[first], rest[first], rcond=None)
+            errors[model].append(np.abs(columns[~first] @ best - rest[~first]))
+    return errors
 
 
-def _errors(joint: _Joint, fitted: tuple[int, ...], load: float) -> np.ndarray:
-    first, columns = joint.place < 0.5, joint.columns[:, fitted]
-    rest = joint.torque - load * joint.columns[:, 1]
-    best, *_ = np.linalg.lstsq(columns[first], rest[first], rcond=None)
-    return np.abs(columns[~first] @ best - rest[~first])
-
-
-def _moving(log: JointRecording) -> list[_Joint]:
+def _moving(log: JointRecording) -> Iterator[_Joint]:
     from scipy.signal import savgol_filter
 
     def smooth(values: np.ndarray, derivative: int = 0) -> np.ndarray:
@@ -140,12 +134,9 @@ def _moving(log: JointRecording) -> list[_Joint]:
     columns = np.stack(parts, axis=-1)
     inside = np.zeros(len(angle), bool)
     inside[WINDOW_MS:-WINDOW_MS] = True
-    joints = []
     for j in range(3):
         rows = inside & (np.abs(speed[:, j]) > MOVING_RAD_S)
-        place = np.flatnonzero(rows) / len(rows)
-        joints.append(_Joint(columns[rows, j], torque[rows, j], place))
-    return joints
+        yield _Joint(columns[rows, j], torque[rows, j], np.flatnonzero(rows) / len(rows))
 
 
 def _load(angle: Any, speed: Any, acceleration: Any) -> jax.Array:
@@ -164,22 +155,6 @@ def _load(angle: Any, speed: Any, acceleration: Any) -> jax.Array:
     return jnp.stack(arm_coupling(ARM, TOOL, software).motor_torques(force)[:3])
 
 
-def _fit(columns: np.ndarray, torque: np.ndarray, stretch: np.ndarray) -> LoadShare:
-    pieces = [stretch == s for s in np.unique(stretch)]
-    squares = np.array([columns[p].T @ columns[p] for p in pieces])
-    products = np.array([columns[p].T @ torque[p] for p in pieces])[..., None]
-
-    def solved(rows: np.ndarray) -> np.ndarray:
-        return np.linalg.solve(squares[rows].sum(axis=1), products[rows].sum(axis=1))[..., 0]
-
-    best = solved(np.arange(len(pieces))[None])[0]
-    bands = [bootstrap(len(pieces), lambda rows, k=k: solved(rows)[:, k]) for k in (0, 1)]
-    inertia, scale = (
-        (float(best[k]), float(band.low), float(band.high)) for k, band in enumerate(bands)
-    )
-    return LoadShare(inertia, scale, float(np.std(best[1] * columns[:, 1]) / np.std(torque)))
-
-
 # --- statics of the shoulder ---
 
 STATICS_SETUP = RavenSetup(arms=("gold",), precision=REFERENCE)
@@ -195,6 +170,11 @@ class Statics(NamedTuple):
     torque: float  # N m at the joint
     speed: float  # rad/s, largest of the motor
     given_way: float  # mm at 0.3 m of arm, pushed by LOAD_NM while its controller holds it
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        digits = zip(self[1:], (0, 0, 1, 0, 2), strict=True)
+        return self.who, *("" if math.isnan(value) else f"{value:.{n}f}" for value, n in digits)
 
 
 def of_robot(name: str) -> Statics:
@@ -252,64 +232,55 @@ def _run(
 
 def compare(context: study.Context) -> study.Findings:
     """Return lines of following errors, and the tables behind them."""
-    lines: list[study.Line] = []
-    printed: list[study.Table] = []
-    notes: tuple[str, ...] = ()
-    judged: dict[str, list[FollowingError]] = {}
-    paths = {name: path for name in FITTED if (path := recording.locate(name)) is not None}
+    paths = {name: path for name in ARMS if (path := recording.locate(name)) is not None}
+    missing = [name for name in ARMS if name not in paths]
+    absent = (f"Not at hand: {', '.join(missing)}. Set {DATA} to their folder.",) if missing else ()
+    load = ()
     with jax.enable_x64(True):
-        statics = [by_hand(), of_robot(OURS), of_robot(AUTHORS)]
+        statics = [one.cells for one in (by_hand(), of_robot(OURS), of_robot(AUTHORS))]
         strength = parameter_sets.parameter_set(OURS).cable_strength[0]
-        printed.append(read_table(NAME, "statics", map(_statics, statics), strength=strength))
+        printed = [read_table(NAME, "statics", statics, strength=strength)]
         if THREE_JOINTS in paths:
             log = recording.read(paths[THREE_JOINTS])
             printed.append(read_table(NAME, "load", _load_rows(of_recording(log))))
-            notes = _load_note(held_out(log))
+            load = _load_note(held_out(log))
+    lines: list[study.Line] = []
+    # Whether joints 1-3 follow like the recorded ones with the authors' law
+    authors: list[bool] = []
     for name, path in paths.items():
-        logged = (three_joints if name == THREE_JOINTS else seven_joints)(path)
-        sets = {law: robot.params(logged.setup, "gold", law) for law in (OURS, AUTHORS)}
+        log, arm = logged(name, path), ARMS[name]
+        sets = {law: robot.params(log.setup, "gold", law) for law in (OURS, AUTHORS)}
         robots = {f"virtual robot, {law}": position_loop.params(sets[law]) for law in sets}
-        judged[name] = logged.following_errors(logged.halves[1], robots)
-        lines += _lines(name, judged[name], logged.log.joints)
-        printed.append(_following(judged[name], logged.log.joints, name))
-        fit = logged.calibrated(sets[OURS], select_unknowns(FITTED[name], FITTED_KINDS))
+        rows = log.following_errors(log.halves[1], robots)
+        ours, theirs = (row.following / rows[0].following for row in rows[1:3])
+        authors += [bool(BAND[0] <= ratio <= BAND[1]) for ratio in theirs[:3]]
+        for j in log.log.joints:
+            blind = "" if j in arm["fitted"] else ", with the friction of the other"
+            words = f"following error of {JOINTS[j].replace('_', ' ')}, virtual by recorded"
+            reason = WRIST if (name, j) == (SEVEN_JOINTS, 4) else ""
+            ratios = study.StudyEstimate(1.0), study.StudyEstimate(float(ours[j]))
+            quantity = f"{words}: {arm['words']}{blind}"
+            lines.append(study.Line(quantity, "", *ratios, BAND, reason=reason))
+        unknowns = select_unknowns(arm["fitted"], ("friction", "offsets"))
+        fit = log.calibrated(sets[OURS], unknowns)
         fitted = tables.tabulate_parameters(fit)
+        printed.append(_following(rows, log.log.joints, name))
         printed.append(read_table(NAME, "fitted", fitted, name=name))
-    missing = [name for name in FITTED if name not in paths]
-    absent = (f"Not at hand: {', '.join(missing)}. Set {DATA} to their folder.",) if missing else ()
-    notes = (*absent, *_followed(lines, judged), *notes, *study.read_notes(NAME))
+    numbers = {"ours": sum(bool(line.passed) for line in lines), "joints": len(lines)}
+    numbers |= {"authors": sum(authors), "of": len(authors)}
+    followed = study.read_notes("mechanics_following", **numbers) if lines else ()
+    notes = (*absent, *followed, *load, *study.read_notes(NAME))
     return study.Findings(tuple(lines), tuple(printed), notes)
 
 
-def _lines(
-    name: str, judged: Sequence[FollowingError], joints: Sequence[int]
-) -> Iterator[study.Line]:
-    log, ours = judged[0].following, judged[1].following
-    for j in joints:
-        blind = "" if j in FITTED[name] else ", with the friction of the other"
-        words = f"following error of {JOINTS[j].replace('_', ' ')}, virtual by recorded"
-        ratios = study.StudyEstimate(1.0), study.StudyEstimate(float(ours[j] / log[j]))
-        reason = WRIST if (name, j) == (SEVEN_JOINTS, 4) else ""
-        yield study.Line(f"{words}: {ARMS[name]}{blind}", "", *ratios, BAND, reason=reason)
-
-
-def _followed(
-    lines: Sequence[study.Line], judged: Mapping[str, Sequence[FollowingError]]
-) -> tuple[str, ...]:
-    """Return notes on how many joints follow like the recorded ones, with either law."""
-    ratios = [rows[2].following[:3] / rows[0].following[:3] for rows in judged.values()]
-    inside = [bool(BAND[0] <= ratio <= BAND[1]) for ratio in np.ravel(ratios)]
-    ours = sum(bool(line.passed) for line in lines)
-    numbers = {"ours": ours, "joints": len(lines), "authors": sum(inside), "of": len(inside)}
-    return study.read_notes("mechanics_following", **numbers) if lines else ()
-
-
-def _statics(found: Statics) -> tuple[str, ...]:
-    cells = (
-        "" if math.isnan(value) else f"{value:.{digits}f}"
-        for value, digits in zip(found[1:], (0, 0, 1, 0, 2), strict=True)
-    )
-    return found.who, *cells
+def _following(rows: Sequence[FollowingError], joints: Sequence[int], name: str) -> study.Table:
+    """Return following errors of the log and of each model, and their ratio to the log's."""
+    (_, *models), by_joint = tables.by_joint(rows, joints)
+    names, *by_model = zip(*by_joint, strict=True)
+    cells = [[cell.replace("\n", ", ") for cell in errors] for errors in by_model]
+    found = ([model, *row] for model, row in zip(models, cells, strict=True))
+    words = {"arm": ARMS[name]["words"], "name": name, "joints": " | ".join(names)}
+    return read_table(NAME, "following", found, **words)
 
 
 def _load_rows(found: Sequence[LoadShare]) -> Iterator[tuple[str, ...]]:
@@ -342,21 +313,6 @@ def _load_note(errors: Mapping[str, Sequence[np.ndarray]]) -> tuple[str, ...]:
         for other in (rotor, authors)
     )
     return study.read_notes("mechanics_load", rotor=rotor, authors=authors)
-
-
-def _following(rows: Sequence[FollowingError], joints: Sequence[int], name: str) -> study.Table:
-    """Return following errors of the log and of each model, and their ratio to the log's."""
-    log, cells = rows[0], []
-    for row in rows:
-        line = [row.model]
-        for j in joints:
-            unit = tables.PER_UNIT[j]
-            ratio, off = row.following[j] / log.following[j], row.residual[j] * unit
-            share = "" if row is log else f" ({ratio:.2f}), off {off:.3f}"
-            line.append(f"{row.following[j] * unit:.3f}{share}")
-        cells.append(line)
-    names = " | ".join(f"{JOINTS[j].replace('_', ' ')}, {tables.UNITS[j]}" for j in joints)
-    return read_table(NAME, "following", cells, arm=ARMS[name], name=name, joints=names)
 
 
 STUDY = study.study(NAME, (), compare)

@@ -127,24 +127,21 @@ class Advance(NamedTuple):
         return f"unintended motion of {self.size_mm:g} mm"
 
 
-def began_ms(runs: Runs) -> np.ndarray:
-    """Return when the unintended motion of each run exceeded its campaign's limit; NaN: never."""
-    return np.where(runs["unintended_ms"] >= 0, runs["unintended_ms"], np.nan)
-
-
 def leads_ms(runs: Runs, cue: int) -> np.ndarray:
-    """Return the time from cue to motion, negative if late; NaN: no motion; -inf: no cue."""
-    cued, began = warning_times(runs, cue), began_ms(runs)
-    return np.where(np.isnan(began), np.nan, np.where(cued >= 0, began - cued, -np.inf))
+    """Return the time from cue to the unintended motion, negative if late; NaN: no motion; -inf: no
+    cue. The motion begins at the limit of its campaign.
+    """
+    cued, began = warning_times(runs, cue), runs["unintended_ms"]
+    return np.where(began < 0, np.nan, np.where(cued >= 0, began - cued, -np.inf))
 
 
 def advance(runs: Runs, cue: int, threshold_mm: float) -> Advance:
     """Return the advance over runs in which nobody reacts, of the haptic set number `cue`."""
-    lead, began = leads_ms(runs, cue), began_ms(runs)
+    lead = leads_ms(runs, cue)
     moved = ~np.isnan(lead)
     came, among = lead[moved], kinds.of(runs["group"][moved])
     cued = np.isfinite(came)
-    lag = np.where(cued, -came, runs.made.duration_ms - began[moved])
+    lag = np.where(cued, -came, runs.made.duration_ms - runs["unintended_ms"][moved])
     half, quarter = (latency.delay_quantile(lag, cued, part, among) for part in (0.5, 0.25))
     late = {delay: units.rate_band(came < delay, among) for delay in DELAYS_MS}
     leads = (Estimate(-value, -high, -low) for value, low, high in (half, quarter))
@@ -152,21 +149,17 @@ def advance(runs: Runs, cue: int, threshold_mm: float) -> Advance:
     return Advance(threshold_mm, runs.made.limit_mm, among, len(came), before, *leads, late)
 
 
-def contrast_rows(contrasts: Mapping[tuple[str, float], Contrast]) -> Iterator[Row]:
-    """Yield rows of contrasts, by their words and size."""
-    holm = holm_test({str(heads): found.p for heads, found in contrasts.items()})
-    for (words, size), found in contrasts.items():
-        p = wording.format_number(holm[str((words, size))].adjusted, 2)
+def contrast_rows(parts: Mapping[str, Pairs]) -> Iterator[Row]:
+    """Yield what lifting the pedal changes in each part of the pairs."""
+    cases = [(words, size) for words in parts for size in DRAWN_SIZES]
+    contrasts = [contrast_of(parts[words], size) for words, size in cases]
+    holm = holm_test({str(k): found.p for k, found in enumerate(contrasts)})
+    for (words, size), found, tested in zip(cases, contrasts, holm.values(), strict=True):
+        p = wording.format_number(tested.adjusted, 2)
         yield (
             *(words, excursion(size), found.n, kinds.count(found.kinds), found.without),
             *(found.with_, avoided(found), found.caused, p, found.acted, number(found.needed)),
         )
-
-
-def of_parts(parts: Mapping[str, Pairs]) -> Iterator[Row]:
-    """Yield what lifting the pedal changes in each part of the pairs."""
-    cases = [(words, size) for words in parts for size in DRAWN_SIZES]
-    return contrast_rows({case: contrast_of(parts[case[0]], case[1]) for case in cases})
 
 
 def advance_rows(found: Sequence[Advance]) -> Iterator[Row]:
@@ -222,7 +215,8 @@ def _number(value: float) -> str:
 def compare(context: study.Context) -> study.Findings:
     """Compare pairs, other cues and operators, and times."""
     runs = {name: read(folder) for name, folder in context.folders.items()}
-    released = paired(runs[BASELINE], RELEASE)
+    base = runs[BASELINE]
+    released, cycle = paired(base, RELEASE), paired(runs["every_cycle"], RELEASE)
     others = {}
     for variant in VARIANTS:
         block, _, sampled_only = variant.question.removeprefix("Another ").partition("; ")
@@ -230,7 +224,7 @@ def compare(context: study.Context) -> study.Findings:
             others[block] = _sampled(paired(runs[variant.name], RELEASE))
         if block == EARLY[2.0]:
             others[PUBLISHED] = _sampled(released)
-    timed = [runs[BASELINE], *(runs[f"timed_{size:g}"] for size in SIZES_MM[1:])]
+    timed = [base, *(runs[f"timed_{size:g}"] for size in SIZES_MM[1:])]
     alone = [some.where(some["activated"] & (some["action"] == 0)) for some in timed]
     # A cue of the size of a motion or above is not earlier, by the definitions alone.
     advances = [
@@ -239,26 +233,22 @@ def compare(context: study.Context) -> study.Findings:
         for some in alone
         if threshold < some.made.limit_mm
     ]
-    drawn = draws.drawn_groups(runs[BASELINE].made.config) or ()
+    drawn = draws.drawn_groups(base.made.config) or ()
     layers = released.with_["layer"].to_numpy()
     by_layer = {
         name: released.where(layers == name) for name in LAYERS.values() if (layers == name).any()
     }
-    kind, words = kind_rows(released, SPARED_MM, drawn), excursion(SPARED_MM)
-    early = {mm: others[words] for mm, words in EARLY.items()}
+    tables = {
+        "variants": contrast_rows(others),
+        "advance": advance_rows(advances),
+        "kinds": kind_rows(released, SPARED_MM, drawn),
+        "layers": contrast_rows(by_layer),
+    }
+    measure = excursion(SPARED_MM)
     return study.Findings(
-        lines=(
-            *_pair_lines(released, early),
-            *_advance_lines(advances),
-            *_large(paired(runs["every_cycle"], RELEASE), ", a packet each cycle"),
-        ),
-        tables=(
-            read_table(NAME, "variants", of_parts(others)),
-            read_table(NAME, "advance", advance_rows(advances)),
-            read_table(NAME, "kinds", kind, measure=words),
-            read_table(NAME, "layers", of_parts(by_layer)),
-        ),
-        notes=study.read_notes(NAME),
+        tuple(_lines(released, others, cycle, advances)),
+        tuple(read_table(NAME, key, rows, measure=measure) for key, rows in tables.items()),
+        study.read_notes(NAME),
     )
 
 
@@ -267,36 +257,35 @@ def _sampled(pairs: Pairs) -> Pairs:
     return pairs.where(pairs.with_["group"].astype(str).str.startswith("sampled/").to_numpy())
 
 
-def _pair_lines(released: Pairs, early: Mapping[float, Pairs]) -> Iterator[Line]:
-    """Yield what a lifted pedal changes. `early`: pairs by cues below the smallest motion."""
-    yield from _large(released)
-    for threshold, part in early.items():
-        words = f"lifting the pedal at a cue of {threshold:g} mm avoids, of"
-        yield _avoided(part, SIZES_MM[0], f"{words} {excursion(SIZES_MM[0])}")
+def _lines(
+    released: Pairs, others: Mapping[str, Pairs], cycle: Pairs, advances: Iterable[Advance]
+) -> Iterator[Line]:
+    """Yield what a lifted pedal changes, and which motions come too soon. `others`: pairs with
+    other cues, by their words. `cycle`: pairs with a packet in each control cycle.
+    """
+    yield from _avoided(released, "lifting the pedal avoids, of {}")
+    for threshold, words in EARLY.items():
+        quantity = f"lifting the pedal at a cue of {threshold:g} mm avoids, of {{}}"
+        yield from _avoided(others[words], quantity, SIZES_MM[:1])
     for size in DRAWN_SIZES:
         found = contrast_of(released, size)
         of = f"reactions to faults of {kinds.count(found.reacted)}"
         value = StudyEstimate(*found.needed, found.acted, of)
         yield own_line(f"lifted pedals for each one avoided: {excursion(size)}", "", value)
-
-
-def _large(released: Pairs, words: str = "") -> Iterator[Line]:
-    for size in SIZES_MM[1:]:
-        yield _avoided(released, size, f"lifting the pedal avoids, of {excursion(size)}{words}")
-
-
-def _avoided(pairs: Pairs, size_mm: float, words: str) -> Line:
-    found = contrast_of(pairs, size_mm)
-    of = f"faults that make it where nobody reacts, {kinds.count(found.affected)}"
-    return percent_line(words, found.avoided, of)
-
-
-def _advance_lines(advances: Iterable[Advance]) -> Iterator[Line]:
     for at in advances:
         if at.threshold_mm in HEADLINE_CUES_MM:
             words = f"{at.words}: came too soon for any reaction of 250 ms"
             of = f"faults that make it, {kinds.count(at.kinds)}"
             yield percent_line(f"{words}, cue at {at.threshold_mm:g} mm", at.late[250], of)
+    yield from _avoided(cycle, "lifting the pedal avoids, of {}, a packet each cycle")
+
+
+def _avoided(pairs: Pairs, words: str, sizes: Sequence[float] = SIZES_MM[1:]) -> Iterator[Line]:
+    """Yield the share of motions of each size that a lifted pedal avoids. `words`: {} for these."""
+    for size in sizes:
+        found = contrast_of(pairs, size)
+        of = f"faults that make it where nobody reacts, {kinds.count(found.affected)}"
+        yield percent_line(words.format(excursion(size)), found.avoided, of)
 
 
 STUDY = study.study(NAME, VARIANTS, compare)

@@ -33,24 +33,16 @@ from studies.kinds import difference
 from studies.reacting_operator import rate
 from studies.study import Cell, read_table
 
-NAME, KNOWN = "uncertain_robot", "known"
+NAME, KNOWN, KNOWN_ROBOT = "uncertain_robot", "known", "known robot"
+"""KNOWN: the variant of KNOWN_ROBOT."""
 SEEDS = (1, 2, 3)
 """Seeds, each of a separate draw of faults and robots together."""
 SETS = parameter_sets.PUBLISHED
 """The published sets, with the authors' law of motor and cable."""
 FEWEST_EXPECTED, TABLES_DRAWN = 5, 9999
 """Expected count that the chi-squared distribution needs (Cochran 1954), and tables drawn below."""
-EVENTS = {
-    "evaded": "evades the checks: unintended motion, and nobody is told",
-    "cued": "the cue fires",
-    "stopped": "a check stops the robot",
-    "unintended": f"unintended motion of more than {LIMIT_MM:g} mm",
-    "unwarned": "unintended motion before the cue, or without one",
-    "loss": "loss of motion",
-    "misreport": "false report",
-    "jump": "jump of the reported tip",
-    "injury": "injury-capable motion",
-}
+DATA = study.read_toml(f"published/{NAME}.toml")
+EVENTS = {name: words.format(limit_mm=LIMIT_MM) for name, words in DATA["events"].items()}
 """Events of a fault, columns of runs. Each is a rate over the faults that changed a bit."""
 LAYER_EVENT = "unintended"
 EVERY_CYCLE = "length of packets 0"
@@ -74,31 +66,20 @@ class Uncertain(NamedTuple):
         """Return the column of the result table."""
         return f"param:{self.path}"
 
+    @property
+    def range(self) -> str:
+        """Return the ends of the range in words."""
+        return f"{self.low:g} to {self.high:g}"
+
     def values(self, frame: pd.DataFrame) -> np.ndarray:
         """Return its value in each run of a result table."""
         varied = frame.get(self.column, pd.Series(self.nominal, frame.index))
         return varied.fillna(self.nominal).to_numpy(float)
 
 
-PARAMETERS = tuple(
-    Uncertain(**row) for row in study.read_toml(f"published/{NAME}.toml")["parameter"]
-)
-
-
-class RobotRates(NamedTuple):
-    """One robot under the same faults as every other."""
-
-    name: str
-    # bool [faults], columns EVENTS, and `kind` and `layer`; index: number of the fault.
-    events: pd.DataFrame
-
-    def rate(self, event: str) -> Rate:
-        """Return the share of faults with that event, with its interval over kinds of faults."""
-        return units.rate_band(self.events[event].to_numpy(), self.kinds)
-
-    @property
-    def kinds(self) -> units.Units:
-        return units.group_units(self.events["kind"].to_numpy())
+PARAMETERS = tuple(Uncertain(**row) for row in DATA["parameter"])
+Robots = Mapping[str, pd.DataFrame]
+"""Robots under the same faults, by name: EVENTS of each fault, bool, and its `kind` and `layer`."""
 
 
 class Dependence(NamedTuple):
@@ -113,6 +94,16 @@ class Dependence(NamedTuple):
     difference: Estimate  # rate in the last level minus rate in the first, fraction
 
 
+def rate_of(events: pd.DataFrame, event: str) -> Rate:
+    """Return the share of faults with that event, with its interval over kinds of faults."""
+    return units.rate_band(events[event].to_numpy(), kinds_of(events))
+
+
+def kinds_of(events: pd.DataFrame) -> units.Units:
+    """Return the kinds of faults of one robot."""
+    return units.group_units(events["kind"].to_numpy())
+
+
 def read(path: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Return the runs whose fault changed a bit, and their EVENTS, indexed by the fault."""
     found = runs.read(path)
@@ -122,39 +113,33 @@ def read(path: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
     return frame, frame[[*EVENTS, "layer"]].assign(kind=kinds.names(frame["group"]))
 
 
-def robots_at_ends(path: Path, parameter: Uncertain) -> tuple[RobotRates, RobotRates]:
+def robots_at_ends(path: Path, parameter: Uncertain) -> Robots:
     """Return the robots at both ends of a parameter, on faults that act in both."""
     frame, found = read(path)
     ends, values = (parameter.low, parameter.high), parameter.values(frame)
     low, high = (found.loc[np.isclose(values, end)] for end in ends)
     both = low.index.intersection(high.index)
-    return (
-        RobotRates(f"{parameter.words} {parameter.low:g}", low.loc[both]),
-        RobotRates(f"{parameter.words} {parameter.high:g}", high.loc[both]),
-    )
+    parts = zip(ends, (low, high), strict=True)
+    return {f"{parameter.words} {end:g}": part.loc[both] for end, part in parts}
 
 
-def parameter_effects(ends: Mapping[Uncertain, tuple[RobotRates, RobotRates]]) -> list[Dependence]:
+def parameter_effects(ends: Mapping[Uncertain, Robots]) -> list[Dependence]:
     """Return the effect of every parameter on every event, over pairs of the same fault."""
     effects = []
     for event in EVENTS:
-        for parameter, (low, high) in ends.items():
-            above, below = (end.events[event].to_numpy() for end in (high, low))
-            levels = {"low": low.rate(event), "high": high.rate(event)}
-            p = exchange_p(above, below, low.kinds.unit)
-            gap = difference(above, below, low.kinds)
+        for parameter, robots in ends.items():
+            low, high = robots.values()
+            above, below, among = high[event].to_numpy(), low[event].to_numpy(), kinds_of(low)
+            levels = {name: rate_of(events, event) for name, events in robots.items()}
+            p, gap = exchange_p(above, below, among.unit), difference(above, below, among)
             effects.append(Dependence(event, parameter, p, levels, gap))
     return effects
 
 
-def holm_findings(p: Sequence[float]) -> list[Finding]:
-    """Apply Holm's adjustment over all of them."""
-    return list(holm_test({str(k): value for k, value in enumerate(p)}).values())
-
-
 def adjusted(found: Sequence[Dependence]) -> Iterator[tuple[Dependence, Finding]]:
-    """Yield each dependence with its p adjusted over all of them."""
-    return zip(found, holm_findings([effect.p for effect in found]), strict=True)
+    """Yield each dependence with its p adjusted over all of them by Holm's method."""
+    tested = holm_test({str(k): effect.p for k, effect in enumerate(found)})
+    return zip(found, tested.values(), strict=True)
 
 
 def thirds(values: np.ndarray) -> np.ndarray:
@@ -178,37 +163,33 @@ def dependences(
     """
     found = []
     for event in EVENTS:
-        hit = flags[event].to_numpy(bool)
-        mine = [
-            _dependence(event, parameter, hit, parameter.values(frame)) for parameter in parameters
-        ]
+        hit, mine = flags[event].to_numpy(bool), []
+        for parameter in parameters:
+            values = parameter.values(frame)
+            code = thirds(values)
+            n, k = np.bincount(code, minlength=3), np.bincount(code, hit, minlength=3).astype(int)
+            levels = {
+                name: share_of_cells(k[i], n[i])
+                for i, name in enumerate(THIRDS)
+                if 0 < n[i] < len(code)
+            }
+            gap = Estimate(np.nan, np.nan, np.nan)
+            if len(levels) > 1:
+                first, *_, last = levels.values()
+                gap = rate_difference(last.k, last.n, first.k, first.n)
+            p = _p(hit, code, values)
+            mine.append(Dependence(event, parameter, p, levels, gap))
         found += sorted(mine, key=lambda at: (np.isnan(at.p), at.p, -abs(at.difference.value)))
     return found
 
 
-def _dependence(
-    event: str, parameter: Uncertain, hit: np.ndarray, values: np.ndarray
-) -> Dependence:
-    code = thirds(values)
-    n, k = np.bincount(code, minlength=3), np.bincount(code, hit, minlength=3).astype(int)
-    levels = {
-        name: share_of_cells(k[i], n[i]) for i, name in enumerate(THIRDS) if 0 < n[i] < len(code)
-    }
-    gap = Estimate(np.nan, np.nan, np.nan)
-    if len(levels) > 1:
-        first, *_, last = levels.values()
-        gap = rate_difference(last.k, last.n, first.k, first.n)
-    p = _p(hit, code[:, None] == np.flatnonzero(n), values)
-    return Dependence(event, parameter, p, levels, gap)
-
-
-def _p(hit: np.ndarray, member: np.ndarray, values: np.ndarray) -> float:
-    """Return p of independence of hit [n] from its level (one-hot) and from the values [n]."""
+def _p(hit: np.ndarray, code: np.ndarray, values: np.ndarray) -> float:
+    """Return p of independence of hit [n] from its level, a code [n], and from the values [n]."""
     from scipy.stats import MonteCarloMethod, chi2_contingency, mannwhitneyu
-    from scipy.stats.contingency import expected_freq
+    from scipy.stats.contingency import crosstab, expected_freq
 
-    table = np.stack([member[hit].sum(axis=0), member[~hit].sum(axis=0)])
-    if table.shape[1] < 2 or not table.sum(axis=1).all():
+    table = crosstab(~hit, code).count
+    if min(table.shape) < 2:
         return float("nan")
     method = None
     if expected_freq(table).min() < FEWEST_EXPECTED:
@@ -220,10 +201,10 @@ def _p(hit: np.ndarray, member: np.ndarray, values: np.ndarray) -> float:
     return min(1.0, 2 * min(float(association.pvalue), float(trend.pvalue)))
 
 
-def extremes(listed: Sequence[RobotRates], event: str) -> tuple[tuple[Rate, str], tuple[Rate, str]]:
+def extremes(robots: Robots, event: str) -> list[tuple[Rate, str]]:
     """Return the lowest and the highest rate of an event over robots, each with its robot."""
-    rates = [(robot.rate(event), robot.name) for robot in listed]
-    return min(rates, key=lambda pair: pair[0].value), max(rates, key=lambda pair: pair[0].value)
+    rates = [(rate_of(events, event), name) for name, events in robots.items()]
+    return [end(rates, key=lambda pair: pair[0].value) for end in (min, max)]
 
 
 # --- what decides how far a fault moves the tip ---
@@ -235,50 +216,37 @@ SEARCHES = {"morris": {"trajectories": 60, "levels": 8}, "sobol": {"n": 128}}
 def sensitivity_rows(out: Path, engine: str) -> Iterator[tuple[Cell, ...]]:
     """Run both searches, and yield the Morris and Sobol indices of every joint and parameter."""
     common, results = study.read_toml(SEARCH), {}
-    laws = {
-        parameter.path: tomllib.loads(f"law = {parameter.law}")["law"] for parameter in PARAMETERS
-    }
+    words = {one.path: one.words for one in PARAMETERS}
+    laws = {one.path: tomllib.loads(f"law = {one.law}")["law"] for one in PARAMETERS}
     for name, method in SEARCHES.items():
         search = {"kind": name, **method, **common["search"]}
         config = loading.from_dict({**common, "parameters": laws, "search": search})
         results[name] = runner.run_search(config, out / name, engine).record["result"]
     morris, sobol = results.values()
-    words = {parameter.path: parameter.words for parameter in PARAMETERS}
     screened, ranked = ([row["name"] for row in found["inputs"]] for found in (morris, sobol))
+    many = morris["points"] + sobol["points"]
     for screen, shares in zip(morris["results"], sobol["results"], strict=True):
         effects, parts = screen["indices"], shares["indices"]
         if effects is None or parts is None:
             continue
-        mean, deviation = shares["mean"], format_number(shares["deviation"], 2)
-        size = f"{format_number(mean)} ± {deviation}"
+        size = f"{format_number(shares['mean'])} ± {format_number(shares['deviation'], 2)}"
+        joint = str(screen["case"]["fault0_channel"])
         for k in sorted(range(len(ranked)), key=lambda k: -parts["ST"]["value"][k]):
-            other, joint = screened.index(ranked[k]), str(screen["case"]["fault0_channel"])
+            other = screened.index(ranked[k])
             indices = (parts["ST"], k), (parts["S1"], k), (effects["mu_star"], other)
             estimates = [
                 plain(Estimate(*(index[end][at] for end in ("value", "low", "high"))), 2)
                 for index, at in indices
             ]
             spread = format_number(effects["sigma"]["value"][other], 2)
-            many = morris["points"] + sobol["points"]
             yield joint, size, words[ranked[k]], *estimates, spread, many
 
 
 # --- tables ---
 
-NONE = "none of those tried"
-
-
-def parameter_rows() -> Iterator[tuple[Cell, ...]]:
-    """Yield ranges and their sources."""
-    for parameter in PARAMETERS:
-        unit = bounds.allowed_values(ROBOT, parameter.path)[0].unit
-        span = f"{parameter.low:g} to {parameter.high:g}"
-        numbers = span, parameter.nominal, unit, parameter.law
-        yield parameter.words, parameter.path, *numbers, parameter.source
-
 
 def conclusion_rows(
-    robots: Sequence[RobotRates], found: Sequence[Dependence], drawn: Sequence[Dependence]
+    robots: Robots, found: Sequence[Dependence], drawn: Sequence[Dependence]
 ) -> Iterator[tuple[Cell, ...]]:
     """Yield each conclusion, its range over robots, and what it depends on."""
     alone, together = (
@@ -289,44 +257,48 @@ def conclusion_rows(
     for event, words in EVENTS.items():
         (low, low_robot), (high, high_robot) = extremes(robots, event)
         effects = [
-            f"{effect.parameter.words} ({signed(effect.difference.value)})"
+            f"{effect.parameter.words} ({'+' if effect.difference.value > 0 else ''}"
+            f"{format_number(100.0 * effect.difference.value, 2)})"
             for effect in alone
             if effect.event == event
         ]
         others = [effect.parameter.words for effect in together if effect.event == event]
         ends = " to ".join(format_percent(end.value) for end in (low, high))
-        dependent = ", ".join(effects) or NONE, ", ".join(others) or NONE
-        yield words, rate(robots[0].rate(event)), ends, f"{low_robot}; {high_robot}", *dependent
+        dependent = (", ".join(some) or "none of those tried" for some in (effects, others))
+        known = rate(rate_of(robots[KNOWN_ROBOT], event))
+        yield words, known, ends, f"{low_robot}; {high_robot}", *dependent
 
 
 def end_rows(found: Sequence[Dependence]) -> Iterator[tuple[Cell, ...]]:
     """Yield every rate at both ends of every parameter."""
     for effect, finding in adjusted(found):
-        low, high = effect.levels.values()
-        varied = effect.parameter
-        parameter = f"{varied.words}, {varied.low:g} to {varied.high:g}"
-        holm = format_number(finding.adjusted, 2)
-        gap = points(effect.difference)
-        yield EVENTS[effect.event], parameter, low.n, rate(low), rate(high), gap, holm
+        parameter, (low, high) = effect.parameter, effect.levels.values()
+        words, gap = f"{parameter.words}, {parameter.range}", difference_and_p(effect, finding)
+        yield EVENTS[effect.event], words, low.n, rate(low), rate(high), *gap
 
 
 def third_rows(drawn: Sequence[Dependence]) -> Iterator[tuple[Cell, ...]]:
     """Yield rates by thirds of each parameter."""
     for effect, finding in adjusted(drawn):
-        cells = (
-            rate(effect.levels[name]) if name in effect.levels else wording.DASH for name in THIRDS
-        )
-        holm = format_number(finding.adjusted, 2)
-        yield EVENTS[effect.event], effect.parameter.words, *cells, points(effect.difference), holm
+        levels = effect.levels
+        cells = (rate(levels[name]) if name in levels else wording.DASH for name in THIRDS)
+        gap = difference_and_p(effect, finding)
+        yield EVENTS[effect.event], effect.parameter.words, *cells, *gap
 
 
-def layer_rows(robots: Sequence[RobotRates], event: str) -> Iterator[tuple[Cell, ...]]:
+def difference_and_p(effect: Dependence, finding: Finding) -> tuple[str, str]:
+    """Write the difference of rates in points, with its interval, and its adjusted p."""
+    points = Estimate(*(100.0 * value for value in effect.difference))
+    return plain(points, 2), format_number(finding.adjusted, 2)
+
+
+def layer_rows(robots: Robots) -> Iterator[tuple[Cell, ...]]:
     """Yield whether the order of layers depends on the robot."""
     rates = {}
     for name in LAYERS.values():
-        parts = [RobotRates("", robot.events[robot.events["layer"] == name]) for robot in robots]
-        if all(len(part.events) for part in parts):
-            rates[name] = [part.rate(event) for part in parts]
+        parts = [events.loc[events["layer"] == name] for events in robots.values()]
+        if all(map(len, parts)):
+            rates[name] = [rate_of(part, LAYER_EVENT) for part in parts]
     order = [sorted(rates, key=lambda name: -rates[name][k].value) for k in range(len(robots))]
     for name, mine in rates.items():
         low, high = (format_percent(end(found.value for found in mine)) for end in (min, max))
@@ -334,57 +306,48 @@ def layer_rows(robots: Sequence[RobotRates], event: str) -> Iterator[tuple[Cell,
         yield name, rate(mine[0]), low, high, places[0], f"{min(places)} to {max(places)}"
 
 
-def points(difference: Estimate) -> str:
-    """Write a difference of rates in points, with its interval."""
-    return plain(Estimate(*(100.0 * value for value in difference)), 2)
-
-
-def signed(difference: float) -> str:
-    """Write a signed number: +1.2, in points."""
-    text = format_number(100.0 * difference, 2)
-    return f"+{text}" if difference > 0 else text
-
-
 def compare(context: study.Context) -> study.Findings:
     """Compare rates on every robot, and find what decides how far a fault moves the tip."""
-    folders = context.folders
-    known = RobotRates("known robot", read(folders[KNOWN])[1])
-    alone = {
-        parameter: "alone_" + parameter.path.removeprefix("plant.").replace(".", "_")
-        for parameter in PARAMETERS
-    }
-    ends = {
-        parameter: robots_at_ends(folders[name], parameter) for parameter, name in alone.items()
-    }
-    sets = [RobotRates(f"set {name}", read(folders[f"set_{name}"])[1]) for name in SETS]
-    robots = [known, *(robot for pair in ends.values() for robot in pair), *sets]
+    folders, robots, ends = context.folders, {}, {}
+    robots[KNOWN_ROBOT] = read(folders[KNOWN])[1]
+    for one in PARAMETERS:
+        name = one.path.removeprefix("plant.").replace(".", "_")
+        ends[one] = robots_at_ends(folders[f"alone_{name}"], one)
+        robots |= ends[one]
+    robots |= {f"set {name}": read(folders[f"set_{name}"])[1] for name in SETS}
     effects = parameter_effects(ends)
     frames, flags = zip(*(read(folders[f"drawn_{seed}"]) for seed in SEEDS), strict=True)
     drawn = dependences(pd.concat(frames), pd.concat(flags), PARAMETERS)
-    decided = sensitivity_rows(folders[KNOWN].parent.parent / "searches", context.engine)
-    (outcome,) = study.read_toml(SEARCH)["search"]["outcomes"]
-    layers, count = layer_rows(robots, LAYER_EVENT), len(robots)
-    return study.Findings(
-        lines=tuple(_lines(robots)),
-        tables=(
-            read_table(NAME, "conclusions", conclusion_rows(robots, effects, drawn), robots=count),
-            read_table(NAME, "layers", layers, robots=count, event=EVENTS[LAYER_EVENT]),
-            read_table(NAME, "parameters", parameter_rows()),
-            read_table(NAME, "ends", end_rows(effects)),
-            read_table(NAME, "thirds", third_rows(drawn)),
-            read_table(NAME, "sensitivity", decided, outcome=outcome),
+    searches = folders[KNOWN].parent.parent / "searches"
+    units_of = {one: bounds.allowed_values(ROBOT, one.path)[0].unit for one in PARAMETERS}
+    tables = {
+        "conclusions": conclusion_rows(robots, effects, drawn),
+        "layers": layer_rows(robots),
+        # Ranges and their sources
+        "parameters": (
+            (one.words, one.path, one.range, one.nominal, unit, one.law, one.source)
+            for one, unit in units_of.items()
         ),
-        notes=study.read_notes(NAME, robots=count),
+        "ends": end_rows(effects),
+        "thirds": third_rows(drawn),
+        "sensitivity": sensitivity_rows(searches, context.engine),
+    }
+    (outcome,) = study.read_toml(SEARCH)["search"]["outcomes"]
+    words = {"robots": len(robots), "event": EVENTS[LAYER_EVENT], "outcome": outcome}
+    return study.Findings(
+        tuple(_lines(robots)),
+        tuple(read_table(NAME, key, rows, **words) for key, rows in tables.items()),
+        study.read_notes(NAME, robots=len(robots)),
     )
 
 
-def _lines(robots: Sequence[RobotRates]) -> Iterator[study.Line]:
-    of = f"faults of this design, {kinds.count(robots[0].kinds)}, the known robot"
-    cycle = next(robot for robot in robots if robot.name == EVERY_CYCLE)
+def _lines(robots: Robots) -> Iterator[study.Line]:
+    known, cycle = robots[KNOWN_ROBOT], robots[EVERY_CYCLE]
+    of = f"faults of this design, {kinds.count(kinds_of(known))}, the known robot"
     for event, words in EVENTS.items():
-        share = robots[0].rate(event)
+        share = rate_of(known, event)
         yield study.percent_line(words, share, of)
-        yield study.percent_line(f"{words}, a packet each cycle", cycle.rate(event), of)
+        yield study.percent_line(f"{words}, a packet each cycle", rate_of(cycle, event), of)
         (low, _), (high, _) = extremes(robots, event)
         span = Estimate(share.value, low.value, high.value)
         value = study.in_percent(span, len(robots), "robots, extremes")

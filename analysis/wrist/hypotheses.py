@@ -88,7 +88,7 @@ class Course:
         path = recording.locate(mechanics.SEVEN_JOINTS)
         if path is None:
             raise FileNotFoundError(f"{mechanics.SEVEN_JOINTS}: set {recording.DATA} to its folder")
-        log = mechanics.seven_joints(path).log
+        log = mechanics.logged(mechanics.SEVEN_JOINTS, path).log
         period = mechanics.SEVEN_PERIOD_MS * 1e-3
         times = period * np.arange(len(log.measured) + 1)
         joints, desired = (

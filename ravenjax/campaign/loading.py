@@ -89,9 +89,10 @@ def from_record(
         # If `raw` is no table, the check of the whole file below refuses it.
         if isinstance(raw, dict):
             groups = raw.get("group", ())
-            # A group with a list of hazards becomes one group for each of their cases.
-            raw, where.written = expansion.expand_tables(raw, robot)
-            if where.written:
+            # A group with a list of hazards becomes one group for each of their cases. Messages
+            # name the groups of the file.
+            raw, where.number_in_file = expansion.expand_tables(raw, robot)
+            if where.number_in_file:
                 where.groups = groups
                 where.names = [str(group.get("name")) for group in raw["group"]]
     except expansion.WrongGroup as error:
@@ -102,6 +103,7 @@ def from_record(
         Path.cwd() if source is None else source.parent
     )
     config._source = source
+    # Hazards that a group lists twice, for a notice.
     repeated = []
     for number, group in enumerate(where.groups):
         hazards = group.get("hazards")
@@ -174,7 +176,8 @@ def check_parameters(config: CampaignConfig, known: Iterable[str] | None = None)
 
 def _describe_mistake(model: type[CampaignConfig], error, raw) -> location.Complaint:
     # Returns the key to which an error of pydantic belongs, and ravenjax's message. A validator of
-    # a whole table may write "key: message". The key is then that key of the table.
+    # a whole table may write "key: message". This key is then added, unless it is the last part
+    # already.
     key, message = _key_in_file(error["loc"], raw), _message(model, error)
     name, colon, rest = message.partition(": ")
     if (

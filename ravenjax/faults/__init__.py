@@ -60,8 +60,7 @@ class Fault:
     signal with the same key start at the same time. Effect random has different numbers in each
     element. at: bool, elements on which the fault may act.
 
-    Raise UserError, a ValueError, for an unknown effect, and for a number that is missing, unused
-    or out of range.
+    Raise UserError, a ValueError, for an unknown effect, and for missing, unused or wrong numbers.
     """
 
     effect: str
@@ -147,12 +146,11 @@ def init(signal: Any, fault: Fault) -> State:
 
 def reset(state: State, done: Any) -> State:
     """Reset the environments that are `done` (bool) to the state before their first tick."""
-    # This array has the shape and the library of the signal, and the type of computations.
-    like_signal = state.slot.latched
-    shape = like_signal.shape
-    with run_eagerly(like_signal):
-        start = _initial_state(shape, like_signal.dtype, state.history)
-        return where(_broadcast_leading("done", done, shape) != 0, start, state)
+    # `latched` has the signal's shape and its library, such as NumPy. Its type is that of floats.
+    latched = state.slot.latched
+    with run_eagerly(latched):
+        start = _initial_state(latched.shape, latched.dtype, state.history)
+        return where(_broadcast_leading("done", done, latched.shape) != 0, start, state)
 
 
 def apply(
@@ -225,9 +223,10 @@ def _initial_state(shape: tuple[int, ...], real, history: tuple[Any, ...]) -> St
     def filled(x: float, dtype=jnp.int32):
         return _broadcast("", x, shape, dtype)
 
-    active, zero, unseen = filled(0) > 0, filled(0.0, real), filled(math.nan, real)
-    slot = SlotState(active, filled(0), zero, unseen, filled(-1), filled(0), filled(-1))
-    return State(slot, filled(-1), history)
+    active, age, changed_ticks = filled(0) > 0, filled(0), filled(0)
+    latched, before, never = filled(0.0, real), filled(math.nan, real), filled(-1)
+    slot = SlotState(active, age, latched, before, never, changed_ticks, last_tick=never)
+    return State(slot, began=never, history=history)
 
 
 def _broadcast_leading(name: str, x, shape: tuple[int, ...]) -> Any:

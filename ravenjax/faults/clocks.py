@@ -64,16 +64,18 @@ class PedalPhases(NamedTuple):
     later: int | None = 0  # number of ticks by which these times may be delayed; None: unknown
 
     def end(self, opening: Opening, ticks: int) -> np.ndarray:
-        """Return the first tick after the last window of each fault; 0 if no window opens."""
+        """Return the first tick after each fault's last window on the pedal clock; 0: no window."""
         window_end = np.zeros(len(opening.start), np.int64)
         if self.later is None:
             return np.full_like(window_end, ticks)
         for begin, end in zip(self.begins.tolist(), self.ends.tolist(), strict=True):
-            # The phase may begin and end up to `later` ticks late.
+            # The phase may begin and end up to `later` ticks late. The pedal clock counts from its
+            # begin, so the highest reading is that of an early begin and a late end.
             latest_end = min(end + self.later, ticks)
             last_reading = opening.last(0, latest_end - begin - 1)
-            tick = np.minimum(begin + self.later + last_reading + 1, latest_end)
-            window_end = np.where(last_reading >= 0, np.maximum(window_end, tick), window_end)
+            # The clock has this reading latest if the phase begins late.
+            shut_tick = np.minimum(begin + self.later + last_reading + 1, latest_end)
+            window_end = np.where(last_reading >= 0, np.maximum(window_end, shut_tick), window_end)
         return window_end
 
 
@@ -102,12 +104,13 @@ class Clocks(NamedTuple):
         if self.arrivals is None:
             return np.full(len(rows), ticks, np.int64)
         repeats = opening.every > 0
-        # No packet number is higher than `ticks`. Only windows that repeat need the newest number.
+        # No packet number is above `ticks`: they count from 1, at most one per tick. Only windows
+        # that repeat need the run's newest number.
         newest = np.full(len(rows), ticks, np.int64)
         if repeats.any():
             newest[repeats] = self.arrivals.newest(rows[repeats])
+        # If no packet has an open window, `last` returns -1, and `first` a number above `newest`.
         last_packet = opening.last(1, newest)
-        # Without such a packet, the next one after the end of the run.
         first_packet = np.minimum(opening.first(1, newest), newest + 1)
         opens = (last_packet > 0) & (self.arrivals.arrival_ticks(rows, first_packet) < ticks)
         # The window shuts when the packet after the last one arrives.
@@ -117,9 +120,11 @@ class Clocks(NamedTuple):
     def pedal_end(self, rows: np.ndarray, opening: Opening, ticks: int) -> np.ndarray:
         """Return the first tick after each fault's last window on the pedal clock; 0: none opens.
 
-        Arguments: see `packet_end`. Valid only for runs in which no fault changes the pedal.
+        rows: runs of the faults. opening: their windows. ticks: length of a run. Valid only for
+        runs in which no fault changes the pedal.
         """
         window_end = np.zeros(len(rows), np.int64)
+        # Runs of the same kind have the same times of pedal-down.
         for kind, phases in enumerate(self.phases):
             of_kind = self.kind[rows] == kind
             kind_opening = Opening(*(column[of_kind] for column in opening))

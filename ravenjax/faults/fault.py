@@ -70,11 +70,9 @@ def init(setup: Setup) -> FaultState:
     zero = jnp.asarray(0.0, setup.precision.real)
     unseen = jnp.asarray(jnp.nan, setup.precision.real)
     never = jnp.int32(-1)
-    slot = SlotState(jnp.bool_(False), jnp.int32(0), zero, unseen, never, jnp.int32(0), never)
+    active, age, ticks = jnp.bool_(False), jnp.int32(0), jnp.int32(0)
+    slot = SlotState(active, age, zero, unseen, never, changed_ticks=ticks, last_tick=never)
     return FaultState((slot,) * setup.injection.slots)
-
-
-# --- windows ---
 
 
 @record
@@ -87,7 +85,7 @@ class TriggerClocks:
 
 
 def _open_slot(setup: Setup, fault: FaultSlot, state: SlotState, clock: TriggerClocks) -> SlotState:
-    # Returns the slot's state with its window as in this tick, by the clock of its trigger.
+    # Returns the slot's state: the clock of the fault's trigger opens or shuts its window.
     triggers = setup.injection.triggers
     readings = {"time": clock.tick, "packet": clock.packet, "pedal": clock.pedal}
     reading = readings[triggers[0]]
@@ -95,6 +93,7 @@ def _open_slot(setup: Setup, fault: FaultSlot, state: SlotState, clock: TriggerC
         reading = jnp.where(fault.trigger == TRIGGER_CODES[name], readings[name], reading)
     since_start = reading - fault.start
     if "pedal" in triggers:
+        # While the pedal is up, -1 keeps the window shut.
         pedal_is_up = (fault.trigger == TRIGGER_CODES["pedal"]) & (clock.pedal < 0)
         since_start = jnp.where(pedal_is_up, -1, since_start)
     return open_window(fault, state, since_start)
@@ -121,8 +120,7 @@ def open_windows(
     """Return the state with the windows of all faults as in this tick. Call this once per tick,
     before any fault site.
 
-    Start and duration are on the trigger's clock. A fault that counts packets acts in all ticks of
-    a packet.
+    Start and duration are on the trigger's clock. A window of packets covers all their ticks.
     """
     # The campaign may have slots although no run has a fault.
     if not setup.injection.triggers:

@@ -46,8 +46,8 @@ def _apply_effect(
         case "drift":
             return x + fault.value * lax.convert_element_type(slot.age + 1, x.dtype)
         case "stuck":
-            # A fault that acts from the first tick has no earlier value, which is NaN, so it keeps
-            # the number of the first tick. A comparison with NaN is false.
+            # `before` is NaN, which is not equal to itself, if the fault acts from the first tick.
+            # It then keeps the x of this tick, which `FaultAction.slot_after` stores.
             return jnp.where(slot.before == slot.before, slot.before, x)
         case "bit_flip":
             pattern = lax.bitcast_convert_type(lax.convert_element_type(x, jnp.float32), jnp.int32)
@@ -76,14 +76,7 @@ class FaultAction:
     """
 
     def __init__(
-        self,
-        effects: tuple[str, ...],
-        fault: FaultSlot,
-        slot: SlotState,
-        x: Scalar,
-        tick: Scalar,
-        on_channel: Scalar,
-        present: Scalar,
+        self, effects, fault: FaultSlot, slot: SlotState, x: Scalar, tick, on_channel, present
     ):
         """Compute the float that replaces `x`. effects: all effects that occur at the site.
 
@@ -109,10 +102,11 @@ class FaultAction:
         value = _store(kind, self._y, number)
         differs = value != number
         if self._may_flip and kind == "float":
-            # Flipping the lowest bit of 0 gives a denormal, which compares equal to 0 on engines
+            # `_y` is the flipped float. It may be a denormal, which compares equal to 0 on engines
             # that flush denormals.
             differs = differs | self._flips
         elif self._may_flip:
+            # Whole numbers and truth values are flipped in their own bits.
             bits = flip_bit(lax.convert_element_type(number, jnp.int32), self._fault)
             bits = _fit_width(kind, bits)
             value = jnp.where(self._flips, lax.convert_element_type(bits, number.dtype), value)
@@ -134,8 +128,6 @@ class FaultAction:
             changed_ticks=slot.changed_ticks + as_int(changed),
         )
 
-
-# --- sites ---
 
 Path = tuple[str | int, ...]
 ChannelKey = tuple[str, str, str]
@@ -210,11 +202,12 @@ class Injector:
         numbers = Vec(
             jnp.asarray(paths.named_numbers(params, self.setup, path)[path]) for _, _, path in keys
         )
+        # `numbers` is the signal of this site, so a channel's path in it is its index.
         for i, (key, number) in enumerate(zip(keys, numbers, strict=True)):
             # The type of a parameter's number is known only here.
             kind = "float" if jnp.issubdtype(number.dtype, jnp.floating) else "int32"
             self.paths = {**self.paths, key: ((i,), kind)}
-        faulty_numbers = self(PARAMETER, numbers)
+        faulty_numbers = self(site=PARAMETER, signal=numbers)
         for (_, _, path), number in zip(keys, faulty_numbers, strict=True):
             params = paths.assign_numbers(params, self.setup, path, number)
         return params
@@ -233,22 +226,16 @@ class Injector:
         return signal
 
     def _inject_slot(
-        self,
-        use: SiteUse,
-        targets: list[tuple[int, Path, str]],
-        fault: FaultSlot,
-        slot: SlotState,
-        signal,
-        present: Scalar,
+        self, use: SiteUse, targets, fault: FaultSlot, slot: SlotState, signal, present: Scalar
     ) -> tuple[SlotState, Any]:
         """Apply the fault of one slot at one site. Return the slot's state and the signal.
 
-        targets: (code, path, number type) of each of the site's channels.
+        targets: (code, path, number type) of each channel. present: bool, the signal exists now.
         """
         real = self.setup.precision.real
         numbers = [jnp.asarray(read_channel(signal, path)) for _, path, _ in targets]
         is_target = [fault.code == code for code, _, _ in targets]
-        # The number of the fault's channel, and whether this channel belongs to the site.
+        # x is the number of the fault's channel. on_channel: this channel belongs to the site.
         x = lax.convert_element_type(numbers[0], real)
         on_channel = is_target[0]
         for selected, number in zip(is_target[1:], numbers[1:], strict=True):

@@ -122,13 +122,13 @@ def hazard_words(robot: Robot) -> list[str]:
 
 
 def _hazards_named(word: str, robot: Robot) -> list[Hazard]:
-    # Returns the hazards that a word names. A hazard that cannot be simulated is an error only if
-    # the word is its id.
+    # Returns the hazards that a word names and that can be simulated, or raises WrongGroup.
     named = [row for row in library.all_hazards(robot) if word in (ALL, row.id, row.layer)]
     if runnable := [row for row in named if row.runnable]:
         return runnable
-    for row in named:
-        raise WrongGroup(KEY, f"{word} ({row.title}) cannot be simulated: {row.documented_only}")
+    if named:
+        title, reason = named[0].title, named[0].documented_only
+        raise WrongGroup(KEY, f"{word} ({title}) cannot be simulated: {reason}")
     hint = suggest_name(word, hazard_words(robot))
     raise WrongGroup(KEY, f"unknown hazard {word!r}, expected an id, a layer or {ALL!r}{hint}")
 
@@ -140,15 +140,15 @@ def _expand_case(group: Mapping[str, Any], hazard: Hazard, case: Case, arms: Seq
     per_arm = any(fault.declared.per_arm for fault in case.fault)
     arm = overrides.pop("arm", None)
     choices = _arm_choices(hazard, arm, arms) if per_arm else [("", ())]
-    for suffix, faulty in choices:
-        for key, message in _find_override_mistakes(case, overrides, faulty):
+    for suffix, faulty_arms in choices:
+        for key, message in _find_override_mistakes(case, overrides, faulty_arms):
             raise WrongGroup(key, f"{name} {message}")
-        # Several channels or arms then have faults in the same run, so their values go in pairs.
-        is_joint = case.fault[0].along or len(faulty) > 1
-        slots = (_expand_fault(fault, overrides, faulty) for fault in case.fault)
+        # If one fault acts on several channels or arms in a run, their lists of values are paired.
+        is_paired = case.fault[0].along or len(faulty_arms) > 1
+        slots = (_expand_fault(fault, overrides, faulty_arms) for fault in case.fault)
         table = {
             "name": f"{group['name']}/{name}{suffix}",
-            "design": "zip" if is_joint else case.design,
+            "design": "zip" if is_paired else case.design,
             "fault": list(itertools.chain(*slots)),
         }
         runs = {} if case.runs is None else {"runs": case.runs}
@@ -156,8 +156,9 @@ def _expand_case(group: Mapping[str, Any], hazard: Hazard, case: Case, arms: Seq
 
 
 def _arm_choices(hazard: Hazard, arm, arms: Sequence[str]):
-    """Return (suffix of the name, arms with faults in a run) for each group of a case."""
+    """Return (suffix of the name, faulty arms) for each group of a case. arm: the group's key."""
     if arm is not None:
+        # An empty list is kept as if it were an arm; `_find_override_mistakes` reports it.
         named = _as_list(arm) or [arm]
         return [(f"-{name}" if len(named) > 1 else "", (name,)) for name in named]
     if len(arms) < 2:
@@ -169,19 +170,24 @@ def _arm_choices(hazard: Hazard, arm, arms: Sequence[str]):
 
 def _find_override_mistakes(case: Case, overrides: Mapping[str, Any], arms: Sequence[Any]):
     """Yield (key, message) for each override that a case does not permit."""
-    first, *others = case.fault
-    if "value" in overrides and others:
+    first, *more_faults = case.fault
+    if "value" in overrides and more_faults:
         yield "value", f"has faults on {len(case.fault)} channels with different values"
     if "value" in overrides and not EFFECTS[first.effect].takes_value:
         yield "value", f"has effect {first.effect!r}, which has no value"
-    for key, value in (("arm", [] if [] in arms else None), *overrides.items()):
+    if [] in arms:
+        yield "arm", "has an empty list, expected at least one value"
+    # `along` divides the value of one fault among several channels.
+    acts_on_several = more_faults or first.along or len(arms) > 1
+    for key, value in overrides.items():
         got = format_value(value)
         if value == []:
             yield key, "has an empty list, expected at least one value"
-        if (others or first.along or len(arms) > 1) and isinstance(value, dict):
+        # A dict is a distribution, whose draws would differ between channels and between arms.
+        if acts_on_several and isinstance(value, dict):
             what = "both arms" if len(arms) > 1 else "several channels"
             yield key, f"has faults on {what} in the same run, expected numbers, got {got}"
-        if others and isinstance(value, list):
+        if more_faults and isinstance(value, list):
             yield key, f"has faults on several channels, expected one number, got {got}"
         if key == "value" and first.along and not all(map(_is_number, _as_list(value))):
             yield key, f"divides its value among channels, expected finite numbers, got {got}"
@@ -193,18 +199,20 @@ def _expand_fault(fault: LibraryFault, overrides: Mapping[str, Any], arms: Seque
     table = {key: dumped[key] for key in dumped if key not in ("along", "unit")} | {**overrides}
     if "value" in overrides:
         table.pop("wraps", None)  # `wraps` applies to the library's values only
-    per_arm = arms if fault.declared.per_arm else ()
+    faulty_arms = arms if fault.declared.per_arm else ()
+    # Without `along`, the value's share of each channel, a run has one faulty channel.
+    if fault.along is None and len(faulty_arms) < 2:
+        yield table | ({"arm": faulty_arms[0]} if faulty_arms else {})
+        return
     keys = [key for key in _CROSSED if key in table]
-    if fault.along is None and len(per_arm) > 1:
+    if fault.along is None:
         table["channel"] = list(fault.channels)
         keys = ["channel", *keys]
-    elif fault.along is None:
-        yield table | ({"arm": per_arm[0]} if per_arm else {})
-        return
-    # All combinations of the values, as one list per key.
-    rows = itertools.product(*(_as_list(table[key]) for key in keys))
-    crossed = dict(zip(keys, map(list, zip(*rows, strict=True)), strict=True))
-    for arm in per_arm or (None,):
+    # All combinations of the values, as one list per key. The slots pair these lists.
+    combinations = itertools.product(*(_as_list(table[key]) for key in keys))
+    columns = map(list, zip(*combinations, strict=True))
+    crossed = dict(zip(keys, columns, strict=True))
+    for arm in faulty_arms or (None,):
         slot = table | crossed | ({} if arm is None else {"arm": arm})
         if fault.along is None:
             yield slot

@@ -28,6 +28,7 @@ import copy
 import dataclasses
 import functools
 import io
+import threading
 from typing import Any
 
 import mujoco
@@ -42,6 +43,7 @@ from ravenjax.numbers.lazy import jax, jnp
 
 SWEEPS = 10
 """Sweeps over the constraints of a step."""
+_MJX_IMPORT = threading.Lock()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,8 +72,9 @@ class Constraint:
         rise = x**exponent / middle ** (exponent - 1)
         fall = 1.0 - (1.0 - x) ** exponent / (1.0 - middle) ** (exponent - 1)
         impedance = low + jnp.where(x <= middle, rise, fall) * (high - low)
-        time = high * max(self.solref[0], 2.0 * timestep)
-        stiffness, damping = 1.0 / (time * self.solref[1]) ** 2, 2.0 / time
+        time_constant, damping_ratio = self.solref
+        time = high * max(time_constant, 2.0 * timestep)
+        stiffness, damping = 1.0 / (time * damping_ratio) ** 2, 2.0 / time
         acceleration = -(velocity * damping + position * stiffness * impedance)
         return acceleration, (1.0 / impedance - 1.0) * self.invweight
 
@@ -97,8 +100,7 @@ def read_mechanism(model: mujoco.MjModel, tip: str) -> Mechanism:
     """Return the mechanism of a model whose base is fixed. tip: name of a site, the tip.
 
     Raise UserError if the model has features that are not supported: free and ball joints,
-    tendons, contacts, equality constraints other than joint polynomials, drag and gravity
-    compensation.
+    tendons, contacts, equality constraints but joint polynomials, drag and gravity compensation.
     """
     _require_supported(model)
     links = rigid_tree.read_tree(model, "world")
@@ -106,6 +108,7 @@ def read_mechanism(model: mujoco.MjModel, tip: str) -> Mechanism:
     index_of = {joint: k for k, joint in enumerate(joints)} | {-1: -1}
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
+    # Index of the link that carries the tip, by the last joint of the tip's body; -1: the base.
     body = model.body_weldid[model.site(tip).bodyid[0]]
     carrier = index_of[int(model.body_jntadr[body] + model.body_jntnum[body] - 1)] if body else -1
     home_positions = Vec(link.reference for link in links)
@@ -137,9 +140,9 @@ def _read_constraints(
     for joint in joints:
         dof = dofs[joint]
         if model.dof_frictionloss[dof]:
-            limit = float(model.dof_frictionloss[dof])
+            limit, leader, polynomial = float(model.dof_frictionloss[dof]), -1, (0.0,)
             soft = tuple(model.dof_solref[dof]), tuple(model.dof_solimp[dof]), float(weight[dof])
-            constraints.append(Constraint(index_of[joint], limit, -1, (0.0,), *soft))
+            constraints.append(Constraint(index_of[joint], limit, leader, polynomial, *soft))
     for k in np.flatnonzero(model.eq_active0):
         follower, leader = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
         # Without a leader, the joint is held at a constant position.
@@ -155,7 +158,7 @@ def _require_supported(model: mujoco.MjModel):
     # Raises UserError for a model with features that this module would ignore.
     hinges, slides = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
     touching = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT
-    solid = touching & (model.geom_contype | model.geom_conaffinity > 0)
+    solid = touching & ((model.geom_contype | model.geom_conaffinity) > 0)
     # Kind of element -> what is not supported, and which elements have it.
     unsupported = {
         "joint": ("free or ball joints", ~np.isin(model.jnt_type, (hinges, slides))),
@@ -237,7 +240,7 @@ def step_by_mjx(
     mechanism: Mechanism, qpos: Vec, qvel: Vec, torque: Vec, velocity_gain: Vec
 ) -> tuple[Vec, Vec]:
     """Return what `step` returns, computed by MuJoCo MJX, which also solves the constraints."""
-    # MJX subtracts the gain times the velocity with the damping, so it is added here.
+    # In MJX the gain is damping, which is subtracted from the torque. This cancels it.
     applied = plus(torque, velocity_gain.map(mul, qvel))
     damping = jnp.array(plus(mechanism.damping, velocity_gain))
     option = {"timestep": mechanism.timestep}
@@ -274,10 +277,11 @@ def advance_by_mjx(
 def _put_model(model: mujoco.MjModel, dtype: str) -> tuple[Any, Any, Any]:
     """Return the module `mjx`, and the model and its data for JAX.
 
-    dtype: type of JAX's numbers, which selects the stored result.
+    dtype: only part of the cache's key, because a result has the type of JAX's numbers.
     """
     # The import takes half a second and prints a line for each optional backend that is missing.
-    with contextlib.redirect_stdout(io.StringIO()):
+    # Without the lock, two threads that compile would leave sys.stdout redirected.
+    with _MJX_IMPORT, contextlib.redirect_stdout(io.StringIO()):
         from mujoco import mjx
     with jax.ensure_compile_time_eval():
         return mjx, mjx.put_model(model), mjx.make_data(model)
@@ -325,9 +329,10 @@ def _deviation(mechanism: Mechanism, constraint: Constraint, qpos: Vec) -> tuple
     Friction loss has no deviation.
     """
     direction = Vec(float(k == constraint.joint) for k in range(len(qpos)))
+    # Only friction loss has a limit.
     if constraint.limit:
         return direction, 0.0
-    # Horner's scheme for the polynomial and its derivative.
+    # Horner's scheme for the polynomial and its derivative. Without a leader (-1), it is constant.
     target = slope = 0.0
     for coefficient in reversed(constraint.polynomial):
         offset = qpos[constraint.leader] - mechanism.links[constraint.leader].reference

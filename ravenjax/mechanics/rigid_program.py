@@ -38,9 +38,9 @@ class _Body:
     omega: Vec  # angular velocity
     matrix: Vec  # U
     wrench: tuple[Vec, Vec]  # moment and force of the body, for the bias
-    # Second moments J, first moment h and mass of the link with all links that it carries.
-    moments: Matrix
-    first: Vec
+    # Of the link with all that it carries: J, the integral of r r^T dm; h, that of r dm; mass.
+    second_moments: Matrix
+    first_moment: Vec
     mass: Number
 
 
@@ -74,7 +74,8 @@ def evaluate_program(
 ) -> tuple[list[list[Any]], list[Any]]:
     """Run the program of `mass_matrix_and_bias`. Return the rows of the mass matrix, and the bias.
 
-    program_for: returns the program for the known inputs. Inputs that are Python numbers are known.
+    inputs: positions, speeds, gravity (3). Python numbers among them are known. program_for:
+    returns the program for the known inputs.
     """
     known = tuple(float(x) if type(x) in (int, float) else None for x in inputs)
     outputs = replay_program(program_for(known), inputs)
@@ -120,8 +121,8 @@ def _pose(link: Link, q: Number) -> tuple[list[Turn], Vec]:
 def _kinematics(
     links: Sequence[Link], qpos: list[Number], qvel: list[Number], upward: Vec
 ) -> list[_Body]:
-    # Returns motion and wrench of each link, from the base to the tips, without joint
-    # accelerations. upward: acceleration of the base, which stands for gravity.
+    # Returns each link's motion without joint accelerations, and its wrench: the moment and the
+    # force that this motion needs. upward: acceleration of the base that acts like gravity.
     bodies: list[_Body] = []
     # Angular acceleration of each link, and acceleration of its origin.
     accelerations: list[tuple[Vec, Vec]] = []
@@ -140,13 +141,14 @@ def _kinematics(
         else:
             alpha = alpha + Vec((omega[1] * rate, -(omega[0] * rate), 0.0))
             omega = omega.replace(2, omega[2] + rate)
-        motion = _acceleration_matrix(omega, alpha)
-        inertia = link.pseudo_inertia.tolist()
-        moments, first, mass = [row[:3] for row in inertia[:3]], Vec(inertia[3][:3]), inertia[3][3]
-        force = _apply(motion, first) + accel * mass
-        moment = _moment(motion, moments) + cross(first, accel)
+        U = _acceleration_matrix(omega, alpha)
+        # The pseudo-inertia is [[J, h], [h^T, mass]].
+        *rows, (*first_moment, mass) = link.pseudo_inertia.tolist()
+        J, h = [row[:3] for row in rows], Vec(first_moment)
+        force = _apply(U, h) + accel * mass
+        moment = _moment(U, J) + cross(h, accel)
         accelerations.append((alpha, accel))
-        bodies.append(_Body(turns, position, omega, motion, (moment, force), moments, first, mass))
+        bodies.append(_Body(turns, position, omega, U, (moment, force), J, h, mass))
     return bodies
 
 
@@ -165,15 +167,16 @@ def _bias(links: Sequence[Link], bodies: list[_Body]) -> list[Number]:
 
 
 def _mass_matrix(links: Sequence[Link], bodies: list[_Body]) -> Matrix:
-    """Return the lower triangle of the mass matrix. From the tips to the base, each body is added
-    to its parent. A unit acceleration of its joint needs a wrench, whose parts along the joint axes
-    of all ancestors are the entries.
+    """Return the lower triangle of the mass matrix. Its entries are the components, along the axes
+    of a joint and its ancestors, of the wrench that a unit acceleration of the joint needs on all
+    bodies that the joint carries.
     """
     n = len(links)
     inertia: Matrix = [[0.0] * n for _ in range(n)]
     for index in reversed(range(n)):
         link, body = links[index], bodies[index]
-        h, J = body.first, body.moments
+        # h: integral of r dm. J: integral of r r^T dm. The joint's axis is z.
+        h, J = body.first_moment, body.second_moments
         if link.slide:
             moment, force = Vec((h[1], -h[0], 0.0)), Vec((0.0, 0.0, body.mass))
         else:
@@ -192,16 +195,16 @@ def _mass_matrix(links: Sequence[Link], bodies: list[_Body]) -> Matrix:
 def _add_child(parent: _Body, child: _Body):
     # Adds the child's mass, first and second moments to the parent, in the parent's frame.
     p = child.position
-    moments = child.moments
+    J, total = child.second_moments, parent.second_moments
     for turn in reversed(child.turns):
-        moments = _turn_moments(turn, moments)
-    first = _rotate(child.turns, child.first)
-    moved = first + p * child.mass
+        J = _turn_moments(turn, J)
+    h = _rotate(child.turns, child.first_moment)
+    moved = h + p * child.mass
     for i in range(3):
         for j in range(i + 1):
-            total = parent.moments[i][j] + moments[i][j] + (p[i] * moved[j] + first[i] * p[j])
-            parent.moments[i][j] = parent.moments[j][i] = total
-    parent.first = parent.first + moved
+            total[i][j] = total[i][j] + J[i][j] + (p[i] * moved[j] + h[i] * p[j])
+            total[j][i] = total[i][j]
+    parent.first_moment = parent.first_moment + moved
     parent.mass = parent.mass + child.mass
 
 
@@ -244,6 +247,7 @@ def _turn_moments(turn: Turn, J: Matrix) -> Matrix:
     if c == 0.0:
         turned[x][x], turned[y][y], across = J[y][y], J[x][x], -J[x][y]
     else:
+        # R J R^T in the plane, with c^2 = 1 - s^2.
         shear = s * (J[y][y] - J[x][x]) - 2.0 * c * J[x][y]
         turned[x][x], turned[y][y] = J[x][x] + s * shear, J[y][y] - s * shear
         across = -(c * shear + J[x][y])
@@ -254,7 +258,7 @@ def _turn_moments(turn: Turn, J: Matrix) -> Matrix:
 
 
 def _acceleration_matrix(omega: Vec, alpha: Vec) -> Vec:
-    # Returns U = [alpha]x + [omega]x^2, the acceleration of a point r relative to r.
+    # Returns U = [alpha]x + [omega]x^2. U r is the acceleration of the point r of a rotating body.
     (x, y, z), (a, b, c) = omega, alpha
     xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
     return matrix(
@@ -263,7 +267,7 @@ def _acceleration_matrix(omega: Vec, alpha: Vec) -> Vec:
 
 
 def _moment(U: Vec, J: Matrix) -> Vec:
-    """Return the sum of r x (U r): the axial vector of U J."""
+    """Return the integral of r x (U r) dm over a body. J: integral of r r^T dm."""
 
     def component(i: int) -> Number:
         j, k = (i + 1) % 3, (i + 2) % 3

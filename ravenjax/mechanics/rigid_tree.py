@@ -140,13 +140,15 @@ def _choose_frames(joints: list[_HomeJoint]):
             joint.origin = _foot(joint, child.anchor, child.axis)
         else:
             joint.origin = joint.anchor
-        # The common normal to the first child's axis, if the joint is a hinge with a child. It is
-        # None if both axes are the same line.
+        # For a hinge, the normal to the child's axis (None: both are the same line), or without a
+        # child, the direction to its mass. Otherwise, the normal to the parent's axis.
         x_axis = None if child is None or joint.slide else _normal(joint, child.anchor, child.axis)
+        if child is None and not joint.slide:
+            x_axis = _leaf_direction(joint)
         if x_axis is None and parent is not None:
             x_axis = _unit(np.cross(parent.axis, joint.axis))
             x_axis = parent.x if x_axis is None else x_axis
-        if x_axis is None or (child is None and not joint.slide):
+        if x_axis is None:
             x_axis = _leaf_direction(joint)
         joint.x = x_axis
 
@@ -188,10 +190,11 @@ def _leaf_direction(joint: _HomeJoint) -> np.ndarray:
     """Return the x axis of a link without children: towards its centre of mass, or else the axis of
     the base that is most perpendicular to the joint's axis.
     """
-    first, mass = joint.pseudo_inertia[:3, 3], joint.pseudo_inertia[3, 3]
+    # The mass times the position of its centre, and the mass.
+    first_moment, mass = joint.pseudo_inertia[:3, 3], joint.pseudo_inertia[3, 3]
     base_axes = np.eye(3)[np.argsort(np.abs(joint.axis))]
-    for candidate in (first - mass * joint.origin, *base_axes):
-        # The first candidate is a mass times a length.
+    for candidate in (first_moment - mass * joint.origin, *base_axes):
+        # A centre of mass within 1 um of the axis gives no direction.
         direction = _unit(_perpendicular(joint, candidate), 1e-6 * max(mass, 1e-300))
         if direction is not None:
             return direction

@@ -1,5 +1,4 @@
-"""The class Campaign: a campaign that is declared in Python or read from a TOML file, checked, and
-run."""
+"""The class Campaign: declared in Python or read from a TOML file, then checked and run."""
 
 from __future__ import annotations
 
@@ -225,8 +224,7 @@ def run_config(
 ) -> Results:
     """Run a campaign and store its results in the folder `out`.
 
-    Without `out`, results are in a temporary folder that is deleted with them. Raise UserError and
-    StoreError.
+    Without `out`, the results delete their temporary folder. Raise UserError and StoreError.
     """
     if out is not None:
         out = location.require_path("out", out, "a result folder, or None for a temporary one")

@@ -42,8 +42,7 @@ class HarmUse(NamedTuple):
 
     name: str
     when: str  # expression
-    # "joins": counts as harm like unintended motion; "replaces": counts instead of it; "watch": is
-    # only recorded.
+    # "joins": is harm like unintended motion; "replaces": instead of it; "watch": only recorded.
     counts: str
 
 
@@ -72,11 +71,14 @@ class Moment:
     def exchange_memory(self, ticks: int, empty: Scalar, update: Callable[[Vec], Vec]) -> Vec:
         """Return the values that were stored in the last tick, and store `update` of them.
 
-        ticks: number of values. empty: value before the first tick.
+        ticks: number of values. Before the first tick, each value is `empty` and is not updated.
         """
-        is_begin = self.before is None
-        stored = Vec.full(ticks, empty) if self.before is None else next(self.before)
-        self.after.append(stored if is_begin else update(stored))
+        if self.before is None:
+            stored = Vec.full(ticks, empty)
+            self.after.append(stored)
+        else:
+            stored = next(self.before)
+            self.after.append(update(stored))
         return stored
 
     def delay(self, value: Scalar, ticks: int, empty: Scalar) -> Scalar:
@@ -158,18 +160,20 @@ def _compile_comparison(node: ast.Compare) -> Formula:
     terms = [_compile_number(term) for term in (node.left, *node.comparators)]
 
     def robustness(moment: Moment, delay: int) -> Scalar:
+        # Returns the robustness of `delay` ms ago; 0 before the run.
         distances = []
         pairs = itertools.pairwise(term(moment) for term in terms)
         for (a, b), op in zip(pairs, node.ops, strict=True):
             distances.append(a - b if type(op) is ast.Gt else b - a)
         # A chain of comparisons is as far from being violated as its closest comparison.
-        return moment.delay(functools.reduce(jnp.minimum, distances), delay, 0.0)
+        closest = functools.reduce(jnp.minimum, distances)
+        return moment.delay(closest, delay, empty=0.0)
 
-    return Formula(0, robustness)
+    return Formula(future_ms=0, value=robustness)
 
 
 def _compile_truth(node: ast.AST) -> Formula:
-    # Compiles an expression that is true or false.
+    # Compiles an expression that is true or false, to its robustness: positive if it is true.
     match node:
         case ast.Compare(ops=ops) if all(type(op) in (ast.Gt, ast.Lt) for op in ops):
             return _compile_comparison(node)
@@ -221,6 +225,7 @@ def _window_operation(is_maximum: bool) -> tuple[Any, float]:
 def _over_past(is_maximum: bool, inner: Formula) -> Formula:
     # Compiles once(..) or historically(..) over the whole past: one stored value is enough.
     def value(moment: Moment, delay: int) -> Scalar:
+        # Returns the extreme of all values up to `delay` ms ago, and stores it for the next tick.
         extreme, empty = _window_operation(is_maximum)
         latest = moment.mask_before_run(delay, inner.value(moment, delay), empty)
         past = moment.exchange_memory(1, empty, lambda past: Vec((extreme(past[0], latest),)))
@@ -235,6 +240,7 @@ def _over_window(
     """Compile an operator with a window from `begin` to `end` ms in the past or the future."""
 
     def value(moment: Moment, delay: int) -> Scalar:
+        # Returns the operator's value of `delay` ms ago.
         extreme, empty = _window_operation(is_maximum)
         # How long ago the latest value of the window is.
         latest_delay = delay - end if in_future else delay + begin
@@ -247,6 +253,7 @@ def _over_window(
             span += step
         return covered
 
+    # How far the whole expression reaches into the future. A window in the past reduces this.
     future_ms = inner.future_ms + end if in_future else max(0, inner.future_ms - begin)
     return Formula(future_ms, value)
 
@@ -264,8 +271,8 @@ def init(setup: Setup) -> tuple[HarmState, ...]:
     zeros = dict.fromkeys(SIGNALS, cast_to_real(setup, 0.0))
     states = []
     for use in setup.harms:
-        # The evaluation stores the values before the first tick in `moment.after`.
         moment = Moment(zeros, jnp.int32(0))
+        # The result is not needed: the call stores the values before the first tick in `after`.
         _robustness(use, moment, setup.period_ms)
         memory, peak = cast_to_real(setup, (tuple(moment.after), -jnp.inf))
         states.append(HarmState(for_each_arm(setup, memory), peak, jnp.int32(-1)))
@@ -273,10 +280,7 @@ def init(setup: Setup) -> tuple[HarmState, ...]:
 
 
 def step(
-    setup: Setup,
-    state: tuple[HarmState, ...],
-    signals: Sequence[Mapping[str, Scalar]],
-    tick: Scalar,
+    setup, state: tuple[HarmState, ...], signals: Sequence[Mapping[str, Scalar]], tick: Scalar
 ) -> tuple[HarmState, ...]:
     """Return the state of each harm after this tick. signals: values of SIGNALS for each arm."""
     new_states = []

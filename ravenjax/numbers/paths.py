@@ -74,10 +74,11 @@ def _walk(
 
 
 def _leads_to(path: str, steps: tuple[_Step, ...]) -> bool:
-    """Return whether `path` names the number to which these steps lead."""
+    """Return whether `path`, such as kp.shoulder, names the number at steps kp, gold, shoulder."""
     names = path.split(".")
     for step in steps:
-        # A name that is none of this level's entries belongs to a later step.
+        # A name that is none of this level's entries belongs to a later step: the path leaves out
+        # this step, if it may.
         if names and names[0] in step.siblings:
             if names.pop(0) != step.name:
                 return False

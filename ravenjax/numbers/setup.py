@@ -1,8 +1,7 @@
 """Settings that select the compiled code of a simulation: number types, faults, cues, detectors.
 
 A campaign's parameters are inputs of the compiled code (`TickParams`). The settings of this module
-are not: each different `Setup` is compiled separately. They are hashable. A robot adds settings in
-a subclass.
+are not: each different `Setup` is compiled separately. They are hashable. Robots have subclasses.
 """
 
 import dataclasses

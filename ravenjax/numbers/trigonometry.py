@@ -1,8 +1,7 @@
 """Sine and cosine in float64, for numbers and arrays, with the same bits on every machine.
 
 The C libraries of different machines differ in the last bit. These functions consist of sums and
-products, each rounded as IEEE 754 requires. Angles are in rad, at most 1e5. The largest error is
-0.6 ulp.
+products, each rounded as IEEE 754 requires. Angles are in rad, at most 1e5. Error: up to 0.6 ulp.
 
 The angle is reduced by a multiple of pi/2, which is stored in three parts. The polynomials are
 those of FreeBSD msun, `k_sin.c` and `k_cos.c`.
@@ -55,7 +54,7 @@ def _sine(x: Real, quarters: int) -> Real:
     turns = (x * 0.6366197723675814 + _ROUNDER) - _ROUNDER
     high, middle = x - turns * _PI_2_PARTS[0], turns * _PI_2_PARTS[1]
     angle = high - middle
-    # What rounding removed from the angle.
+    # What rounding removed from the angle. It is added below as in k_sin.c and k_cos.c.
     tail = ((high - angle) - middle) - turns * _PI_2_PARTS[2]
     square = angle * angle
     half = 0.5 * square
@@ -64,10 +63,11 @@ def _sine(x: Real, quarters: int) -> Real:
     last = square * square * _polynomial(square, _COS) - angle * tail
     cosine = rest + (((1.0 - rest) - half) + last)
     # Quadrants 0 and 2 are the sine and its negative, 1 and 3 the cosine and its negative. The
-    # choice is by multiplication, so that x may be an array.
+    # choice is by multiplication, so that x may be an array. odd: 0 or 1.
     quadrant = (turns + quarters) % 4
     odd = quadrant % 2
-    return (1.0 - (quadrant - odd)) * (sine * (1.0 - odd) + cosine * odd)
+    sign = 1.0 - (quadrant - odd)
+    return sign * (sine * (1.0 - odd) + cosine * odd)
 
 
 def _polynomial(x: Real, coefficients: tuple[float, ...]) -> Real:

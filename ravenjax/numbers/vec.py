@@ -94,9 +94,6 @@ def record(cls: type) -> type:
 replace = dataclasses.replace
 
 
-# --- numbers ---
-
-
 def cast(tree: Any, dtype: str) -> Any:
     """Return `tree` with each number rounded to `dtype`."""
     return trees.map_leaves(lambda x: lax.convert_element_type(x, dtype), tree)

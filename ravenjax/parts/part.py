@@ -64,8 +64,6 @@ class InPlace(NamedTuple):
     words: str  # the expected structure as text, for error messages
 
 
-# --- files ---
-
 _MODULES: dict[OwnSource, types.ModuleType] = {}
 
 
@@ -116,7 +114,9 @@ def _run(
     known: Mapping[str, bytes] | None,
     require: Callable[[Path, bytes], None] = lambda *_: None,
 ) -> tuple[types.ModuleType, dict[str, bytes]]:
-    # With this entry a traceback shows the line even if the file has changed since.
+    # Runs the user's file. Returns its module and the content of the files that it reads. known:
+    # their content if the file ran before. require: see `read_source`. With this entry a traceback
+    # shows the line even if the file has changed since.
     lines = source.text.splitlines(keepends=True)
     linecache.cache[source.path] = (len(source.text), None, lines, source.path)
     path = Path(source.path)
@@ -156,9 +156,6 @@ def _blame(source: OwnSource, where: str) -> Iterator[None]:
         raise UserError(f"{location}: {where} {trouble}") from error
 
 
-# --- functions ---
-
-
 @functools.lru_cache(maxsize=256)
 def load_part(source: OwnSource) -> Part:
     """Load a user's file, or return it if it is already loaded.
@@ -186,22 +183,22 @@ class Part:
         with _blame(self.source, PARAMS):
             return self._call("params")
 
-    def init(self, params: Any, width: str) -> Any:
-        """Return the state before the first millisecond: floats of `width`, int32 and bool."""
+    def init(self, params: Any, float_type: str) -> Any:
+        """Return the state before the first millisecond: floats of `float_type`, int32 and bool."""
         with _blame(self.source, INIT):
             state = self._call("init", params)
             numbers = []
             for name, value in tree.named_leaves(state):
                 what = f"the state's {name or 'number'}"
-                numbers.append(self._convert_number(INIT, what, value, width))
+                numbers.append(self._convert_number(INIT, what, value, float_type))
             return tree.fill_tree(state, numbers)
 
-    def step(self, params: Any, state: Any, view: Any, width: str, **gives: Any) -> tuple[Any, ...]:
+    def step(self, params, state, view, float_type: str, **gives: Any) -> tuple[Any, ...]:
         """Compute one millisecond. Return the state, then the other results in order.
 
-        gives: for each result, its expected form: SCORE for a score, numbers of the same structure
-        and types, or a dict of InPlace for a dict with some of these keys. A key whose value is
-        identical to the numbers in `like` is left out of the result.
+        float_type: dtype name. gives: for each result, its expected form: SCORE for a score,
+        numbers of the same structure and types, or a dict of InPlace for a dict with some of these
+        keys. The result is without keys that the file returns with the numbers of `InPlace.like`.
         """
         with _blame(self.source, STEP):
             result = self._call("step", params, state, view)
@@ -211,15 +208,15 @@ class Part:
                 raise self._error(STEP, f"returns {format_value(result)}, expected ({expected})")
             names = [name or "one number" for name, _ in tree.named_leaves(state)]
             expected = f"{', '.join(names) or 'nothing'}, as init returns"
-            out = [self._check_structure("state", state, result[0], width, expected)]
+            out = [self._check_structure("state", state, result[0], float_type, expected)]
             for (name, like), value in zip(gives.items(), result[1:], strict=True):
                 if like is SCORE:
-                    number = self._convert_number(STEP, name, value, width)
-                    out.append(lax.convert_element_type(number, width))
+                    number = self._convert_number(STEP, name, value, float_type)
+                    out.append(lax.convert_element_type(number, float_type))
                 elif isinstance(like, dict):
-                    out.append(self._check_keys(name, like, value, width))
+                    out.append(self._check_keys(name, like, value, float_type))
                 else:
-                    out.append(self._check_structure(name, like, value, width))
+                    out.append(self._check_structure(name, like, value, float_type))
             return tuple(out)
 
     def _call(self, name: str, *arguments) -> Any:
@@ -227,46 +224,48 @@ class Part:
         function = self._functions[name]
         return None if function is None else function(*arguments)
 
-    def _check_keys(self, name: str, like: Mapping[str, InPlace], values, width: str):
+    def _check_keys(self, name: str, allowed: Mapping[str, InPlace], values, float_type: str):
         # Checks a dict of new numbers that the user's `step` returns for signals of `view`. Returns
-        # those that differ from `view`. like: signals that the dict may contain. width: dtype of
-        # floats.
-        keys = ", ".join(like)
+        # those that are not the same objects as in `view`. allowed: signals that the dict may
+        # contain. float_type: dtype of floats.
+        keys = ", ".join(allowed)
         if not isinstance(values, dict):
             expected = f"expected a dict with some of the keys {keys}"
             raise self._error(STEP, f"returns {format_value(values)} for {name}, {expected}")
         numbers = {}
         for key, value in values.items():
-            if key not in like:
-                expected = f"expected some of {keys}{suggest_name(key, like)}"
+            if key not in allowed:
+                expected = f"expected some of {keys}{suggest_name(key, allowed)}"
                 raise self._error(STEP, f"returns the key {key!r} in {name}, {expected}")
-            declared = like[key]
-            new = self._check_structure(key, declared.like, value, width, declared.words)
+            declared = allowed[key]
+            new = self._check_structure(key, declared.like, value, float_type, declared.words)
             pairs = zip(tree.tree_leaves(value), tree.tree_leaves(declared.like), strict=True)
-            # A signal that the file returns unchanged, the same object, is left out.
             if not all(returned is current for returned, current in pairs):
                 numbers[key] = new
         return numbers
 
-    def _check_structure(self, name: str, like, values, width: str, words: str = "") -> Any:
+    def _check_structure(self, name: str, like, values, float_type: str, words: str = "") -> Any:
         # Checks that values have the structure and types of `like`. Returns them in that structure.
-        expected, given = list(tree.named_leaves(like)), list(tree.named_leaves(values))
-        if [path for path, _ in expected] != [path for path, _ in given]:
-            several = f"a Vec or a record of {len(expected)} numbers, with the structure in view"
-            words = words or ("one number" if len(expected) == 1 else several)
+        # words: the structure, for the message; "": from `like`.
+        wanted_leaves, given = list(tree.named_leaves(like)), list(tree.named_leaves(values))
+        if [path for path, _ in wanted_leaves] != [path for path, _ in given]:
+            count = len(wanted_leaves)
+            several = f"a Vec or a record of {count} numbers, with the structure in view"
+            words = words or ("one number" if count == 1 else several)
             raise self._error(STEP, f"returns {format_value(values)} for {name}, expected {words}")
         numbers = []
-        for (path, wanted), (_, value) in zip(expected, given, strict=True):
+        for (path, wanted), (_, value) in zip(wanted_leaves, given, strict=True):
             what = f"{name}[{path}]" if path else name
-            number, kind = self._convert_number(STEP, what, value, width), _kind(wanted)
+            number, kind = self._convert_number(STEP, what, value, float_type), _kind(wanted)
             if _kind(number) != kind:
                 expected = f"expected {kind}{_CONVERSIONS.get(str(kind), '')}"
                 raise self._error(STEP, f"returns a {_kind(number)} for {what}, {expected}")
             numbers.append(number)
         return tree.fill_tree(like, numbers)
 
-    def _convert_number(self, where: str, what: str, value, width: str) -> Scalar:
-        # Checks a number that a user's file returned, and converts it to the setup's number type.
+    def _convert_number(self, where: str, what: str, value, float_type: str) -> Scalar:
+        # Checks a number that a user's file returned, and converts it to a JAX type.
+        # where, what: function and number, for the message.
         if shape := getattr(value, "shape", ()):
             expected = "expected a single number: write a Vec for several numbers"
             raise self._error(where, f"returns an array of shape {shape} for {what}, {expected}")
@@ -274,7 +273,7 @@ class Part:
         if kind is None:
             expected = "expected a number: float, int or bool"
             raise self._error(where, f"returns {format_value(value)} for {what}, {expected}")
-        dtype = {"float": width, "int": "int32", "bool": "bool"}[kind]
+        dtype = {"float": float_type, "int": "int32", "bool": "bool"}[kind]
         return lax.convert_element_type(value, dtype)
 
     def _require_ranges(self):
@@ -287,7 +286,9 @@ class Part:
             raise self._error(PARAMS, f"returns {format_value(record)}, {expected}")
         ranges = dict(quantity.list_quantities(type(record)))
         for name, value in tree.named_leaves(record):
-            limits = ranges.get(".".join(word for word in name.split(".") if not word.isdecimal()))
+            # All entries of a tuple have one range, so the name has no numbers.
+            words = [word for word in name.split(".") if not word.isdecimal()]
+            limits = ranges.get(".".join(words))
             if limits is None:
                 remedy = "annotate it with Quantity(unit, low, high, meaning)"
                 trouble = f"has {name} without a range: {remedy}"
@@ -313,9 +314,6 @@ def _kind(value) -> str | None:
         return type(value).__name__
     dtype = getattr(value, "dtype", None)
     return None if dtype is None else _KINDS.get(np.dtype(dtype).kind)
-
-
-# --- parameters of several files ---
 
 
 def part_quantities(source: OwnSource) -> tuple[tuple[str, Quantity], ...]:

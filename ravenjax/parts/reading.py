@@ -37,6 +37,7 @@ class Reader:
     def read(self, text: str, path: Path) -> types.ModuleType:
         """Run the user's file and return its module."""
         self.require(path, text.encode())
+        # `load` and imports of the file use the last reader.
         _READERS.append(self)
         try:
             return self._run(text, path, self.name)
@@ -45,6 +46,7 @@ class Reader:
 
     def content(self, name: str) -> bytes:
         """Return the content of a file in the folder, and record it. Raise OSError if missing."""
+        # `known` contains the files that the first run of the code read; None: this is the first.
         if self.known is None:
             self.taken[name] = (self.folder / name).read_bytes()
         elif name in self.known:
@@ -84,6 +86,7 @@ class Reader:
         path = self.folder / f"{name}.py"
         if name in self._modules:
             return self._modules[name]
+        # The top level of the file has run, so this import is in a function.
         if self not in _READERS:
             if path.is_file():
                 raise ImportError(

@@ -53,7 +53,7 @@ def _find_declared(name: str, folder: Path | None) -> Robot:
             continue
         try:
             if module == name and name not in sys.modules:
-                _agree(top, file)
+                _require_agreement(top, file)
             robot = getattr(importlib.import_module(module), "ROBOT", None)
         except UserError:
             raise
@@ -90,7 +90,7 @@ def _find_module(module: str, places: list[str]) -> tuple[ModuleSpec | None, Pat
     return top, Path(spec.origin) if spec and spec.origin else None
 
 
-def _agree(top: ModuleSpec, file: Path):
+def _require_agreement(top: ModuleSpec, file: Path):
     """Raise UserError unless the user agrees to run a module.
 
     The agreement includes all Python files of the module's top package or, for a module without a

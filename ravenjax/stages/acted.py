@@ -38,6 +38,7 @@ def add_action(program: Any) -> tuple[Any, dict[str, int]]:
     """
     injection = program.setup.injection
     injection = dataclasses.replace(injection, slots=injection.slots + 1)
+    # The program runs the loop of this module, which calls the robot's loop, the inner module.
     setup = dataclasses.replace(program.setup, injection=injection, inner=program.module)
     numbers = {name: number for number, name in enumerate(program.loop.ACTIONS, start=1)}
     return dataclasses.replace(program, module=__name__, setup=setup), numbers

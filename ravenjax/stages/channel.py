@@ -58,10 +58,10 @@ def step(state: ChannelState, seed: Scalar, packet: Scalar, fresh: Scalar) -> Ch
     quality = _next_quality(state.quality, random_uniform(key, packet, _QUALITY))
 
     def limited_length(packets: Scalar) -> Scalar:
-        # The first packets of a burst are certain, so their quotient below is 1.
+        # A burst of up to MIN_FURTHER_PACKETS packets continues for certain: the quotient is 1.
         return lax.convert_element_type(jnp.maximum(packets, MIN_FURTHER_PACKETS), jnp.float32)
 
-    # (k - 1) / k after the burst's k-th packet.
+    # A burst continues after its k-th packet with probability ((k - 1) / k)^1.5.
     quotient = limited_length(state.burst - 1) / limited_length(state.burst)
     continues = (state.burst > 0) & (
         random_uniform(key, packet, _CONTINUES) < quotient * jnp.sqrt(quotient)
@@ -73,7 +73,9 @@ def step(state: ChannelState, seed: Scalar, packet: Scalar, fresh: Scalar) -> Ch
 
 
 def delay_ms(seed: Scalar, packet: Scalar) -> Scalar:
-    """Return the age in ms (int32) of the packet that arrives when packet `packet` is sent."""
+    """Return how many ms before packet `packet` the packet was sent that arrives with it (int32).
+    It is 0 for an ideal channel, seed 0.
+    """
     delay = jnp.float32(0.5)  # added for rounding to the nearest millisecond
     for draw, (lowest, highest) in ((_DELAY, DELAY_MS), (_JITTER, JITTER_MS)):
         delay = (

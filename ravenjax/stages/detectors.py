@@ -23,8 +23,7 @@ There are five kinds:
 An alarm needs a score above its threshold for `consecutive` milliseconds in a row. The *score of a
 run* is the highest threshold at which the run raises an alarm: the smallest score in each such
 span, and of these the largest over time. With this score, one campaign shows the effect of every
-threshold. Detectors are active in pedal-down, without a software E-stop, after `armed_after` has
-passed.
+threshold. Detectors are active in pedal-down, without a software E-stop, after `armed_after`.
 """
 
 from collections.abc import Sequence
@@ -151,7 +150,9 @@ def detector_files(setup: Setup) -> tuple[OwnSource, ...]:
 
 
 def watch_params(setup: Setup) -> WatchParams:
-    """Return parameters without built-in detectors. A campaign replaces the thresholds of 1."""
+    """Return the parameters of a robot without built-in detectors. The thresholds of 1 are
+    placeholders, which a campaign replaces.
+    """
     files = detector_files(setup)
     return WatchParams(
         armed_after=np.int32(500),
@@ -189,7 +190,8 @@ def step(
     """Return the state of all detectors after this tick. A robot without built-in detectors gives
     a `WatchSignal`, another robot a `DetectorSignal`.
     """
-    # For each arm: the state after this tick, and the scores of the built-in detectors.
+    # For each arm: the state after this tick, and the scores of the built-in detectors. A robot
+    # without them has the start state of its first arm and no scores.
     arm_results: Any = for_each_arm(setup, (state.arms[0], {}))
     if isinstance(signal, DetectorSignal):
         arm_results = per_arm(

@@ -83,15 +83,17 @@ def explain_program(program: Any, robot: Robot) -> Any:
 
     def compared(place: Crossing) -> Compared:
         path = (setup.arms.index(place.arm) if at == ARM else at for at in place.channel.path)
-        usual = robot.normal_range(place.channel.site, place.channel.name, place.arm)
-        span = usual and (
-            usual.low - ROUNDED * abs(usual.low),
-            usual.high + ROUNDED * abs(usual.high),
+        # The normal range, extended by the rounding of its ends; None: no normal range.
+        normal = robot.normal_range(place.channel.site, place.channel.name, place.arm)
+        span = normal and (
+            normal.low - ROUNDED * abs(normal.low),
+            normal.high + ROUNDED * abs(normal.high),
         )
         return Compared(place.name, tuple(path), place.seam.present, span)
 
-    numbers = tuple(map(compared, list_crossings(robot.seams, setup.arms)))
-    use = Explained(len(robot.checks), numbers)
+    compared_numbers = tuple(map(compared, list_crossings(robot.seams, setup.arms)))
+    use = Explained(len(robot.checks), compared_numbers)
+    # The program runs the loop of this module, which calls the robot's loop, the inner module.
     setup = dataclasses.replace(setup, explained=use, inner=program.module)
     return dataclasses.replace(program, module=__name__, setup=setup)
 
@@ -103,6 +105,7 @@ def init(setup: Setup, params: Any) -> ExplainedState:
     infinite = cast_to_real(setup, jnp.inf)
     return ExplainedState(
         tick=state,
+        # None for a number without a normal range: it adds no operation to the tick.
         numbers=tuple(NumberHistory(never, number.span and never) for number in _compared(setup)),
         margins=tuple(
             MarginHistory(infinite, infinite, never) for _ in loop.check_histories(setup, state)
@@ -112,13 +115,7 @@ def init(setup: Setup, params: Any) -> ExplainedState:
 
 
 def advance(
-    setup: Setup,
-    params: Any,
-    faults: fault.Faults,
-    state: ExplainedState,
-    now: Scalar,
-    motion: tuple[Any, ...],
-    golden: tuple[Scalar, ...],
+    setup: Setup, params, faults: fault.Faults, state: ExplainedState, now: Scalar, motion, golden
 ) -> tuple[ExplainedState, tuple[Scalar, ...], Any]:
     """Compute the tick `now` of the robot's loop, then compare it with the golden run.
 

@@ -67,9 +67,9 @@ def step(setup: Setup, params: HandParams, state: HandState, pull: Vec) -> HandS
     pull = pull.map(lambda x: jnp.where(x == x, x, 0.0))
     force = turn_force(pull, params.turn_deg) * params.newtons_per_unit
     # Implicit midpoint rule, solved for the mean of the velocities before and after the tick.
-    momentum = 2.0 * params.mass / TICK_S
-    mean_velocity = force + state.velocity * momentum - state.displacement * stiffness
-    mean_velocity = mean_velocity * (1.0 / (momentum + damping + 0.5 * TICK_S * stiffness))
+    mass_rate = 2.0 * params.mass / TICK_S
+    total_force = force + state.velocity * mass_rate - state.displacement * stiffness
+    mean_velocity = total_force * (1.0 / (mass_rate + damping + 0.5 * TICK_S * stiffness))
     displacement = state.displacement + mean_velocity * TICK_S
     peak = jnp.maximum(state.peak, norm(displacement))
     after = HandState(displacement, mean_velocity * 2.0 - state.velocity, peak)

@@ -199,10 +199,12 @@ def arm_distances(
     """
     tip, golden_tip = arm.tip, arm.golden_tip
     golden, model = norm(tip - golden_tip), norm(tip - model_tip)
-    # Distance from where the tip would be if the robot had stood still.
+    # Distance from where the tip would be if the robot had stood still when it should have moved.
+    # `missed` is the sum of the motions that the robot did not make.
     standing = norm(tip - golden_tip + arm.missed)
     deviation = jnp.minimum(golden, model)
     unintended = jnp.minimum(deviation, standing)
+    # Motion is lost if most of the deviation is missed motion, or if missed motion explains it.
     mostly_missed = 2.0 * standing < deviation
     otherwise_missed = (deviation > params.limit) & ~(unintended > params.limit)
     return Distances(
@@ -216,11 +218,7 @@ def arm_distances(
 
 
 def _step_arm(
-    params: MonitorParams,
-    state: MonitorArmState,
-    signal: MonitorSignal,
-    reference: Reference,
-    i: int,
+    params, state: MonitorArmState, signal: MonitorSignal, reference: Reference, i: int
 ) -> tuple[MonitorArmState, Distances]:
     # Returns the state of arm i after this tick, and its distances.
     tip, pos, golden_pos = signal.tip[i], signal.pos[i], reference.pos[i]
@@ -279,15 +277,13 @@ def _step_arm(
 
 
 def step(
-    setup: Setup,
-    params: MonitorParams,
-    state: MonitorState,
-    signal: MonitorSignal,
-    reference: Reference,
+    setup, params: MonitorParams, state: MonitorState, signal: MonitorSignal, reference: Reference
 ) -> MonitorState:
     """Return the state of the observer after this tick. reference: the golden run in this tick."""
     results = [_step_arm(params, arm, signal, reference, i) for i, arm in enumerate(state.arms)]
     arms, distances = tuple(arm for arm, _ in results), [distance for _, distance in results]
+    # The hazards are fields of the distances (m) and of the state (first ticks). They count while
+    # the robot is live: in pedal-down, without a stop.
     limits = {"golden": params.diverged, **dict.fromkeys(HAZARDS, params.limit)}
     exceeded = dict.fromkeys(limits, jnp.bool_(False))
     for distance in distances:

@@ -7,8 +7,7 @@ position (raven2: network_layer.cpp, local_io.cpp). Datagrams that arrive in one
 as one packet, and this module computes them as one packet. A burst of datagrams is a single packet
 with all the motion since the packet before. A gap is a packet with a great length.
 
-Simplification: lengths are independent. In recordings short packets follow long packets, and gaps
-recur.
+Simplification: lengths are independent. In recordings, lengths and gaps are correlated.
 """
 
 from collections.abc import Sequence

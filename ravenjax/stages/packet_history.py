@@ -42,7 +42,8 @@ def packet_age(history: Vec, newer: Scalar) -> Scalar:
 
     newer: number of packets sent after this packet, int32.
     """
-    # The word with the packet, the age of its bit 0, and the number of packets in newer words.
+    # Bit b of word w is set if a packet was sent 32 w + b ticks ago. Searched: the word with the
+    # packet, the age of its bit 0, and the number of packets in newer words.
     word, word_age, newer_in_words = _u32(0), jnp.int32(NEVER), jnp.int32(0)
     total = jnp.int32(0)
     for index, candidate in enumerate(history):
@@ -60,6 +61,7 @@ def packet_age(history: Vec, newer: Scalar) -> Scalar:
 def sent_within(history: Vec, ticks: Scalar) -> Scalar:
     """Return how many packets (int32) were sent in the last `ticks` ticks, this tick included."""
     total = jnp.int32(0)
+    # Bit b of word w is set if a packet was sent 32 w + b ticks ago.
     for index, word in enumerate(history):
         bits = clamp(ticks - WORD * index, 0, WORD)
         # A shift by 32 bits is not defined, so a whole word has another mask.
@@ -84,15 +86,16 @@ def _count_bits(word: Scalar) -> tuple[Scalar, ...]:
     return as_int((halves + (halves >> _u32(16))) & _u32(0xFF)), halves, eights, fours, pairs
 
 
-def _bit_position(word: Scalar, lower: Scalar) -> Scalar:
-    """Return the index (int32) of the set bit below which `lower` (int32) bits are set."""
+def _bit_position(word: Scalar, rank: Scalar) -> Scalar:
+    """Return the index (int32) of the set bit with this rank (int32); the lowest set bit has 0."""
     _, halves, eights, fours, pairs = _count_bits(word)
     position = jnp.int32(0)
-    # Bisection: is the bit in the lower or the upper part of the bits that remain?
+    # Bisection: is the bit among the lower or the upper `width` bits from `position` on? `counts`
+    # has the number of set bits in each group of `width` bits, at the place of this group.
     for width, counts in ((16, halves), (8, eights), (4, fours), (2, pairs), (1, word)):
         shifted = counts >> lax.convert_element_type(position, jnp.uint32)
         count = as_int(shifted & _u32(2 * width - 1))
-        is_in_upper = lower >= count
+        is_in_upper = rank >= count
         position = position + jnp.where(is_in_upper, width, 0)
-        lower = lower - jnp.where(is_in_upper, count, 0)
+        rank = rank - jnp.where(is_in_upper, count, 0)
     return position

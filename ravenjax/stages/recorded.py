@@ -28,6 +28,7 @@ def read_series(
     out = {f"fault{slot}_active": values for slot, values in enumerate(named["fault_active"])}
     owners = [("", -1), *((f"{arm}/", i) for i, arm in enumerate(setup.arms))]
     for (owner, arm), (name, path) in itertools.product(owners, robot.series.items()):
+        # A path with ARM is a series of each arm; others are of the whole robot, the owner "".
         if (ARM in path) == bool(owner):
             first, *rest = path.split(".")
             value = named[first]

@@ -1,5 +1,8 @@
 """The time step of any tree of joints against C MuJoCo, and what it refuses."""
 
+import subprocess
+import sys
+
 import mujoco
 import numpy as np
 import pytest
@@ -99,3 +102,21 @@ def test_what_it_has_not_is_named():
         read_mechanism(mujoco.MjModel.from_xml_string(text), "tip")
     for word in ("joints (f)", "tendons (t)", "(w)", "switches off (g, number 1)", "density"):
         assert word in str(error.value)
+
+
+IMPORT_IN_TWO_THREADS = """
+import concurrent.futures, mujoco
+from ravenjax.mechanics import mechanism
+with concurrent.futures.ThreadPoolExecutor(2) as pool:
+    model = mujoco.MjModel.from_xml_string("<mujoco/>")
+    list(pool.map(mechanism._put_model, [model] * 2, ["float32", "float64"]))
+print("standard output is kept")
+"""
+
+
+@pytest.mark.slow
+def test_two_threads_that_import_mjx_keep_standard_output():
+    # Both threads redirect the output of the import, which only a fresh process repeats.
+    command = [sys.executable, "-c", IMPORT_IN_TWO_THREADS]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout == "standard output is kept\n"

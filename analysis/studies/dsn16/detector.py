@@ -9,20 +9,17 @@ row and the next.
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.numbers.lazy import jax
-from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.campaign.config import require_raven
-from ravenjax.robots.raven2.geometry import kinematics
-from studies.dsn16.attacks import VariantRuns, holds, other_jump_rules, read_runs
+from studies.dsn16.attacks import VariantRuns, holds, in_window, read_runs, tips
 from studies.series import Recorder, Row, Series
 from studies.study import Cell, Line, Published, Variant
 
 LOGGED = ("last_seq", "mpos", "mvel", "jpos", "position")
-"""Signals of a log."""
+"""Signals of a log: the number of the newest packet, motors and joints, and the reported tip."""
 VARIABLES = ("mpos", "mvel", "jpos")
 JOINTS = ("shoulder", "elbow", "insertion")
 FIRST_PACKET = 500
@@ -38,34 +35,25 @@ KINDS = "joints 1-3 alone", "the tool joints alone", "either", "both together on
 """Which joints make the two long steps of a jump."""
 
 
-class Log(NamedTuple):
-    """One run, with one row per packet."""
-
-    packet: np.ndarray  # [rows] packet numbers
-    mpos: np.ndarray  # [rows, 3] rad, as the control software reads them
-    mvel: np.ndarray  # [rows, 3] rad/s
-    jpos: np.ndarray  # [rows, 3] rad, rad, m
-    tip: np.ndarray  # [rows, 3] um, whole numbers
-    joints: np.ndarray  # [rows, 7] rad and m, all joints
+def log(series: Series) -> Series:
+    """Return the rows of a run's LOGGED in which a new packet came."""
+    fresh = np.flatnonzero(np.diff(series["last_seq"], prepend=0))
+    return {name: series[name][fresh] for name in LOGGED}
 
 
-def log(series: Series) -> Log:
-    """Return the log from a run's time series."""
-    number = series["last_seq"]
-    fresh = np.flatnonzero(np.diff(number, prepend=0))
-    mpos, mvel, joints = (series[name][fresh] for name in VARIABLES)
-    tip = np.rint(series["position"][fresh] * 1e6)
-    return Log(number[fresh], mpos[:, :3], mvel[:, :3], joints[:, :3], tip, joints)
-
-
-def steps(log: Log) -> np.ndarray:
+def steps(log: Series) -> np.ndarray:
     """Return |step| [rows - 1, 3 variables, 3 joints] from each row of the log to the next."""
-    return np.stack([np.abs(np.diff(getattr(log, name), axis=0)) for name in VARIABLES], axis=1)
+    return np.stack([np.abs(np.diff(log[name][:, :3], axis=0)) for name in VARIABLES], axis=1)
 
 
-def fault_free(log: Log) -> np.ndarray:
+def fault_free(log: Series) -> np.ndarray:
     """Return steps [rows, 3, 3] of a fault-free run after it has begun to move."""
-    return steps(log)[log.packet[:-1] >= FIRST_PACKET]
+    return steps(log)[log["last_seq"][:-1] >= FIRST_PACKET]
+
+
+def reported_tip(log: Series) -> np.ndarray:
+    """Return the reported tip in whole um, [rows, 3]."""
+    return np.rint(log["position"] * 1e6)
 
 
 def stacked(series: Sequence[np.ndarray]) -> np.ndarray:
@@ -74,7 +62,7 @@ def stacked(series: Sequence[np.ndarray]) -> np.ndarray:
     return np.stack([one[:rows] for one in series])
 
 
-def run_alarms(log: Log, thresholds: np.ndarray, start: int, duration: int) -> np.ndarray:
+def run_alarms(log: Series, thresholds: np.ndarray, start: int, duration: int) -> np.ndarray:
     """Return which alarms of one run come in the published window of a fault in packets `start` to
     `start + duration - 1`, bool [4]: motor position, motor velocity, joint position, all in one
     row. `thresholds`: [3, 3].
@@ -86,9 +74,9 @@ def run_alarms(log: Log, thresholds: np.ndarray, start: int, duration: int) -> n
     return over[_window(log, start, duration)].any(axis=0)
 
 
-def _window(log: Log, start: int, duration: int) -> np.ndarray:
+def _window(log: Series, start: int, duration: int) -> np.ndarray:
     """Return the steps of packets t1 to t1 + d + 1, bool [rows - 1]."""
-    packet = log.packet[:-1]
+    packet = log["last_seq"][:-1]
     return (packet >= start) & (packet <= start + duration + 1)
 
 
@@ -100,6 +88,7 @@ class Watched(NamedTuple):
     largest_mvel: np.ndarray
     # bool [runs]: the reported tip moved more than 1 mm within two packets, a jump by the text.
     leaps: np.ndarray
+    jump_packet: np.ndarray  # int [runs], packet at the time of the first jump; 0: no jump
     # [runs, 3, 7] rad and m, reported in the packets of the first jump's steps; NaN: no jump.
     joints: np.ndarray
 
@@ -115,21 +104,20 @@ def learn_thresholds(folders: Mapping[str, Path]) -> dict[str, np.ndarray]:
 
 def watch(folder: Path, runs: VariantRuns, thresholds: Mapping[str, np.ndarray]) -> Watched:
     """Run the detector on every faulty run of a folder."""
-    faults = runs.frame.set_index("index")[["start", "duration", "jump_packet"]]
+    faults = runs.frame.set_index("index")[["start", "duration", "jump_ms"]]
 
-    def watch_run(row: Row, series: Series) -> tuple[list[np.ndarray], float, bool, np.ndarray]:
-        found, (start, duration, ended) = log(series), faults.loc[row["index"]].tolist()
+    def watch_run(row: Row, series: Series) -> tuple[Any, ...]:
+        found, (start, duration, jump_ms) = log(series), faults.loc[row["index"]].tolist()
         moved = steps(found)[_window(found, start, duration), 1] / thresholds[CHOSEN][1]
         alarms = [run_alarms(found, level, start, duration) for level in thresholds.values()]
+        tip, joints = reported_tip(found), found["jpos"].astype(float)
         leaps = [
-            (np.linalg.norm(found.tip[rows:] - found.tip[:-rows], axis=1) > LEAP_UM).any()
-            for rows in (1, 2)
+            (np.linalg.norm(tip[rows:] - tip[:-rows], axis=1) > LEAP_UM).any() for rows in (1, 2)
         ]
-        joints = np.full((3, found.joints.shape[1]), np.nan)
-        if ended:
-            last = int(np.searchsorted(found.packet, ended))
-            joints = found.joints[last - 2 : last + 1].astype(float)
-        return alarms, float(moved.max(initial=0.0)), any(leaps), joints
+        packet = int(series["last_seq"][jump_ms]) if jump_ms >= 0 else 0
+        last = int(np.searchsorted(found["last_seq"], packet))
+        joints = joints[last - 2 : last + 1] if packet else np.full_like(joints[:3], np.nan)
+        return alarms, float(moved.max(initial=0.0)), any(leaps), packet, joints
 
     measured = Recorder(LOGGED).measure(folder, watch_run, faults.index.tolist())
     alarms, *others = map(np.array, zip(*measured, strict=True))
@@ -144,7 +132,7 @@ def attribute(joints: np.ndarray, limit_mm: float) -> np.ndarray:
     observed = np.arange(joints.shape[-1]) < len(JOINTS)
 
     def jumps(moving: np.ndarray) -> np.ndarray:
-        lengths = np.linalg.norm(_tip(np.where(moving, after, before)) - _tip(before), axis=-1)
+        lengths = np.linalg.norm(tips(np.where(moving, after, before)) - tips(before), axis=-1)
         return (lengths * 1e3 > limit_mm).all(axis=1)
 
     first, tool = jumps(observed), jumps(~observed)
@@ -152,29 +140,16 @@ def attribute(joints: np.ndarray, limit_mm: float) -> np.ndarray:
     return kinds & np.isfinite(joints[:, :1, 0])
 
 
-def _tip(joints: np.ndarray) -> np.ndarray:
-    """Return tips [.., 3] m of joints [.., 7]."""
-    with jax.enable_x64(True):
-        position = kinematics.forward_pose("gold", Vec(np.moveaxis(joints, -1, 0))).position
-    return np.stack([np.asarray(x) for x in position], axis=-1)
-
-
-def visible_line(runs: VariantRuns, watched: Watched) -> Line:
+def visible_line(watched: Watched) -> Line:
     """Return a line on whether the published detector can see most of the predicted jumps."""
-    alarms = watched.alarms[CHOSEN][(runs.frame["jump_packet"] > 0).to_numpy()]
-    count, fused, none = len(alarms), int(alarms[:, 3].sum()), int((~alarms[:, :3].any(1)).sum())
-    return holds(
-        "the predicted jumps are ones that the published detector can see",
-        None,
-        2 * fused > count,
-        f"counted as: it tells more than half of the {count} runs that jump; it tells {fused}, and"
-        f" in {none} none of its variables passes its threshold",
-    )
+    alarms = watched.alarms[CHOSEN][watched.jump_packet > 0]
+    told, none = int(alarms[:, 3].sum()), int((~alarms[:, :3].any(axis=1)).sum())
+    return holds("visible", 2 * told > len(alarms), runs=len(alarms), told=told, none=none)
 
 
 def jump_note(runs: VariantRuns, watched: Watched) -> str:
     """Say which joints make the jumps."""
-    jumped = int((runs.frame["jump_packet"] > 0).sum())
+    jumped = int((watched.jump_packet > 0).sum())
     kinds = attribute(watched.joints, require_raven(runs.config).outcomes.jump_step_mm).sum(axis=0)
     listed = ", by ".join(f"{kind} {count}" for kind, count in zip(KINDS, kinds, strict=True))
     return f"{runs.name}: {jumped} of {len(runs.frame)} runs jump, by {listed}."
@@ -191,8 +166,16 @@ class Scenario(NamedTuple):
     @property
     def counted(self) -> list[VariantRuns]:
         """Return the baseline, the baseline with other rules for a jump, and the variants."""
-        first, *others = self.runs.values()
-        return [first, *other_jump_rules(first, self.watched.leaps), *others]
+        base, *others = self.runs.values()
+        inside = in_window(base.frame, self.watched.jump_packet)
+        window = "jumps only inside t1 .. t1 + d + 1"
+        text = "text's rule: the tip moves over 1 mm within two packets"
+        return [
+            base,
+            base.counting(inside, "inside_window", window),
+            base.counting(self.watched.leaps, "jump_text", text),
+            *others,
+        ]
 
 
 def read_scenario(variants: Sequence[Variant], folders: Mapping[str, Path]) -> Scenario:

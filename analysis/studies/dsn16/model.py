@@ -48,15 +48,6 @@ class Error(NamedTuple):
         return [f"{mean:.3f}, {most:.2f}" for mean, most in zip(*self, strict=True)]
 
 
-class Prediction(NamedTuple):
-    """The errors of a robot, or of a null model, at one horizon."""
-
-    loop: str
-    model: str
-    horizon_ms: int | None  # None: the whole recording, from its beginning
-    error: Error
-
-
 def error(asked: np.ndarray, log: JointRecording, parameter_set: str = AUTHORS) -> Error:
     """Return the errors of the virtual robot for desired motor angles `asked` (rad, [T, 3])."""
     run = recording.closed_loop(asked, log.angle[0], log.speed[0], parameter_set)
@@ -65,16 +56,17 @@ def error(asked: np.ndarray, log: JointRecording, parameter_set: str = AUTHORS) 
 
 def compare(context: study.Context) -> study.Findings:
     """Return the lines of A3, and predictions compared with null models."""
-    published, path = Published(NAME), recording.locate(recording.FILE)
-    notes = study.read_notes(NAME)
+    from scipy.signal import butter, sosfiltfilt
+
+    path, notes = recording.locate(recording.FILE), study.read_notes(NAME)
     if path is None:
         place = f"set {recording.DATA} to the folder that holds {recording.FILE}"
         absent = f"the recording is not at hand: {place}"
-        lines = tuple(_line(published, joint, None, absent) for joint in UNITS)
-        return study.Findings(lines, notes=notes)
+        return study.Findings(tuple(_line(joint, None, absent) for joint in UNITS), notes=notes)
     whole = recording.read(path)
     log = recording.second_half(whole)
-    smooth = _low_passed(whole.angle)[-len(log.angle) :]
+    low_pass = butter(2, LOW_PASS_HZ, fs=1000, output="sos")
+    smooth = sosfiltfilt(low_pass, whole.angle, axis=0)[-len(log.angle) :]
     with jax.enable_x64(True):
         errors = {name: error(log.asked, log, name) for name in SETS}
         smoothed = error(smooth, log)
@@ -85,11 +77,11 @@ def compare(context: study.Context) -> study.Findings:
     ]
     words = f"asked for the recording itself, low-passed at {LOW_PASS_HZ:g} Hz"
     rows.append((f"set {AUTHORS}, {words}", *smoothed.cells))
-    ahead = [(one.loop, one.model, one.horizon_ms or "whole", *one.error.cells) for one in found]
+    ahead = [(*model, horizon or "whole", *one.cells) for (*model, horizon), one in found.items()]
     n, of = len(log.angle) - 1, "ms of one recording"
     means = zip(UNITS, errors[AUTHORS].mean, strict=True)
     return study.Findings(
-        tuple(_line(published, joint, StudyEstimate(float(e), n=n, of=of)) for joint, e in means),
+        tuple(_line(joint, StudyEstimate(float(mean), n=n, of=of)) for joint, mean in means),
         (read_table(NAME, "errors", rows), read_table(NAME, "predictions", ahead, every=EVERY_MS)),
         notes,
     )
@@ -102,7 +94,11 @@ def robots(log: JointRecording) -> dict[tuple[str, str], Ahead]:
     models = {f"virtual robot, {name}": (params, 1.0) for name, params in sets.items()}
     for name, params in sets.items():
         models[f"null: bare rotors, {name}"] = position_loop.bare_rotors(params), 0.0
-    run = jax.jit(_motors, static_argnums=0)
+
+    @functools.partial(jax.jit, static_argnums=0)
+    def run(rows: Rows, params: Any, cables: float, *begun: Any) -> Any:
+        """Return motors [s, T, 7] of angles and speeds [s, 3] and inputs [s, T, 3]."""
+        return jax.vmap(recording.loop(rows, params, cables))(*begun)[0]
 
     def predict(rows: Rows, model: tuple[Any, float], starts: np.ndarray, length: int) -> Any:
         inputs = log.asked if rows == "asked" else log.dac
@@ -117,11 +113,6 @@ def robots(log: JointRecording) -> dict[tuple[str, str], Ahead]:
     }
 
 
-def _motors(rows: Rows, params: Any, cables: float, angle: Any, speed: Any, inputs: Any) -> Any:
-    """Return motors [s, T, 7] of angles and speeds [s, 3] and inputs [s, T, 3]."""
-    return jax.vmap(recording.loop(rows, params, cables))(angle, speed, inputs)[0]
-
-
 def held(log: JointRecording) -> dict[tuple[str, str], Ahead]:
     """Return the two null models that need no robot."""
 
@@ -134,32 +125,28 @@ def held(log: JointRecording) -> dict[tuple[str, str], Ahead]:
     return {(NO_LOOP, name): functools.partial(hold, of) for name, of in velocities.items()}
 
 
-def predictions(log: JointRecording, models: Mapping[tuple[str, str], Ahead]) -> list[Prediction]:
-    """Return the errors of models, by loop and name, at every horizon and over the recording."""
-    angle, found = log.angle * TO_JOINT, []
+def predictions(
+    log: JointRecording, models: Mapping[tuple[str, str], Ahead]
+) -> dict[tuple[str, str, int | None], Error]:
+    """Return the errors of models, by loop, name and horizon, ms. None: the whole recording, from
+    its beginning.
+    """
+    angle, found = log.angle * TO_JOINT, {}
     starts = np.arange(0, len(angle) - max(HORIZONS_MS), EVERY_MS)
     for (loop, model), ahead in models.items():
         short = ahead(starts, max(HORIZONS_MS))
         for horizon in HORIZONS_MS:
             apart = short[:, horizon - 1] - angle[starts + horizon]
-            found.append(Prediction(loop, model, horizon, Error.of(apart)))
+            found[loop, model, horizon] = Error.of(apart)
         whole = ahead(np.zeros(1, int), len(angle) - 1)[0]
-        found.append(Prediction(loop, model, None, Error.of(whole - angle[1:])))
+        found[loop, model, None] = Error.of(whole - angle[1:])
     return found
 
 
-def _line(
-    published: Published, joint: str, predicted: StudyEstimate | None, reason: str = ""
-) -> Line:
-    key, name = f"error.{joint}", f"mean absolute error, {joint}"
-    estimate, band = published.estimate(key), published.band(key)
-    return Line(name, UNITS[joint], estimate, predicted, band, "A3", reason)
-
-
-def _low_passed(angle: np.ndarray) -> np.ndarray:
-    from scipy.signal import butter, sosfiltfilt
-
-    return sosfiltfilt(butter(2, LOW_PASS_HZ, fs=1000, output="sos"), angle, axis=0)
+def _line(joint: str, predicted: StudyEstimate | None, reason: str = "") -> Line:
+    key, published = f"error.{joint}", Published(NAME)
+    numbers = published.estimate(key), predicted, published.band(key)
+    return Line(f"mean absolute error, {joint}", UNITS[joint], *numbers, "A3", reason)
 
 
 STUDY = study.study(NAME, variants=(), compare=compare)

@@ -27,35 +27,30 @@ def compare(context: study.Context) -> study.Findings:
     """Compare published and predicted counts, and show how much each open question matters."""
     published = Published("dsn16")
     found = detector.read_scenario(VARIANTS, context.folders)
-    base, n = found.base, int(published.value("b.runs"))
-    estimates: dict[str, list[StudyEstimate]] = {}
+    n, of = int(published.value("b.runs")), "runs, read off Figure 9 b"
+    read: dict[str, list[StudyEstimate]] = {}
     for what in ("jump", "estop"):
         counts = [int(published.value(f"b.{what}.{d}ms")) for d in DURATIONS]
-        read = [in_percent(wilson_interval(k, n), n, "runs, read off Figure 9 b") for k in counts]
-        estimates[what] = read
-    jumps, stops = (np.array([one.value for one in read]) for read in estimates.values())
-    bands, error = [published.band(f"b.jump.{d}ms") for d in DURATIONS], 100.0 / n
-    stated = attacks.scenario_b(base, found.watched.largest_mvel, jumps, stops)
-    totals = {
-        "prevalence of jumps, all cells": "jump",
-        "prevalence of E-stops, all cells": "stop",
-        "jumps without an E-stop, all cells": "missed",
+        read[what] = [in_percent(wilson_interval(k, n), n, of) for k in counts]
+    jumps, bands = percent_of(read["jump"]), [published.band(f"b.jump.{d}ms") for d in DURATIONS]
+    tables = {
+        "jump": attacks.sensitivity_rows(found.counted, "jump", jumps, bands, 100.0 / n),
+        "durations": _duration_rows(found, read),
+        "values": _value_rows(found),
+        "rates": detector.rate_rows(found, published, "b"),
     }
-    lines = (
-        *_jumps(base, estimates["jump"], bands),
-        _bias(base, jumps, error),
-        *stated,
-        *(own_line(words, "%", attacks.rate(base.share(hit))) for words, hit in totals.items()),
+    if "every_cycle" not in found.runs:
+        del tables["values"]
+    return study.Findings(
+        tuple(_lines(found, read, bands)),
+        tuple(read_table(NAME, key, rows) for key, rows in tables.items()),
+        study.read_notes(NAME),
     )
-    rows = attacks.sensitivity_rows(found.counted, "jump", jumps, bands, error)
-    other = found.runs.get("every_cycle")
-    tables = (
-        read_table(NAME, "jump", rows),
-        read_table(NAME, "durations", _duration_rows(found, estimates)),
-        *([read_table(NAME, "values", _value_rows(found))] if other else []),
-        read_table(NAME, "rates", detector.rate_rows(found, published, "b")),
-    )
-    return study.Findings(lines, tables, study.read_notes(NAME))
+
+
+def percent_of(read: Sequence[StudyEstimate]) -> np.ndarray:
+    """Return published shares, %, by duration."""
+    return np.array([one.value for one in read])
 
 
 def _predictions(found: Scenario) -> Iterator[tuple[str, str, VariantRuns, str]]:
@@ -70,23 +65,19 @@ def _predictions(found: Scenario) -> Iterator[tuple[str, str, VariantRuns, str]]
 
 
 def _duration_rows(
-    found: Scenario, estimates: Mapping[str, Sequence[StudyEstimate]]
+    found: Scenario, read: Mapping[str, Sequence[StudyEstimate]]
 ) -> Iterator[tuple[Cell, ...]]:
     for what, words in (("jump", "jumps"), ("estop", "E-stops")):
-        published = estimates[what]
-        runs = published[0].n
-        counts = [round(one.value * runs / 100) for one in published]
+        low, high = (np.array([getattr(one, end) for one in read[what]]) for end in ("low", "high"))
+        published, runs = percent_of(read[what]), read[what][0].n
+        counts = [round(value * runs / 100) for value in published.tolist()]
         yield words, "published", *counts, sum(counts), "", ""
-        mine = [row[1:] for row in _predictions(found) if row[0] == what]
-        for name, some, hit in mine:
+        for name, some, hit in (row[1:] for row in _predictions(found) if row[0] == what):
             percent = some.percent(hit)
-            inside = sum(
-                one.low - MARGIN <= value <= one.high + MARGIN
-                for one, value in zip(published, percent, strict=True)
-            )
-            shown = [round(float(value) * runs / 100) for value in percent]
-            apart = float(np.mean(np.abs(percent - [one.value for one in published])))
-            yield words, name, *shown, sum(shown), f"{inside} of {len(DURATIONS)}", round(apart, 1)
+            inside = int(((low - MARGIN <= percent) & (percent <= high + MARGIN)).sum())
+            shown = [round(value * runs / 100) for value in percent.tolist()]
+            apart = round(float(np.mean(np.abs(percent - published))), 1)
+            yield words, name, *shown, sum(shown), f"{inside} of {len(DURATIONS)}", apart
 
 
 def _value_rows(found: Scenario) -> Iterator[tuple[Cell, ...]]:
@@ -96,31 +87,39 @@ def _value_rows(found: Scenario) -> Iterator[tuple[Cell, ...]]:
         yield f"{value:.0f}", *(round(float(share) * runs) for share in row)
 
 
-def _jumps(
-    base: VariantRuns, published: Sequence[StudyEstimate], bands: Sequence[tuple[float, float]]
+def _lines(
+    found: Scenario,
+    read: Mapping[str, Sequence[StudyEstimate]],
+    bands: Sequence[tuple[float, float]],
 ) -> Iterator[Line]:
-    """Yield P(jump) by duration, with its band."""
-    for (duration, cells), read, band in zip(
-        base.share("jump").items(), published, bands, strict=True
-    ):
-        quantity = f"P(jump), {duration} packets; {base.name}, lever {base.lever}"
-        yield Line(quantity, "%", read, attacks.rate(cells), band, "A1")
-
-
-def _bias(base: VariantRuns, jumps: np.ndarray, error: float) -> Line:
+    """Yield P(jump) by duration with its bands, the bias, the statements, and totals."""
+    base, shares = found.base, found.base.share("jump")
+    jumps, stops = map(percent_of, read.values())
+    build = f"{base.name}, lever {base.lever}"
+    for (duration, cells), one, band in zip(shares.items(), read["jump"], bands, strict=True):
+        quantity = f"P(jump), {duration} packets; {build}"
+        yield Line(quantity, "%", one, attacks.rate(cells), band, "A1")
     percent = base.percent("jump")
-    above, below, p = attacks.bias(percent, jumps, error)
-    of = "durations that differ by more than the reading error"
+    above, below, p = attacks.bias(percent, jumps, 100.0 / read["jump"][0].n)
     mean = float(np.mean(percent - jumps))
-    return Line(
-        f"bias: p of the sign test over durations; {base.name}, lever {base.lever}",
+    yield Line(
+        f"bias: p of the sign test over durations; {build}",
         "",
         None,
-        StudyEstimate(p, n=above + below, of=of),
+        StudyEstimate(
+            p, n=above + below, of="durations that differ by more than the reading error"
+        ),
         (SIGNIFICANT, 1.0),
         "A1",
         f"prediction {above} above, {below} below; mean difference {mean:+.1f} points",
     )
+    yield from attacks.scenario_b(base, found.watched.largest_mvel, jumps, stops)
+    for words, hit in (
+        ("prevalence of jumps, all cells", "jump"),
+        ("prevalence of E-stops, all cells", "stop"),
+        ("jumps without an E-stop, all cells", "missed"),
+    ):
+        yield own_line(words, "%", attacks.rate(base.share(hit)))
 
 
 STUDY = study.study(NAME, variants=VARIANTS, compare=compare)

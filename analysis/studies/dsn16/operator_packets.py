@@ -20,7 +20,7 @@ def compare(context: study.Context) -> study.Findings:
         folder = context.folders[IDEAL_TOOLS]
         watched = detector.watch(folder, runs[IDEAL_TOOLS], found.levels)
         notes.append(detector.jump_note(runs[IDEAL_TOOLS], watched))
-    stated = (*attacks.of_attack(base), detector.visible_line(base, found.watched))
+    stated = (*attacks.of_attack(base), detector.visible_line(found.watched))
     rows = {"jump": attacks.sensitivity_rows(found.counted)}
     for hit in ("stop", "ik"):
         rows[hit] = attacks.sensitivity_rows([*runs.values()], hit)

@@ -72,7 +72,7 @@ def read(path: Path) -> JointRecording:
     return JointRecording(np.radians(angle), np.radians(speed), dac)
 
 
-def motors(three: np.ndarray, still: bool = False) -> Vec:
+def motors(three: Any, still: bool = False) -> Vec:
     """Return seven motors from three. The tool's motors follow the insertion."""
     pose = Vec((0.0, 0.0, 0.0, *((0.0,) * 4 if still else TOOL_POSE)))
     tool = transmission.motor_from_joint(ARM, TOOL, pose, three[2], "fork2015")[3:]
@@ -91,17 +91,14 @@ def started(params: robot.PlantParams, angle: np.ndarray, speed: np.ndarray) -> 
 
 
 def closed_loop(
-    asked: np.ndarray,
-    first_angle: np.ndarray,
-    first_speed: np.ndarray,
-    parameter_set: str = "traj3",
+    asked: np.ndarray, angle: np.ndarray, speed: np.ndarray, parameter_set: str
 ) -> dict[str, np.ndarray]:
-    """Run the fork's loop on the virtual robot for desired motor angles (rad, [T, 3]). Return mpos
-    and mvel (rad, rad/s), jpos (rad and m, of the links) and dac (counts), [T, 7] each. Needs
-    64-bit numbers.
+    """Run the fork's loop on the virtual robot for desired motor angles (rad, [T, 3]), from motors
+    at `angle` (rad, [3]) and `speed` (rad/s, [3]). Return mpos and mvel (rad, rad/s), jpos (rad and
+    m, of the links) and dac (counts), [T, 7] each. Needs 64-bit numbers.
     """
     run = jax.jit(loop("asked", robot.params(SETUP, ARM, parameter_set)))
-    found = run(*map(jnp.asarray, (first_angle, first_speed, asked)))
+    found = run(*map(jnp.asarray, (angle, speed, asked)))
     return dict(zip(("mpos", "jpos", "dac", "mvel"), map(np.asarray, found), strict=True))
 
 
@@ -111,12 +108,10 @@ def loop(rows: Rows, params: robot.PlantParams, cables: Any = 1.0) -> Run:
     with `position_loop.bare_rotors`.
     """
     of_loop = replace(position_loop.params(params), cables=cables)
-    pose = Vec((0.0, 0.0, 0.0, *TOOL_POSE))
 
     def tick(state: LoopState, row: jax.Array):
         def desired(insertion: jax.Array) -> Vec:
-            tool = transmission.motor_from_joint(ARM, TOOL, pose, insertion, "fork2015")[3:]
-            return Vec((row[0], row[1], row[2], *tool))
+            return motors((row[0], row[1], insertion)).replace(2, row[2])
 
         def written(counts: Vec) -> Vec:
             return Vec((*row, *counts[3:])) if rows == "dac" else counts

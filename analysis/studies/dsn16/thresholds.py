@@ -11,7 +11,7 @@ import numpy as np
 from ravenjax.stats.bootstrap.units import bootstrap
 from studies import study
 from studies.dsn16 import detector
-from studies.dsn16.detector import JOINTS, VARIABLES, log, stacked
+from studies.dsn16.detector import JOINTS, VARIABLES, stacked
 from studies.series import Recorder, Row, Series
 from studies.study import Line, Published, StudyEstimate, read_table
 
@@ -39,9 +39,9 @@ class FaultFree(NamedTuple):
 
 def measure_run(_: Row, series: Series) -> FaultFree:
     """Measure a fault-free run from its series."""
-    trace = log(series)
-    tip = np.diff(trace.tip, axis=0)[trace.packet[:-1] >= detector.FIRST_PACKET]
-    return FaultFree(detector.fault_free(trace), tip)
+    rows = detector.log(series)
+    tip = np.diff(detector.reported_tip(rows), axis=0)
+    return FaultFree(detector.fault_free(rows), tip[rows["last_seq"][:-1] >= detector.FIRST_PACKET])
 
 
 def deviation(values: np.ndarray) -> StudyEstimate:
@@ -89,8 +89,7 @@ def compare(context: study.Context) -> study.Findings:
     for variant in VARIANTS:
         if variant.name in context.folders:
             measured = recorder.measure(context.folders[variant.name], measure_run)
-            steps, tip = zip(*measured, strict=True)
-            found[variant.name] = FaultFree(stacked(steps), stacked(tip))
+            found[variant.name] = FaultFree(*map(stacked, zip(*measured, strict=True)))
     both = stacked([run for name in MOTIONS for run in found[name].steps])
     numbers = {"runs": len(both), "first": detector.FIRST_PACKET}
     return study.Findings(

@@ -5,15 +5,16 @@ bursts of the published size. A burst is evaluated from the start of the fault f
 until the robot stops. After a stop the nominal model continues, so the tip error has no meaning.
 """
 
+import functools
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from studies import study
-from studies.seed.motions import MODELLED, MOTIONS, Motion, by_setting, over_kinds
+from studies.seed.motions import MODELLED, MOTIONS, over_kinds, settings_of
 from studies.series import Recorder, Row, Series, rises
 from studies.study import Cell, Line, Published, StudyEstimate, read_table
 
@@ -31,120 +32,73 @@ REACH_TICKS = FAULT_TICKS + 50
 """Ticks after the onset in which the shoulder's farthest point is searched."""
 JUMP_UM = 100.0
 """Limit of a step of the measured tip, exceeded twice in a row by a jump (DSN 2016)."""
-A4 = {
-    "four bursts": "all four bursts come before the stop, or none stops",
-    "peaks": "the tip error peaks of all four are 3 to 7 mm",
-    "rebounds": "the rebounds of all are 3 to 7 degrees",
-    "rebound times": "the rebounds of all take 100 to 200 ms",
-    "stop in the fourth": "the robot stops in the fourth, by the magnitude of the DAC command",
-}
-A5 = {"cue onsets": "all four have a cue, 0.15 to 0.25 s after their onset"}
+A4, A5 = study.read_toml("published/seed.toml")["criteria"].values()
 """Columns of `criteria`, in words: what holds in a run."""
 ALL = "all of A4"
 
 
-class BurstEvent(NamedTuple):
-    """The effects of one burst."""
-
-    peak_mm: float  # largest tip error, measured tip to nominal model
-    cut: bool  # the robot stopped during the event
-    rebound_deg: float  # of the shoulder, from its farthest point back; NaN if cut
-    rebound_ms: float  # NaN also if nothing goes back
-    cue_s: float  # onset of the cue after that of the fault; NaN: none
-    force: float  # largest, device units
-    jumped: bool  # by the rule of the published analysis code
-
-
-class BurstRun(NamedTuple):
-    """One run of the campaign."""
-
-    group: str
-    value: float  # of the fault: DAC counts or um per packet; NaN without a fault
-    events: tuple[BurstEvent, ...]
-    cause: str  # why the robot stopped, "" if it did not
-
-
-class Bursts(NamedTuple):
-    """Runs and their events, as tables with the fields of `BurstRun` and `BurstEvent`."""
-
-    runs: pd.DataFrame  # also the setting, the motion's kind and seed, and the number of events
-    events: pd.DataFrame  # index: that of the run
-
-    def where(self, runs: pd.Series) -> "Bursts":
-        """Return the runs (bool [runs]) and their events."""
-        chosen = self.runs.loc[runs]
-        return Bursts(chosen, self.events.loc[self.events.index.isin(chosen.index)])
-
-
-def tabulate(measured: Mapping[str, Mapping[Motion, Sequence[BurstRun]]]) -> Bursts:
-    """Return the tables of the runs of BURST by setting and motion."""
-    rows = [
-        (setting, *motion, *run)
-        for setting, motions in measured.items()
-        for motion, runs in motions.items()
-        for run in runs
-        if run.group == BURST
-    ]
-    runs = pd.DataFrame(rows, columns=["setting", "kind", "seed", *BurstRun._fields])
-    listed = runs.pop("events").explode().dropna()
-    events = pd.DataFrame(list(listed), listed.index, columns=[*BurstEvent._fields])
-    return Bursts(runs.assign(number=events.groupby(level=0).size()).fillna({"number": 0}), events)
-
-
-def criteria(bursts: Bursts, published: Published) -> pd.DataFrame:
-    """Return which bands of the targets each run meets with all four bursts, bool [runs, ...]."""
-    events, four = bursts.events, bursts.runs["number"] == EVENTS
+def criteria(runs: pd.DataFrame, events: pd.DataFrame, published: Published) -> pd.DataFrame:
+    """Return which bands of the targets each run meets with all four bursts, bool [runs, ...].
+    `events`: of these runs, each with the index of its run.
+    """
+    four, cut = runs["number"] == EVENTS, events["cut"]
 
     def every(holds: pd.Series) -> pd.Series:
-        return four & holds.groupby(level=0).all().reindex(four.index, fill_value=False)
+        return four & holds.groupby(level=0).all().reindex(runs.index, fill_value=False)
 
     def within(field: str, band: str) -> pd.Series:
         return events[field].between(*published.band(band))
 
-    last_cut = events["cut"].groupby(level=0).last().reindex(four.index, fill_value=False)
+    last_cut = cut.groupby(level=0).last().reindex(runs.index, fill_value=False)
     met = pd.DataFrame(
         {
             "four bursts": four,
             "peaks": every(within("peak_mm", "a4.peak")),
-            "rebounds": every(within("rebound_deg", "a4.rebound") | events["cut"]),
-            "rebound times": every(within("rebound_ms", "a4.rebound_ms") | events["cut"]),
-            "stop in the fourth": four & (bursts.runs["cause"] == STOP) & last_cut,
+            "rebounds": every(within("rebound_deg", "a4.rebound") | cut),
+            "rebound times": every(within("rebound_ms", "a4.rebound_ms") | cut),
+            "stop in the fourth": four & (runs["cause"] == STOP) & last_cut,
             "cue onsets": every(within("cue_s", "a5.onset")),
         }
     )
     return met.assign(**{ALL: met[[*A4]].all(axis=1), "jumps": every(events["jumped"]) & last_cut})
 
 
-def run(row: Row, series: Series, golden_um: np.ndarray) -> BurstRun:
+def run(row: Row, series: Series, golden_um: np.ndarray) -> dict[str, Any]:
     """Measure a run. `golden_um`: measured tip of the golden run, um [ticks, 3]."""
     stopped = row["response"] == "stopped"
     stop = int(row["response_ms"]) if stopped else len(series["fault_active"])
     onsets = [tick for tick in rises(series["fault_active"]) if tick < stop]
     jumps = jump_ticks(series["position"] * 1e6, golden_um)
-    return BurstRun(
-        group=str(row["group"]),
-        value=float(row["fault0_value"]),
-        events=tuple(event(series, at, min(at + EVENT_TICKS, stop), jumps) for at in onsets),
-        cause=str(row["response_cause"]) if stopped else "",
-    )
+    return {
+        "group": str(row["group"]),
+        # Of the fault: DAC counts, or um per packet; NaN without a fault
+        "value": float(row["fault0_value"]),
+        "events": [event(series, at, min(at + EVENT_TICKS, stop), jumps) for at in onsets],
+        "cause": str(row["response_cause"]) if stopped else "",
+    }
 
 
-def event(series: Series, onset: int, end: int, jumps: np.ndarray) -> BurstEvent:
+def event(series: Series, onset: int, end: int, jumps: np.ndarray) -> dict[str, Any]:
     """Measure the burst from tick `onset` until tick `end`. `jumps`: ticks of the run's jumps."""
     force = series["cue_force"][onset:end]
     felt = np.flatnonzero(force > 0.0)
     shoulder = np.degrees(series["jpos"][onset:end, SHOULDER].astype(float))
     cut = end - onset < EVENT_TICKS
     back_deg, back_ms = (math.nan, math.nan) if cut else rebound(shoulder)
-    return BurstEvent(
-        peak_mm=float(series["tip_error_mm"][onset:end].max()),
-        cut=cut,
-        rebound_deg=back_deg,
-        rebound_ms=back_ms,
-        cue_s=felt[0] * 1e-3 if len(felt) else math.nan,
-        force=float(force.max()),
-        jumped=bool(((jumps >= onset) & (jumps < end)).any()),
-    )
+    return {
+        # From the measured tip to the nominal model
+        "peak_mm": float(series["tip_error_mm"][onset:end].max()),
+        # Whether the robot stopped during the event
+        "cut": cut,
+        "rebound_deg": back_deg,
+        "rebound_ms": back_ms,
+        # From the onset of the fault to that of the cue; NaN: no cue
+        "cue_s": felt[0] * 1e-3 if len(felt) else math.nan,
+        # Device units
+        "force": float(force.max()),
+        # By the rule of the published analysis code
+        "jumped": bool(((jumps >= onset) & (jumps < end)).any()),
+    }
 
 
 def rebound(shoulder_deg: np.ndarray) -> tuple[float, float]:
@@ -167,38 +121,41 @@ def jump_ticks(position_um: np.ndarray, golden_um: np.ndarray) -> np.ndarray:
 
 def compare(context: study.Context) -> study.Findings:
     """Measure every run and compare its events with the paper's four."""
-    bursts, published = tabulate(_measured(context)), Published("seed")
-    met = criteria(bursts, published)
-    modelled = bursts.where(bursts.runs["setting"] == MODELLED)
+    measured, published = pd.DataFrame(_measured(context)), Published("seed")
+    runs = measured.loc[measured["group"] == BURST]
+    listed = runs["events"].explode().dropna()
+    runs = runs.assign(number=runs.pop("events").str.len())
+    events = pd.DataFrame(listed.tolist(), listed.index).join(runs)
+    met = criteria(runs, events, published)
+    modelled, bursts = (part.loc[part["setting"] == MODELLED] for part in (runs, events))
     return study.Findings(
-        (*_acceptance(modelled.runs, met, published), *_events(modelled, published)),
+        tuple(_lines(modelled, bursts, met, published)),
         (
-            read_table(NAME, "constants", _constants(modelled, met)),
-            read_table(NAME, "bands", _bands(bursts, met)),
+            read_table(NAME, "constants", _constants(modelled, bursts, met)),
+            read_table(NAME, "bands", _bands(runs, events, met)),
         ),
         study.read_notes(NAME),
     )
 
 
-def _measured(context: study.Context) -> dict[str, dict[Motion, list[BurstRun]]]:
-    """Return the runs by setting and motion. Jumps are those that the first run, without a fault,
-    does not make. It draws its own packets, but its tip makes no step as long as a jump's.
+def _measured(context: study.Context) -> Iterator[dict[str, Any]]:
+    """Yield the runs. Jumps are those that the first run, without a fault, does not make. It draws
+    its own packets, but its tip makes no step as long as a jump's.
     """
     recorder = Recorder()
-
-    def runs(name: str) -> list[BurstRun]:
+    for name, setting in settings_of(VARIANTS):
         folder = context.folders[name]
         (golden_um,) = recorder.measure(folder, lambda _, series: series["position"] * 1e6, [0])
-        return recorder.measure(folder, lambda row, series: run(row, series, golden_um))
-
-    return {
-        setting: {motion: runs(name) for motion, name in names.items()}
-        for setting, names in by_setting(VARIANTS).items()
-    }
+        for found in recorder.measure(folder, functools.partial(run, golden_um=golden_um)):
+            yield setting | found
 
 
-def _acceptance(runs: pd.DataFrame, met: pd.DataFrame, published: Published) -> Iterator[Line]:
-    """Yield in how many runs each band is met. One is required, as the constant is unknown."""
+def _lines(
+    runs: pd.DataFrame, events: pd.DataFrame, met: pd.DataFrame, published: Published
+) -> Iterator[Line]:
+    """Yield in how many runs each band is met, and what accompanies a peak of the published size.
+    As the constant is unknown, one run is required, and peaks are of any constant and motion.
+    """
     published_run = StudyEstimate(1, n=1, of="run, Figures 4 and 5")
     met = met.loc[runs.index]
     of = f"runs ({runs['value'].nunique()} constants, {len(MOTIONS)} motions)"
@@ -208,33 +165,21 @@ def _acceptance(runs: pd.DataFrame, met: pd.DataFrame, published: Published) -> 
         target, where = "A5" if name in A5 else "A4", f"with {constants} constants"
         quantity = f"runs in which {words}"
         yield Line(quantity, "", published_run, found, (1, math.inf), target, where)
-    jumps = StudyEstimate(
-        int(met["jumps"].sum()), n=len(runs), of="runs, jumps by the published code's rule"
-    )
+    of = "runs, jumps by the published code's rule"
+    jumps = StudyEstimate(int(met["jumps"].sum()), n=len(runs), of=of)
     quantity = "runs with four jumps, of which the last ends in the stop"
     yield Line(quantity, "", published_run, jumps)
 
-
-def _events(bursts: Bursts, published: Published) -> Iterator[Line]:
-    """Yield what accompanies a peak of the published size, for any constant and motion."""
     low, high = published.band("a4.peak")
-    events = bursts.events.join(bursts.runs[["kind", "seed"]])
     sized = events.loc[events["peak_mm"].between(low, high)]
     rebounds = [published.value(f"burst.{k}.rebound") for k in (1, 2, 3)]
     ends = float(np.mean(rebounds)), min(rebounds), max(rebounds)
-    for field, what, unit, read, band in (
-        (
-            *("rebound_deg", "rebound of the shoulder", "deg"),
-            *(StudyEstimate(*ends, 3, "events read off Figure 4"), "a4.rebound"),
-        ),
-        (
-            *("rebound_ms", "time of the rebound", "ms"),
-            *(published.estimate("burst.3.rebound_ms"), "a4.rebound_ms"),
-        ),
-        (
-            *("cue_s", "cue after the fault's onset", "s"),
-            *(published.estimate("cue.onset"), "a5.onset"),
-        ),
+    shown = StudyEstimate(*ends, 3, "events read off Figure 4")
+    took, onset = map(published.estimate, ("burst.3.rebound_ms", "cue.onset"))
+    for band, field, what, unit, read in (
+        ("a4.rebound", "rebound_deg", "rebound of the shoulder", "deg", shown),
+        ("a4.rebound_ms", "rebound_ms", "time of the rebound", "ms", took),
+        ("a5.onset", "cue_s", "cue after the fault's onset", "s", onset),
     ):
         values = sized.dropna(subset=field).groupby(["kind", "seed"], sort=False)[field]
         means = over_kinds(values.apply(lambda of_motion: of_motion.to_numpy().mean()))
@@ -243,45 +188,41 @@ def _events(bursts: Bursts, published: Published) -> Iterator[Line]:
         yield Line(quantity, unit, read, means, published.band(band), target)
 
 
-def _stop_peaks(bursts: Bursts) -> pd.Series:
-    """Return tip error peaks, mm, of bursts that end in a stop, for constants of at most SMALL."""
-    runs = bursts.runs.loc[(bursts.runs["cause"] != "") & (bursts.runs["value"].abs() <= SMALL)]
-    last = bursts.events.groupby(level=0).last()
-    return last.loc[last["cut"] & last.index.isin(runs.index), "peak_mm"]
-
-
-def _constants(bursts: Bursts, met: pd.DataFrame) -> Iterator[tuple[Cell, ...]]:
-    for value in np.unique(bursts.runs["value"]):
-        runs, events = bursts.where(bursts.runs["value"] == value)
-        stops = np.bincount(
-            runs.loc[runs["cause"] != "", "number"].astype(int), minlength=EVENTS + 1
-        )[1:]
+def _constants(
+    runs: pd.DataFrame, events: pd.DataFrame, met: pd.DataFrame
+) -> Iterator[tuple[Cell, ...]]:
+    for value, mine in runs.groupby("value"):
+        bursts = events.loc[events["value"] == value]
+        stops = np.bincount(mine.loc[mine["cause"] != "", "number"], minlength=EVENTS + 1)[1:]
         yield (
             f"{value:+.0f}",
-            span(runs["number"], ".0f"),
+            span(mine["number"], ".0f"),
             " ".join(map(str, stops)) if stops.any() else "none",
-            *(span(events["peak_mm"], ".1f"), span(events["rebound_deg"], ".1f")),
-            *(span(events["rebound_ms"], ".0f"), span(events["cue_s"], ".2f")),
-            *(span(events.loc[events["force"] > 0.0, "force"], ".3f"), int(events["jumped"].sum())),
-            *(int(count) for count in met.loc[runs.index, [*A4, *A5, ALL]].sum()),
+            *(span(bursts["peak_mm"], ".1f"), span(bursts["rebound_deg"], ".1f")),
+            *(span(bursts["rebound_ms"], ".0f"), span(bursts["cue_s"], ".2f")),
+            *(span(bursts.loc[bursts["force"] > 0.0, "force"], ".3f"), int(bursts["jumped"].sum())),
+            *(int(count) for count in met.loc[mine.index, [*A4, *A5, ALL]].sum()),
         )
 
 
-def _bands(bursts: Bursts, met: pd.DataFrame) -> Iterator[tuple[Cell, ...]]:
-    for name in bursts.runs["setting"].unique():
-        part = bursts.where(bursts.runs["setting"] == name)
-        mine = met.loc[part.runs.index]
-        counts = (int(count) for count in mine[[*A4, *A5, ALL]].sum())
-        most = int(mine[[*A4]].sum(axis=1).max())
-        yield name, len(mine), *counts, most, span(_stop_peaks(part), ".1f")
+def _bands(
+    runs: pd.DataFrame, events: pd.DataFrame, met: pd.DataFrame
+) -> Iterator[tuple[Cell, ...]]:
+    last = events.groupby(level=0).last()
+    small = last.loc[last["cut"] & (last["cause"] != "") & (last["value"].abs() <= SMALL)]
+    for setting, mine in runs.groupby("setting", sort=False):
+        bands = met.loc[mine.index]
+        counts = (int(count) for count in bands[[*A4, *A5, ALL]].sum())
+        most = int(bands[[*A4]].sum(axis=1).max())
+        stopped = small.loc[small["setting"] == setting, "peak_mm"]
+        yield str(setting), len(mine), *counts, most, span(stopped, ".1f")
 
 
-def span(values: Iterable[float], form: str) -> str:
-    """Write the least and largest of the finite values."""
-    there = pd.Series(values).dropna()
-    if there.empty:
+def span(values: pd.Series, form: str) -> str:
+    """Write the least and largest of the values, without NaN."""
+    if values.isna().all():
         return "–"
-    ends = (format(end, form) for end in (there.min(), there.max()))
+    ends = (format(end, form) for end in (values.min(), values.max()))
     return " to ".join(dict.fromkeys(ends))
 
 

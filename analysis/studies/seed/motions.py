@@ -3,43 +3,40 @@ the hand in the paper is not available.
 """
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 import pandas as pd
 
 from studies.study import StudyEstimate, Variant
 
-Motion = tuple[str, int]
-"""Kind and seed."""
-
-MOTIONS: tuple[Motion, ...] = (
+MOTIONS = (
     *((kind, seed) for kind in ("suture", "peg_transfer", "palpate", "reach") for seed in (1, 2)),
     ("circle", 1),
 )
-"""Every generated motion with the pedal down throughout and the hand moving."""
-
+"""Kind and seed of every generated motion with the pedal down throughout and the hand moving."""
 MODELLED = "as modelled"
 """The setting of variants that answer no open question differently."""
 
 
-def by_setting(variants: Iterable[Variant]) -> dict[str, dict[Motion, str]]:
-    """Return the variants' names by setting and motion. A name is KIND_SEED, or KIND_SEED_SETTING
-    with underscores for spaces, but in the names of the sets matlab_*.
+def settings_of(variants: Iterable[Variant]) -> Iterator[tuple[str, dict[str, str | int]]]:
+    """Yield the name of each variant with its setting and the kind and seed of its motion. A name
+    is KIND_SEED, or KIND_SEED_SETTING with underscores for spaces, but in the names of the sets
+    matlab_*.
     """
-    settings: dict[str, dict[Motion, str]] = {}
     for one in variants:
         kind, seed, setting = re.fullmatch(r"(\D+)_(\d+)_?(.*)", one.name).groups()
         words = re.sub("(?<!matlab)_", " ", setting) or MODELLED
-        settings.setdefault(words, {})[kind, int(seed)] = one.name
-    return settings
+        yield one.name, {"setting": words, "kind": kind, "seed": int(seed)}
 
 
-def over_kinds(values: Mapping[Motion, float] | pd.Series) -> StudyEstimate:
-    """Return the mean over kinds of motion, the independent units, with its t interval."""
+def over_kinds(values: pd.Series) -> StudyEstimate:
+    """Return the mean over kinds of motion, the independent units, with its t interval. `values`:
+    by kind and seed.
+    """
     from scipy import stats
 
-    means = pd.Series(values).groupby(level=0, sort=False).mean().to_numpy()
+    means = values.groupby(level=0, sort=False).mean().to_numpy()
     mean, n, of = float(means.mean()), len(means), f"kinds of motion ({len(values)} motions)"
     if n < 2:
         return StudyEstimate(mean, n=n, of=of)

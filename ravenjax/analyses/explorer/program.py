@@ -75,18 +75,18 @@ def question_plan(config: CampaignConfig) -> Plan:
             " [[group.fault]] to one of its groups; a page offers its site and effects"
         )
     # All runs get the random key 0: a page draws the lengths of packets once, not for each run.
-    varied = ready.varied | {key: 0 * ready.varied[key] for key in ready.keys}
+    varied = ready.varied | {key: np.zeros_like(ready.varied[key]) for key in ready.keys}
     # Full paths of the numbers that are inputs already.
-    covered = set()
+    input_paths = set()
     for path in varied:
-        covered.update(paths.named_numbers(program.params, program.setup, path))
+        input_paths.update(paths.named_numbers(program.params, program.setup, path))
     for full_path, value in paths.path_leaves(program.params, program.setup):
         # A page changes a parameter of all arms together.
         path = paths.without_arm(full_path, program.setup.arms)
         is_offered = any(f"{path}.".startswith(f"{start}.") for start in WORDS["parameters"])
-        if not is_offered or full_path in covered:
+        if not is_offered or full_path in input_paths:
             continue
-        covered.update(paths.named_numbers(program.params, program.setup, path))
+        input_paths.update(paths.named_numbers(program.params, program.setup, path))
         dtype = program.setup.precision.real if np.asarray(value).dtype.kind == "f" else np.int32
         varied[path] = np.full(ready.runs, value, dtype)
     # The page ends runs by itself, so the program needs only the triggers that a page offers.
@@ -199,14 +199,15 @@ def list_motions(ready: Plan) -> dict[str, Any]:
 
 
 def _motion_columns(ready: Plan, name: str) -> tuple[np.ndarray, ...] | None:
-    """Return the columns of another generated motion; None if the robot starts elsewhere in it."""
+    """Return the columns of generated motion `name`; None if the robot would start elsewhere."""
     config, program = ready.config, ready.program
     operator = config.operator.model_copy(update={"motion": name})  # pyright: ignore[reportAttributeAccessIssue]
     other = config.model_copy(update={"operator": operator})
+    # No parameter varies between runs here: {}.
     prepared = config.robot.part("campaign").prepare(
         other, {}, program.setup.injection, program.setup.precision
     )
-    # The start of the robot is a constant of the compiled program.
+    # The compiled program contains the robot's position at the start of the campaign's motion.
     campaign_params = dict(paths.path_leaves(program.params, program.setup))
     other_params = dict(paths.path_leaves(prepared.params, program.setup))
     for path, value in campaign_params.items():

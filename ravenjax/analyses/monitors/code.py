@@ -32,8 +32,7 @@ def write_part(
     segment: int | None = None,
     stores_inputs: bool = False,
 ) -> str:
-    """Return the text of a Python file that computes the largest score of the terms, each divided
-    by its scale.
+    """Return a Python file's text that computes the largest score of the terms, divided by scales.
 
     `terms`: scores with one channel each. `scales`: scale of each term in each segment; None: the
     scales in the terms. `title`: docstring of the file; default: what the terms observe. `segment`:

@@ -1,7 +1,5 @@
 """Defines the keys of the table [[group]] of a campaign file: faults and design."""
 
-from __future__ import annotations
-
 import difflib
 import itertools
 from collections.abc import Iterator, Mapping
@@ -43,8 +41,7 @@ PATHS = ("parameters", "cross")
 def flatten_table(table: Any, prefix: str = "") -> Any:
     """Join the nested keys of a table of parameters into dotted paths.
 
-    Distributions stay tables. prefix: beginning of all paths. Anything else than a table is
-    returned unchanged.
+    Distributions stay tables. prefix: beginning of all paths. Other values are returned unchanged.
     """
     if not isinstance(table, Mapping):
         return table
@@ -77,9 +74,9 @@ _MISSPELT = 0.7
 
 
 def _is_distribution(table: dict[str, Any]) -> bool:
-    # Returns whether a table is a distribution, perhaps with a misspelt name or without a list. A
-    # misspelt distribution is refused later, with a good message. _MISSPELT must be so large that
-    # names of joints are no distributions: `wrist` resembles `list`.
+    # Returns whether a table is a distribution: it has the name of a distribution, or it has a list
+    # and a misspelt name. Mistakes are refused later, with a good message. _MISSPELT must be so
+    # large that names of joints are no distributions: `wrist` resembles `list`.
     if len(table) != 1:
         return False
     ((key, value),) = table.items()
@@ -141,7 +138,7 @@ class Fault(Section):
     refused, except at usb_out if campaign.dac_words is set"""
 
     @model_validator(mode="after")
-    def _fits(self) -> Fault:
+    def _fits(self) -> "Fault":
         """Check rules that need no robot. Raise ValueError with a message that names the key."""
         if self.start_ms.phases and self.trigger.listed != ("time",):
             raise ValueError(
@@ -214,7 +211,7 @@ class Group(Section):
         return raw
 
     @model_validator(mode="after")
-    def _design(self) -> Group:
+    def _design(self) -> "Group":
         # Checks that the keys fit the group's design.
         if self.design in SAMPLED and self.runs is None:
             raise ValueError(f"design = {self.design!r} needs the key 'runs', the number of draws")

@@ -64,7 +64,7 @@ def robot_sql(runs: Runs) -> str:
 def faults_with_units(runs: Runs, columns: str, where: str) -> pd.DataFrame:
     """Return a table of faults: row, group, `columns` of facts, and the number of the drawn unit.
 
-    A unit is a robot if robots were drawn whole, otherwise a row.
+    If each draw of the campaign is a whole robot, the unit is the robot, else the row.
     """
     robot = robot_sql(runs) or "row"
     return runs.table.frame(
@@ -85,7 +85,7 @@ def drawn_units(runs: Runs, faults: pd.DataFrame) -> tuple[Units | None, str]:
 
 
 def robot_columns(config: Mapping[str, Any]) -> list[str]:
-    """Return the columns of the parameters of a robot that a stored campaign draws whole."""
+    """Return the columns of parameters that a stored campaign draws together, as whole robots."""
     columns = []
     for table in (config, *config.get("group", ())):
         for path, value in table.get("parameters", {}).items():

@@ -66,9 +66,10 @@ class ArmRobot(Robot):
 def read_robot(file: Path, name: str = "", package: str = "ravenjax.robots.mjcf") -> ArmRobot:
     """Return the robot of an MJCF file. Its tip is the site `tip`, or the last site.
 
-    name, package: of a Python module that declares it. Raises UserError that names what the
-    simulation does not have.
+    name, package: those of a Python module that declares the robot. Raises UserError for features
+    of the model that are not simulated.
     """
+    # A changed file has another time, so `_read` does not return its stored result.
     return _read(file, file.stat().st_mtime_ns, name or str(file), package)
 
 
@@ -89,8 +90,9 @@ def _read(file: Path, changed_ns: int, name: str, package: str) -> ArmRobot:
         return tuple(
             Channel(joint, (*above, k), "float", units[slides[k]])
             for k, joint in enumerate(joints)
+            # Joints without an actuator have sensors only.
             if arm.kinds[k] or site in ("encoder", "sensor")
-        ) + (Channel("lost", (ARM, "lost"), "bool", "1", usual=0),) * (site == "packet")
+        ) + ((Channel("lost", (ARM, "lost"), "bool", "1", usual=0),) if site == "packet" else ())
 
     def signal(field: str, site: str, *against: str) -> Signal:
         units = tuple((c.name, c.unit) for c in sites[site].channels)
@@ -145,6 +147,7 @@ def _read(file: Path, changed_ns: int, name: str, package: str) -> ArmRobot:
 
 
 def _arm(model: mujoco.MjModel) -> tuple[Arm, tuple[str, ...]]:
+    # Returns the arm, and the names of its joints.
     sites = [model.site(k).name for k in range(model.nsite)]
     if not sites:
         raise UserError('expected a site at the tip, such as <site name="tip"/> in the last body')
@@ -156,7 +159,7 @@ def _arm(model: mujoco.MjModel) -> tuple[Arm, tuple[str, ...]]:
         raise UserError(f"expected joints with names that differ, got {', '.join(names) or 'none'}")
     reach = np.where(model.jnt_limited, model.jnt_range.T, [[-math.inf], [math.inf]])[:, numbers]
     home = (model.key_qpos[0] if model.nkey else model.qpos0)[model.jnt_qposadr[numbers]]
-    gain, offset, stiffness, damping = np.zeros((4, len(numbers)))
+    gain, constant, stiffness, damping = np.zeros((4, len(numbers)))
     control, force = np.full((2, 2, len(numbers)), [[-math.inf], [math.inf]])
     capped = model.jnt_actfrclimited[numbers] > 0
     force[:, capped] = model.jnt_actfrcrange[numbers][capped].T
@@ -166,23 +169,28 @@ def _arm(model: mujoco.MjModel) -> tuple[Arm, tuple[str, ...]]:
         gear, factor = model.actuator_gear[a, 0], model.actuator_gainprm[a, 0]
         bias = model.actuator_biasprm[a, :3] * (model.actuator_biastype[a] != 0)
         kinds[k] = "position" if bias[1] else "velocity" if bias[2] else "motor"
-        # The control of a motor is its force; that of a servo is in the joint's unit.
+        # MuJoCo: gear (factor control + bias[0] + gear (bias[1] position + bias[2] velocity)). In
+        # `Arm`, a motor's control is its force, and a servo's control is in the joint's unit.
         unit = gear * factor if kinds[k] == "motor" else 1.0 / gear
-        gain[k], offset[k] = gear * factor / unit, gear * bias[0]
+        constant[k] = gear * bias[0]
         stiffness[k], damping[k] = -(gear**2) * bias[1:]
-        gain[k] /= stiffness[k] or damping[k] or 1.0
+        # `Arm.gain` of a servo is a factor of its stiffness or damping.
+        gain[k] = gear * factor / unit / (stiffness[k] or damping[k] or 1.0)
         if model.actuator_ctrllimited[a]:
             control[:, k] = sorted(model.actuator_ctrlrange[a] * unit)
         if model.actuator_forcelimited[a]:
             force[:, k] = np.clip(sorted(model.actuator_forcerange[a] * gear), *force[:, k])
     if not any(kinds):
         raise UserError('expected an actuator, such as <position joint="elbow" kp="100"/>')
-    vectors = [Vec(column.tolist()) for column in (home, *reach, gain, offset, stiffness, damping)]
+    vectors = [
+        Vec(column.tolist()) for column in (home, *reach, gain, constant, stiffness, damping)
+    ]
     bounds = [(Vec(low.tolist()), Vec(high.tolist())) for low, high in (control, force)]
     integrator = mujoco.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_")
     integrator = integrator if integrator != "IMPLICITFAST" else ""
-    own = mechanism, *_period(model), integrator, tip, tuple(kinds)
-    return Arm(*own, *vectors, *bounds), tuple(names)
+    # The fields of `Arm` in order.
+    first_fields = mechanism, *_period(model), integrator, tip, tuple(kinds)
+    return Arm(*first_fields, *vectors, *bounds), tuple(names)
 
 
 LONGEST_MS = 100
@@ -196,6 +204,7 @@ def _period(model: mujoco.MjModel) -> tuple[int, int]:
     whole number of milliseconds that consists of whole time steps. Raises UserError.
     """
     step_ms = model.opt.timestep * 1e3
+    # If a step is n / d ms, then d steps are n ms.
     period = float(Fraction(step_ms).limit_denominator(LONGEST_MS).numerator)
     if "period_ms" in (model.numeric(k).name for k in range(model.nnumeric)):
         period = float(model.numeric("period_ms").data[0])
@@ -210,8 +219,10 @@ def _period(model: mujoco.MjModel) -> tuple[int, int]:
     return int(period), steps
 
 
-def _driven(model: mujoco.MjModel, a: int, numbers: list[int], kinds: list[str]) -> int:
-    """Return the place of the joint that actuator `a` drives. Raises UserError."""
+def _driven(model: mujoco.MjModel, a: int, joints: list[int], kinds: list[str]) -> int:
+    """Return the index in `joints` of the joint that actuator `a` drives. Raises UserError. joints:
+    numbers in the model. kinds: kind of the actuator found for each of them; "": none.
+    """
     name = model.actuator(a).name or f"number {a}"
     kinds_of = (model.actuator_trntype, model.actuator_dyntype, model.actuator_gaintype)
     if any(kind[a] != 0 for kind in kinds_of) or model.actuator_biastype[a] not in (0, 1):
@@ -219,7 +230,7 @@ def _driven(model: mujoco.MjModel, a: int, numbers: list[int], kinds: list[str])
             f"actuator {name}: expected one of <position>, <velocity> and <motor> on a joint,"
             " without dynamics"
         )
-    place = numbers.index(int(model.actuator_trnid[a, 0]))
+    place = joints.index(int(model.actuator_trnid[a, 0]))
     if kinds[place]:
         raise UserError(f"actuator {name}: its joint has two actuators, expected only one")
     return place

@@ -51,12 +51,14 @@ class Operator(Section):
     @model_validator(mode="after")
     def _fits(self) -> "Operator":
         keys = self.model_dump(exclude_defaults=True).keys() - {"motion"}
-        follows_path = self.motion == "tip"
-        if not (keys in ({"tip"}, {"file"}) if follows_path else keys.isdisjoint({"tip", "file"})):
+        path_keys = keys & {"tip", "file"}
+        has_path_alone = len(path_keys) == 1 and keys == path_keys
+        if not (has_path_alone if self.motion == "tip" else not path_keys):
             raise ValueError("motion 'tip' takes only tip or file, 'sines' seed, amplitude and hz")
+        sizes = {len(row) for row in self.tip}
         # A quaternion of zeros is no orientation.
-        sizes = {len(row) if any(row[4:]) or len(row) == 4 else 0 for row in self.tip}
-        if sizes not in (set(), {4}, {8}):
+        has_orientations = all(any(row[4:]) for row in self.tip)
+        if sizes not in (set(), {4}) and not (sizes == {8} and has_orientations):
             raise ValueError("tip: expected rows of [s, x, y, z] or [s, x, y, z, qw, qx, qy, qz]")
         return self
 
@@ -110,7 +112,7 @@ class Config(CampaignConfig):
         for number, detector in enumerate(self.detector):
             if detector.file is None:
                 yield ("detector", number, "kind"), "an arm runs detectors with a file only"
-        # A campaign without faults lists parameters.
+        # A campaign without faults only lists parameters, so it needs no gains.
         motors = self._without_gain("motor")
         if motors and any(group.fault for group in self.group):
             reason = f"nothing else holds {', '.join(motors)}; write kp, and kd for damping"
@@ -124,8 +126,9 @@ class Config(CampaignConfig):
         for name in sorted(self.robot.checks.keys() - {"joint_limit"} - limited):
             yield ("parameters", name), f"the check {name} has no limit, so it never trips"
         slides = self.robot.linear
-        for name in ("tracking", "velocity", "sensor") if {*slides} < {*self.robot.joints} else ():
-            if slides and name in axes:
+        has_both_kinds = 0 < len(slides) < len(self.robot.joints)
+        for name in ("tracking", "velocity", "sensor"):
+            if has_both_kinds and name in axes:
                 yield (
                     ("parameters", name),
                     "one number limits rotating joints, in rad, and sliding joints, in m; write a"
@@ -237,8 +240,7 @@ its iterations, and the number of iterations.
 def _along(operator: Operator, robot: Any, ticks: int) -> tuple[np.ndarray, ...]:
     """Return the set points of each joint that move the tip along its path, float32 [ticks].
 
-    Each tick's joints are found by damped least squares, from those of the tick before. Raises
-    UserError.
+    Each tick's joints are found by damped least squares, from the tick before. Raises UserError.
     """
     from scipy.interpolate import CubicSpline
 

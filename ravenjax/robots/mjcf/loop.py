@@ -114,24 +114,22 @@ def init(setup: ArmSetup, params: Params) -> State:
     jpos, zero = cast_to_real(setup, params.start), jnp.int32(0)
     tip = mechanism.tip_position(setup.robot.arm.mechanism, jpos)
     return State(
-        *(fault.init(setup), jpos, jpos * 0.0, jpos, zero, zero, zero, jpos, jpos),
-        *((jpos, jpos * 0.0), jpos, (tip, tip), jnp.bool_(False)),
+        faults=fault.init(setup),
+        **dict.fromkeys(("jpos", "goal", "command", "reported", "plan"), jpos),
+        **dict.fromkeys(("silent", "differ", "strained", "live"), zero),
+        jvel=jpos * 0.0,
+        model=(jpos, jpos * 0.0),
+        tips=(tip, tip),
+        stopped=jnp.bool_(False),
         checks=(check.init(setup),) * len(setup.robot.checks),
         detectors=detectors.init(setup, params.detectors),
         haptics=haptics.init(setup),
         monitor=monitor.init(setup, (tip,), (tip * 1e6,)),
-        live=zero,
     )
 
 
 def advance(
-    setup: ArmSetup,
-    params: Params,
-    faults: fault.Faults,
-    state: State,
-    now: Scalar,
-    motion: tuple[Any, ...],
-    golden: tuple[Scalar, ...],
+    setup: ArmSetup, params: Params, faults: fault.Faults, state: State, now: Scalar, motion, golden
 ) -> tuple[State, tuple[Scalar, ...], dict[str, Any]]:
     """Compute one tick; see `ravenjax.engines.interface.Loop`."""
     arm = setup.robot.arm
@@ -166,15 +164,15 @@ def advance(
 
     torque = _control(arm, params, params.gravity, reported, state.jvel, command, state.command)
     torque = where(stopped, torque * 0.0, torque)
-    # How much of an actuator's gains is left depends on the fault: none if it overwrites.
+    # The share of an actuator's gains that acts depends on the fault: none if it overwrites.
     _, more = _drive(copy.copy(inject), arm, torque + 1.0)
     driven, exerted = _drive(inject, arm, torque)
-    left = Vec(
+    gain_share = Vec(
         jnp.where(x == t, 1.0, jnp.clip(y - x, 0.0, 1.0))
         for x, t, y in zip(exerted, torque, more, strict=True)
     )
     step = mechanism.step if setup.link_dynamics == "unrolled" else mechanism.step_by_mjx
-    jpos, jvel = _move(step, arm, params, (state.jpos, state.jvel), exerted, left)
+    jpos, jvel = _move(step, arm, params, (state.jpos, state.jvel), exerted, gain_share)
     slower = state.jvel * params.coasting**ms
     jvel = where(stopped, slower, jvel)
     jpos = where(stopped, state.jpos + slower * (1e-3 * ms), jpos)
@@ -239,15 +237,16 @@ def _drive(inject: Injector, arm: Arm, torque: Vec) -> tuple[Vec, Vec]:
 
 
 def _move(
-    step, arm: Arm, params: Params, before: tuple[Vec, Vec], force: Vec, left: Vec | float
+    step, arm: Arm, params: Params, before: tuple[Vec, Vec], force: Vec, gain_share: Vec | float
 ) -> tuple[Vec, Vec]:
     """Return positions and velocities after a tick.
 
     force: of the actuators at the start of the tick. In each step, a servo changes its force with
-    position and velocity, as in MuJoCo. left: share of the gains of servos, 0 to 1.
+    position and velocity, as in MuJoCo. gain_share: share of the gains of servos that acts, 0 to 1.
     """
     _, *gains = _gains(arm, params)
-    stiffness, damping = (gain.map(mul, left) for gain in gains)
+    # `step` uses the damping within a time step, `lost_force` from the start of the tick.
+    stiffness, damping = (gain.map(mul, gain_share) for gain in gains)
     after = step(arm.mechanism, *before, force, damping)
     for _ in range(arm.steps - 1):
         position_change, velocity_change = map(minus, after, before)
@@ -259,15 +258,19 @@ def _move(
 def _control(
     arm: Arm, params: Params, gravity: Scalar, jpos: Vec, jvel: Vec, command: Vec, before: Vec
 ) -> Vec:
-    """Return the forces of the actuators, without limits, and with a share of gravity's."""
-    control = Vec(
-        c
-        if kind == "position"
-        else (c - q) * kp + ((c - b) * (1e3 / arm.period_ms) if kind == "velocity" else v * -kd)
-        for kind, q, v, c, b, kp, kd in zip(
-            arm.kinds, jpos, jvel, command, before, params.kp, params.kd, strict=True
-        )
-    )
+    """Return the forces of the actuators, without limits, plus a share of the forces that balance
+    gravity. before: command of the last tick.
+    """
+
+    def control_of(kind: str, position, velocity, goal, last_goal, kp, kd) -> Scalar:
+        if kind == "position":
+            return goal
+        correction = (goal - position) * kp
+        if kind == "velocity":
+            return correction + (goal - last_goal) * (1e3 / arm.period_ms)
+        return correction + velocity * -kd
+
+    control = Vec(map(control_of, arm.kinds, jpos, jvel, command, before, params.kp, params.kd))
     strength, stiffness, damping = _gains(arm, params)
     force = plus(arm.gain.map(mul, strength).map(mul, control.map(clamp, *arm.control)), arm.bias)
     force = minus(minus(force, stiffness.map(mul, jpos)), damping.map(mul, jvel))

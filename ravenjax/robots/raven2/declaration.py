@@ -27,9 +27,9 @@ _FIELDS = {name: Field(**field) for name, field in _TABLES["fields"].items()}
 
 
 def _channels(table: dict[str, Any]) -> list[tuple[str, str, tuple[str | int, ...]]]:
-    # Returns (name, unit, path) of the channels that one table of the file describes. A path leads
-    # from the signal to the number. In it, ARM stands for the index of the arm; "#" in the file
-    # stands for the index of the channel in its table.
+    # Returns (name, unit, path) of the channels that one table of the file describes, such as
+    # {names = "joints", unit = "rad", linear = "m", path = ["ARM", "#"]}. A path leads from the
+    # signal to the number: ARM stands for the arm's index, "#" for the channel's in its table.
     names = table["names"]  # a list of names, or the name of a set
     is_set = str(names) in _NAME_SETS
     channels = []
@@ -65,11 +65,11 @@ def _seam(name: str, table: dict[str, Any]) -> Seam:
 
 def _signal(name: str, table: dict[str, Any]) -> Signal:
     # Returns a recorded signal from its table in declaration.toml.
-    names, linear = table.pop("names", ""), table.pop("linear", "")
+    names, linear_unit = table.pop("names", ""), table.pop("linear", "")
     return Signal(
         name,
         channels=_NAME_SETS.get(names, ()),
-        units=(("insertion", linear),) if linear else (),
+        units=(("insertion", linear_unit),) if linear_unit else (),
         # One score for the four joints of the tool
         together=(("tool", JOINTS[3:]),) if names == "joints" else (),
         against=tuple(table.pop("against", ())),

@@ -1,7 +1,6 @@
 """Reads a recorded stream of a console's packets as a motion of the operator's hands.
 
-A packet contains an increment of the tip's pose. The motion is their sum, from the pose after
-homing.
+A packet contains an increment of the tip's pose. The motion is their sum from the homed pose.
 
 A table (Parquet) has a column `packet` (124 bytes each) and a column of arrival times. A network
 capture (.pcap, .pcapng), as tcpdump and Wireshark write it, contains both. A console's packets are

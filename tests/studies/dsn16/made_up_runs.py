@@ -28,6 +28,7 @@ def table(jumps: Mapping[tuple[float, int], int]) -> pd.DataFrame:
             "response": np.where(value >= 40000, "stopped", "silent"),
             "jump_code": jump,
             "jump_code_first_ms": np.where(jump, start + 11, -1),
+            "first_active_ms": start - 1,
             "check_ik_reject_count": np.where(value >= 10000, 3, 1),
             "fault0_site": "usb_out",
             "fault0_value": value.astype(float),
@@ -48,5 +49,4 @@ def table(jumps: Mapping[tuple[float, int], int]) -> pd.DataFrame:
 
 def runs_of(jumps: Mapping[tuple[float, int], int], name: str = "made_up") -> VariantRuns:
     """The runs of such a table."""
-    config, frame = loading.load_campaign("dsn16_b.toml"), table(jumps)
-    return attacks.runs_of(name, config, frame, attacks.regular(len(frame), config.campaign.ticks))
+    return attacks.runs_of(name, loading.load_campaign("dsn16_b.toml"), table(jumps))

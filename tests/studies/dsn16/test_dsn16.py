@@ -9,6 +9,7 @@ from made_up_runs import VALUES, runs_of
 import studies
 from ravenjax.campaign import loading
 from ravenjax.campaign.faults import design
+from studies.dsn16 import attacks
 from studies.dsn16.attacks import stored
 
 ONSETS_A = range(1000, 2000, 50)
@@ -37,16 +38,10 @@ def test_runs_are_counted_from_a_table_in_any_order() -> None:
     assert runs.percent("stop").tolist() == [25.0] * 8
     assert runs.percent("missed").tolist() == [0, 0, 0, 0, 0, 0, 10.0, 0]
     assert runs.percent("ik").tolist() == [50.0] * 8  # more often than the fault-free run
-    assert runs.percent("inside").tolist() == [
-        0,
-        0,
-        0,
-        0,
-        0,
-        0,
-        10.0,
-        0,
-    ]  # ten packets are past t1 + 8 + 1
+    # Ten packets are past t1 + 8 + 1. A packet lasts a millisecond here.
+    inside = attacks.in_window(runs.frame, runs.frame["jump_ms"].to_numpy() + 1)
+    only_inside = runs.counting(inside, "inside").percent("jump")
+    assert only_inside.tolist() == [0, 0, 0, 0, 0, 0, 10.0, 0]
     assert runs.share("jump").shape == (len(VALUES), 8)
 
 

@@ -2,17 +2,16 @@
 
 import numpy as np
 
-from studies.dsn16.detector import Log, run_alarms
+from studies.dsn16.detector import VARIABLES, run_alarms
 from studies.dsn16.thresholds import pooled_interval
 
 ONES = np.ones((3, 3))
 
 
-def made_up(rows: int = 1200) -> Log:
+def made_up(rows: int = 1200) -> dict[str, np.ndarray]:
     """A log in which nothing moves."""
-    return Log(
-        np.arange(1, rows + 1), *(np.zeros((rows, 3)) for _ in range(4)), np.zeros((rows, 7))
-    )
+    still = {name: np.zeros((rows, 7)) for name in VARIABLES}
+    return {"last_seq": np.arange(1, rows + 1), "position": np.zeros((rows, 3)), **still}
 
 
 def test_fused_alarm_needs_all_three_in_one_row() -> None:
@@ -20,12 +19,12 @@ def test_fused_alarm_needs_all_three_in_one_row() -> None:
     rows.
     """
     one = made_up()
-    one.mpos[1001:, 0] += 2.0  # a step in the row of packet 1001
-    one.jpos[1001:, 2] += 2.0
-    one.mvel[1001:, 1] += 2.0
+    one["mpos"][1001:, 0] += 2.0  # a step in the row of packet 1001
+    one["jpos"][1001:, 2] += 2.0
+    one["mvel"][1001:, 1] += 2.0
     found = run_alarms(one, ONES, 1000, 4)
     assert found.tolist() == [True, False, True, False]  # velocity in one row only
-    one.mvel[1002:, 1] += 2.0
+    one["mvel"][1002:, 1] += 2.0
     found = run_alarms(one, ONES, 1000, 4)
     assert found.all()
 

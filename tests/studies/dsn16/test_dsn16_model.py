@@ -25,9 +25,8 @@ def test_a_steady_motion_is_what_a_held_velocity_predicts():
     ms = np.arange(600)[:, None]
     speed = np.array((20.0, -10.0, 5.0))
     log = recording.JointRecording(ms * 1e-3 * speed, np.tile(speed, (600, 1)), np.zeros((600, 3)))
-    errors = {
-        (one.model, one.horizon_ms): one.error for one in model.predictions(log, model.held(log))
-    }
+    found = model.predictions(log, model.held(log))
+    errors = {(name, horizon): error for (_, name, horizon), error in found.items()}
     for horizon in (*model.HORIZONS_MS, None):
         np.testing.assert_allclose(errors[model.HELD_VELOCITY, horizon].largest, 0.0, atol=1e-12)
         way = np.abs(speed * recording.TO_JOINT) * (horizon or ms[-1]) * 1e-3

@@ -1,23 +1,15 @@
-"""When packets come, beside what runs receive; windows and levers in packets."""
+"""When packets come: what runs receive, beside what the studies of the attacks read."""
 
 import numpy as np
 import pytest
 
-from ravenjax.campaign import loading, plan
+from ravenjax.campaign import loading, plan, runner
 from ravenjax.engines.cpu.engine import SimdEngine
 from ravenjax.engines.interface import Block
-from studies.dsn16 import attacks
+from ravenjax.store.folder import read_all
+from studies.series import Recorder
 
-TICKS = 300
-
-
-def planned(**campaign) -> plan.Plan:
-    raw = {
-        "campaign": {"name": "x", "duration_s": TICKS / 1e3, **campaign},
-        "operator": {"motion": "reach"},
-        "group": [{"name": "a", "repeats": 3}] if "packets" in campaign else [{"name": "a"}],
-    }
-    return plan.make_plan(loading.from_dict(raw))
+TICKS, START = 300, 60
 
 
 def received(ready: plan.Plan, row: int) -> tuple[np.ndarray, np.ndarray]:
@@ -31,13 +23,22 @@ def received(ready: plan.Plan, row: int) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("choice", ["measured", "bursts", (0.2, 0.3, 0.5)])
-def test_drawn_packets_are_those_that_runs_receive(choice):
-    ready = planned(packets=choice)
-    ticks = attacks.packet_ticks_of(ready)
+def test_a_fault_starts_in_the_tick_of_its_packet(choice, tmp_path):
+    """The number of the newest packet is the one that the run received last."""
+    fault = {"site": "usb_out", "channel": "shoulder", "effect": "offset", "value": 100}
+    fault |= {"trigger": "packet", "start_ms": START, "duration_ms": 4}
+    raw = {
+        "campaign": {"name": "x", "duration_s": TICKS / 1e3, "packets": choice},
+        "operator": {"motion": "reach"},
+        "group": [{"name": "a", "repeats": 3, "fault": [fault]}],
+    }
+    config = loading.from_dict(raw)
+    runner.run_campaign(config, tmp_path)
+    ready, table = plan.make_plan(config), read_all(tmp_path).set_index("index")
+    newest = Recorder(("last_seq",)).measure(tmp_path, lambda _, series: series["last_seq"])
     for row in (0, 2):
         fresh, number = received(ready, row)
-        mine = ticks.ticks[row][ticks.ticks[row] < TICKS]
-        assert mine.tolist() == fresh.tolist() and number.tolist() == list(range(1, len(fresh) + 1))
-        np.testing.assert_array_equal(ticks.packet(np.full(len(fresh), row), fresh), number)
-        np.testing.assert_array_equal(ticks.motion_row(np.full(len(fresh), row), number), fresh)
-        assert ticks.packet(np.array([row, row]), np.array([-1, fresh[5] - 1])).tolist() == [0, 5]
+        assert number.tolist() == list(range(1, len(fresh) + 1))
+        assert table.loc[row, "first_active_ms"] == fresh[START - 1]
+        expected = np.searchsorted(fresh, np.arange(TICKS), side="right")
+        np.testing.assert_array_equal(newest[row], expected)

@@ -61,15 +61,15 @@ def test_the_choice_weighs_missed_hazards_against_false_cues() -> None:
 def test_what_is_felt_is_measured_from_the_first_effect() -> None:
     runs = faulty(FIRST, [200, 200, 200, -1])
     found = haptic_cue.felt(runs, PUBLISHED)
-    assert (found.missed.value, found.missed.n) == (pytest.approx(1 / 3), 3)
-    assert found.others.value == 0.0
-    assert found.delay_ms.value == 150  # of 50, 150 and never
+    assert (found["missed"].value, found["missed"].n) == (pytest.approx(1 / 3), 3)
+    assert found["others"].value == 0.0
+    assert found["delay_ms"].value == 150  # of 50, 150 and never
     early = haptic_cue.felt(runs, 0)
-    assert early.before.value == pytest.approx(2 / 3) and early.lead_ms.value == 80
-    assert found.before.value == pytest.approx(1 / 3) and found.lead_ms.value == -50
-    assert found.force == "0.03 (0.03 to 0.03)"
-    assert found.at_cap.value == 0.0
-    assert haptic_cue.felt(runs, PUBLISHED + 1).at_cap.value == 1.0
+    assert early["before"].value == pytest.approx(2 / 3) and early["lead_ms"].value == 80
+    assert found["before"].value == pytest.approx(1 / 3) and found["lead_ms"].value == -50
+    assert found["force"] == "0.03 (0.03 to 0.03)"
+    assert found["at_cap"].value == 0.0
+    assert haptic_cue.felt(runs, PUBLISHED + 1)["at_cap"].value == 1.0
     late = haptic_cue.missed(runs, [PUBLISHED], haptic_cue.LATE)[:, 0]
     assert late.tolist() == [False, True, True, True]
 

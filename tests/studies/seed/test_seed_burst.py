@@ -10,7 +10,7 @@ import pytest
 from ravenjax.campaign import loading, plan
 from ravenjax.numbers import paths
 from studies.seed import burst
-from studies.seed.burst import BURST, MODELLED, BurstEvent, BurstRun
+from studies.seed.burst import BURST, MODELLED
 from studies.seed.motions import MOTIONS
 from studies.study import Context
 
@@ -45,33 +45,36 @@ def test_the_campaign_is_the_published_burst(ready):
     assert own(ready, "operator.scale") == 0.1
 
 
-GOOD = BurstEvent(5.0, False, 5.0, 150.0, 0.2, 0.024, False)
-LAST = GOOD._replace(peak_mm=6.6, cut=True, rebound_deg=math.nan, rebound_ms=math.nan, force=0.05)
-LARGE = GOOD._replace(peak_mm=8.0)
+FIELDS = ("peak_mm", "cut", "rebound_deg", "rebound_ms", "cue_s", "force", "jumped")
+GOOD = dict(zip(FIELDS, (5.0, False, 5.0, 150.0, 0.2, 0.024, False), strict=True))
+UNSEEN = {"rebound_deg": math.nan, "rebound_ms": math.nan}
+LAST = {**GOOD, **UNSEEN, "peak_mm": 6.6, "cut": True, "force": 0.05}
+LARGE = GOOD | {"peak_mm": 8.0}
 
 
-def runs(whole_at=()):
+def runs(setting, motion, whole_at=()):
     """Three constants; those of `whole_at` as published, the others hold through four bursts of
     8 mm.
     """
-    return [
-        BurstRun("fault_free", math.nan, (), ""),
-        BurstRun(PACKETS, 20.0, (LARGE,) * 4, ""),
+    found = [
+        ("fault_free", math.nan, [], ""),
+        (PACKETS, 20.0, [LARGE] * 4, ""),
         *(
-            BurstRun(BURST, value, (GOOD, GOOD, GOOD, LAST), "overdrive")
+            (BURST, value, [GOOD, GOOD, GOOD, LAST], "overdrive")
             if value in whole_at
-            else BurstRun(BURST, value, (LARGE,) * 4, "")
+            else (BURST, value, [LARGE] * 4, "")
             for value in (700.0, 750.0, 800.0)
         ),
     ]
+    names = ("setting", "kind", "seed", "group", "value", "events", "cause")
+    return [dict(zip(names, (setting, *motion, *one), strict=True)) for one in found]
 
 
 def compared(monkeypatch, whole_at):
-    measured = {
-        MODELLED: {motion: runs(whole_at if motion == MOTIONS[0] else ()) for motion in MOTIONS},
-        "stop above 13000 counts": {motion: runs((800.0,)) for motion in MOTIONS},
-        "hard regulation": {MOTIONS[0]: runs()},
-    }
+    measured = runs("hard regulation", MOTIONS[0])
+    for motion in MOTIONS:
+        measured += runs(MODELLED, motion, whole_at if motion == MOTIONS[0] else ())
+        measured += runs("stop above 13000 counts", motion, (800.0,))
     monkeypatch.setattr(burst, "_measured", lambda context: measured)
     return burst.compare(Context({}))
 

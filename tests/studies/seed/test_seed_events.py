@@ -58,12 +58,16 @@ def measured(series, **changed):
 
 def test_both_bursts_are_measured():
     run = measured(made())
-    assert len(run.events) == len(ONSETS)
-    for event in run.events:
-        assert event.peak_mm == 5.0 and event.force == 0.02 and event.cue_s == pytest.approx(0.2)
-        assert event.rebound_deg == pytest.approx(6.0) and event.rebound_ms == 150
-        assert not event.jumped and not event.cut
-    assert run.cause == ""
+    assert len(run["events"]) == len(ONSETS)
+    for event in run["events"]:
+        assert (
+            event["peak_mm"] == 5.0
+            and event["force"] == 0.02
+            and event["cue_s"] == pytest.approx(0.2)
+        )
+        assert event["rebound_deg"] == pytest.approx(6.0) and event["rebound_ms"] == 150
+        assert not event["jumped"] and not event["cut"]
+    assert run["cause"] == ""
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
@@ -86,4 +90,4 @@ def test_a_jump_is_two_long_steps_in_a_row_that_the_golden_run_does_not_make():
     series = made()
     series["position"][ONSETS[1] + 100 :, 0] += 150e-6
     series["position"][ONSETS[1] + 101 :, 0] += 150e-6
-    assert [event.jumped for event in measured(series).events] == [False, True]
+    assert [event["jumped"] for event in measured(series)["events"]] == [False, True]

@@ -8,39 +8,45 @@ import pandas as pd
 import pytest
 
 from studies.seed import fault_free
-from studies.seed.fault_free import MODELLED, SCALES, STUDY, RunSegment, Setting
+from studies.seed.fault_free import MODELLED, SCALES, STUDY
 from studies.seed.motions import MOTIONS
 from studies.study import Context
 
 
-def made(mean_of, pulses=0):
+def made(setting, mean_of, pulses=0):
     """A row per motion and scale; the peak is 15 mm times the scale."""
-    rows = [
-        (kind, seed, *RunSegment("", s, 15.0 * s, mean, mean - 0.1, mean - 0.2, 0.3, pulses, -1))
-        for kind, seed in MOTIONS
-        for s in SCALES
-        for mean in (mean_of(s),)
-    ]
-    return Setting(pd.DataFrame(rows, columns=["kind", "seed", *RunSegment._fields]))
+    rows = [(setting, *motion, scale) for motion in MOTIONS for scale in SCALES]
+    frame = pd.DataFrame(rows, columns=["setting", "kind", "seed", "scale"])
+    mean = frame["scale"].map(mean_of)
+    return frame.assign(
+        peak_mm=15.0 * frame["scale"],
+        mean_mm=mean,
+        true_mean_mm=mean - 0.1,
+        zeroed_mean_mm=mean - 0.2,
+        rest_mm=0.3,
+        pulses=pulses,
+        stop_ms=-1,
+    )
 
 
 @pytest.fixture
-def settings():
-    return {
-        MODELLED: made(lambda scale: 8.0 * scale),
-        "noise": made(lambda scale: 8.0 * scale, pulses=1),
-        "robot slow": made(lambda scale: 9.0 * scale),
-        "set B": made(lambda scale: 0.1),
-    }
+def segments():
+    parts = (
+        made(MODELLED, lambda scale: 8.0 * scale),
+        made("noise", lambda scale: 8.0 * scale, pulses=1),
+        made("robot slow", lambda scale: 9.0 * scale),
+        made("set B", lambda scale: 0.1),
+    )
+    return pd.concat(parts)
 
 
-def compared(monkeypatch, settings):
-    monkeypatch.setattr(fault_free, "_measured", lambda context: settings)
+def compared(monkeypatch, segments):
+    monkeypatch.setattr(fault_free, "_measured", lambda context: segments)
     return fault_free.compare(Context({}))
 
 
-def test_findings_follow_from_the_segments(monkeypatch, settings):
-    findings = compared(monkeypatch, settings)
+def test_findings_follow_from_the_segments(monkeypatch, segments):
+    findings = compared(monkeypatch, segments)
     lines = {line.quantity: line for line in findings.lines}
     mean = lines["mean tip error of all segments"]
     assert mean.predicted.value == pytest.approx(1.0) and mean.passed and mean.target == "A6"

@@ -3,6 +3,7 @@ answers.
 """
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from studies.seed.fault_free import REST_TICKS, growth, segment
@@ -36,14 +37,14 @@ ROW = {"group": "as modelled", "param:operator.scale": 0.1, "check_estop_first_m
 
 def test_a_segment_begins_with_the_motion():
     found = segment(ROW, made())
-    assert (found.group, found.scale, found.stop_ms, found.pulses) == ("as modelled", 0.1, -1, 1)
-    assert found.peak_mm == pytest.approx(4.0) and found.rest_mm == pytest.approx(0.3)
-    assert found.mean_mm == pytest.approx(1.0 + 3.0 / 2000)
-    assert found.true_mean_mm == pytest.approx(0.5)
-    assert found.zeroed_mean_mm == pytest.approx(0.7 + 3.0 / 2000)
+    assert (found["group"], found["scale"]) == ("as modelled", 0.1)
+    assert (found["stop_ms"], found["pulses"]) == (-1, 1)
+    assert found["peak_mm"] == pytest.approx(4.0) and found["rest_mm"] == pytest.approx(0.3)
+    assert found["mean_mm"] == pytest.approx(1.0 + 3.0 / 2000)
+    assert found["true_mean_mm"] == pytest.approx(0.5)
+    assert found["zeroed_mean_mm"] == pytest.approx(0.7 + 3.0 / 2000)
 
 
 def test_a_line_through_a_line_is_that_line():
-    line = growth([0.05, 0.1, 0.15, 0.2], [1.0, 1.5, 2.0, 2.5])
-    assert line.slope == pytest.approx(10.0) and line.at_zero == pytest.approx(0.5)
-    assert line.explained == pytest.approx(1.0)
+    line = growth(pd.Series([1.0, 1.5, 2.0, 2.5], [0.05, 0.1, 0.15, 0.2]))
+    assert line.to_dict() == pytest.approx({"slope": 10.0, "at_zero": 0.5, "explained": 1.0})

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from studies import uncertain_robot
-from studies.uncertain_robot import EVENTS, PARAMETERS, RobotRates, Uncertain
+from studies.uncertain_robot import EVENTS, PARAMETERS, Robots, Uncertain
 
 FRICTION = PARAMETERS[0]
 
@@ -23,15 +23,9 @@ def table(faults: int, **hits: list[int]) -> pd.DataFrame:
     return pd.DataFrame({**columns, "layer": layers, "kind": np.arange(faults)})
 
 
-def ends(
-    faults: int, low: list[int], high: list[int]
-) -> dict[Uncertain, tuple[RobotRates, RobotRates]]:
-    return {
-        FRICTION: (
-            RobotRates("low", table(faults, unintended=low)),
-            RobotRates("high", table(faults, unintended=high)),
-        )
-    }
+def ends(faults: int, low: list[int], high: list[int]) -> dict[Uncertain, Robots]:
+    robots = {"low": table(faults, unintended=low), "high": table(faults, unintended=high)}
+    return {FRICTION: robots}
 
 
 def test_an_effect_is_a_paired_difference() -> None:
@@ -43,10 +37,8 @@ def test_an_effect_is_a_paired_difference() -> None:
     assert moved.difference.value == pytest.approx(-0.1)
     assert moved.p == pytest.approx(2 * 0.5**10)
     assert math.isnan(found["jump"].p)  # no fault differs: nothing to test
-    assert [one.rejected for one in uncertain_robot.holm_findings([moved.p, math.nan])] == [
-        True,
-        False,
-    ]
+    tested = uncertain_robot.adjusted([moved, found["jump"]])
+    assert [one.rejected for _, one in tested] == [True, False]
 
 
 def test_thirds_find_the_parameter_that_decides() -> None:

@@ -1,4 +1,4 @@
-"""Finds a few additional checks that would have detected the faults that evade a robot's checks.
+"""Finds a small set of additional checks that would detect faults that evade a robot's checks.
 
 The faults and the fault-free motions are divided into shares, so that no data serve two purposes.
 

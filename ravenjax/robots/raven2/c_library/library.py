@@ -84,7 +84,8 @@ def _code(software: ControlSoftware, robot: VirtualRobot) -> str:
     loops = {f"{name}_steps": transitions[key] for name, key in _FUNCTIONS.items()}
     # No CPU features: the library must run on every CPU
     text = transition.print_module(loops, frozenset())
-    # Each function is printed as a loop over steps; the library exports a call of one step
+    # Each function is printed as a loop over steps. The library exports a call of one step (i64 1)
+    # without tables (null); the distances in bytes from step to step (i64 0) are not used
     for name in _FUNCTIONS:
         text = text.replace(f"define void @{name}_steps(", f"define internal void @{name}_steps(")
         text += (
@@ -93,6 +94,7 @@ def _code(software: ControlSoftware, robot: VirtualRobot) -> str:
             " i64 0, ptr null, i64 1)\n  ret void\n}\n"
         )
     machines = {"control": software, "robot": robot}
+    # For example, raven_control_default is field "params" of part "control"
     for name, (part, field) in _TABLES["constants"].items():
         # The first signals of the robot are those of its last reading
         owner = robot.reading if field == "signals" else machines[part]
@@ -135,10 +137,12 @@ def struct_members(
         # Yields the members for a part of the record, whose leaves are indices of numbers.
         types, shape = {kind.layout.types[k] for k in tree.tree_leaves(node)}, _array_shape(node)
         if shape is not None and len(types) == 1:
-            unit = "; ".join(units.get(".".join(name for name in path if name not in arms), ()))
+            without_arm = ".".join(name for name in path if name not in arms)
+            unit = "; ".join(units.get(without_arm, ()))
             dimensions = "".join(f"[{n}]" for n in shape)
             yield Member(TYPES[types.pop()], "_".join(path), dimensions, unit)
         elif isinstance(node, tuple):
+            # A tuple with one entry per arm
             names = arms if len(node) == len(arms) else map(str, range(len(node)))
             for name, item in zip(names, node, strict=True):
                 yield from members(item, (*path, name))

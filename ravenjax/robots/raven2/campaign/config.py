@@ -230,6 +230,7 @@ class RavenConfig(CampaignConfig):
         self, plan, paths: Collection[str], groups_without_use: Callable[[np.ndarray], np.ndarray]
     ) -> Iterator[tuple[str, np.ndarray, str]]:
         # Yields (key, which runs, message) for values of [reaction] without effect.
+        # groups_without_use: turns the runs that use a key into the runs of groups that never do.
         written = {
             # The parameter in m/s has another name than the key in mm/s
             "correct_speed" if name == "correct_mm_s" else name
@@ -449,12 +450,14 @@ def _longest_delay(fault: Fault) -> float | None:
         return None
     longest = 0.0
     for name in fault.effect.listed:
+        # A network effect stands for an effect with a fixed value; other effects for themselves
         _, effect, fixed_value = NETWORK_EFFECTS.get(name, ("", name, None))
         if effect == "stuck":  # holds the delay that other faults cause, and adds none
             continue
         # With any other effect, the sum of delays of several faults has no known bound
         if effect not in ("overwrite", "offset", "latch_offset", "periodic", "random", "toggle"):
             return math.inf
+        # All values of a list, or the bounds of a distribution
         values = () if fault.value is None else fault.value.listed or fault.value.extent
         if fixed_value is not None:
             values = (fixed_value,)

@@ -30,8 +30,8 @@ def operator_replay(config: RavenConfig) -> recorded.OperatorReplay | None:
 
 
 def operator_bounds(config: RavenConfig) -> Bounds:
-    """Return the limits to which the control software clamps the operator's commands. They are the
-    limits of the first five joints, those of [limits] first, and of the jaws' opening.
+    """Return the limits to which the control software clamps the operator's commands: those of the
+    first five joints, which [limits] replaces in part, and of the jaws' opening.
     """
     # The control software applies the limits of the first arm's tool to both arms
     soft = limits.soft_limits(config.tools[0], config.campaign.software)

@@ -36,10 +36,7 @@ BLOCK_PACKETS = 2**20
 
 
 def trigger_clocks(
-    program: TickProgram,
-    columns: tuple[np.ndarray, ...],
-    varied: Mapping[str, np.ndarray],
-    runs: int,
+    program: TickProgram, columns: Sequence[np.ndarray], varied: Mapping[str, np.ndarray], runs: int
 ) -> Clocks:
     """Return the times of packets and of pedal-down in all runs; see `ravenjax.campaign.prepared`.
     columns: the operator's motion, pedal last. varied: path of a parameter -> its values [runs].
@@ -97,7 +94,8 @@ def planned_pedal_down(
     down = np.zeros(ticks, bool)
     phases = _pedal_phases(software, foot, cycles, longest=0, plc=plc, unknown=False, ticks=ticks)
     for begin, end in zip(phases.begins.tolist(), phases.ends.tolist(), strict=True):
-        # The run level changes one tick before the pedal clock, but no phase outlasts the run
+        # The run level begins and ends a tick before the pedal clock's phase, except at the run's
+        # end
         level_end = end - 1 if end < ticks else end
         down[begin - 1 : level_end] = True
     return down
@@ -148,14 +146,16 @@ class DrawnPackets:
     ) -> Iterator[tuple[np.ndarray, int, np.ndarray]]:
         # Yields the arrival ticks of the first `packets` packets of the runs `rows`, in blocks.
         # Each block is (indices in `rows`, index of the first packet, ticks [indices, packets]).
-        columns = min(packets, 4096)
-        rows_at_once = max(1, BLOCK_PACKETS // columns)
+        packets_at_once = min(packets, 4096)
+        rows_at_once = max(1, BLOCK_PACKETS // packets_at_once)
         for begin in range(0, len(rows), rows_at_once):
             indices = np.arange(begin, min(begin + rows_at_once, len(rows)))
             arrival = np.zeros(len(indices), np.int64)  # of the first packet of the block
+            # `choice` selects the distribution of lengths in `shares`
             key, choice = self.key[rows[indices]][:, None], self.choice[rows[indices]][:, None]
-            for first in range(0, packets, columns):
-                packet = np.arange(first, min(first + columns, packets), dtype=np.int32)[None]
+            for first in range(0, packets, packets_at_once):
+                end = min(first + packets_at_once, packets)
+                packet = np.arange(first, end, dtype=np.int32)[None]
                 with run_eagerly():
                     lengths = packet_clock.packet_length(self.shares, choice, key, packet)
                 ends = arrival[:, None] + np.cumsum(lengths.astype(np.int64), axis=1)
@@ -166,12 +166,13 @@ class DrawnPackets:
 def _pedal_phases(
     software: str, foot: np.ndarray, cycles: int, longest: int, plc: int, unknown: int, ticks: int
 ) -> PedalPhases:
-    # Returns the intervals in which the robot is in pedal-down. foot: bool [rows of the motion],
+    # Returns the intervals of pedal-down in ticks of the run. foot: bool [rows of the motion],
     # pedal pressed. cycles: ticks of a packet, if lengths are not drawn. longest: ticks of the
     # longest packet; 0: lengths are not drawn. plc: whether the software obeys the PLC. unknown:
-    # whether the intervals depend on what happens in the run.
+    # whether the intervals depend on what happens in the run; their delay is then None.
     foot_changes = np.flatnonzero(np.diff(foot.astype(np.int8), prepend=np.int8(0)))
-    # Packets with drawn lengths contain the row of the tick in which they are sent
+    # Rows of the motion to ticks. A packet has the next row, or if its length is drawn, the row of
+    # the tick in which it is sent
     foot_changes = foot_changes * (1 if longest else cycles)
     foot_changes = foot_changes[foot_changes < ticks]
     # A change of the foot waits for the next packet
@@ -189,10 +190,11 @@ def _pedal_phases(
 def _pedal_clock_changes(
     foot_changes: Sequence[int], level: int, plc: int, ticks: int
 ) -> Iterator[int]:
-    # Yields the ticks before `ticks` in which the pedal clock starts and stops, alternately. The
-    # clock starts in the tick after pedal-down begins. foot_changes: ticks of packets in which the
-    # foot presses and lifts the pedal, alternately. level: run level at the start. The rules are
-    # those of `state_machine.adopt_level` and `plc.step`, for a robot that nothing stops.
+    # Yields the ticks before `ticks` in which the pedal clock starts and stops, alternately. It
+    # counts ticks in pedal-down, from the tick after pedal-down begins. foot_changes: ticks of
+    # packets in which the foot presses and lifts the pedal, alternately. level: run level at the
+    # start; it stays without the PLC (plc: 0). With it, the software adopts the PLC's level after
+    # MISMATCHES ticks of difference (`state_machine.adopt_level`). The PLC follows the foot.
     foot, plc_level, mismatches, tick = False, level, 0, 0
     if level == PEDAL_DOWN:
         yield 1

@@ -35,10 +35,7 @@ SCALE = "operator.scale"
 
 
 def prepare_campaign(
-    config: RavenConfig,
-    varied: Mapping[str, np.ndarray],
-    injection: Injection,
-    precision: Precision,
+    config: RavenConfig, varied: Mapping[str, Any], injection: Injection, precision: Precision
 ) -> Prepared:
     """Return the options, parameters and operator's motion of a campaign.
     varied: path of a parameter that differs between runs -> its values [runs]. Raises UserError if
@@ -76,10 +73,10 @@ def prepare_campaign(
 def _packet_shares(
     config: RavenConfig, choices: np.ndarray | None
 ) -> tuple[tuple[float, ...], ...]:
-    # Returns the distributions of packet lengths, the file's last; () if no run draws lengths.
-    # choices: number of each run's distribution [runs], NaN or None: the distribution of the file.
+    # Returns the built-in distributions of packet lengths, then the file's; () if no run draws
+    # lengths. choices: index of each run's distribution [runs], NaN or None: that of the file.
     shares = config.campaign.packet_shares
-    # Number 0, in place of NaN, is the distribution in which every cycle has a packet
+    # Index 0 is the distribution in which every cycle has a packet, so nothing is drawn
     some_run_draws = choices is not None and np.nan_to_num(choices).any()
     if some_run_draws or shares != packets.SHARES[packets.EVERY_CYCLE]:
         return (*packets.SHARES, shares)
@@ -137,6 +134,7 @@ def add_action(program: TickProgram) -> tuple[TickProgram, dict[str, int]]:
     setup = replace(setup, reacts=True, command_delay=max(1, setup.command_delay))
     params = replace(params, reaction=params.reaction or reaction.ReactionParams())
     program, actions = acted.add_action(replace(program, setup=setup, params=params))
+    # `hands` is the user's file
     if setup.hands is not None:
         del actions["pedal"]
     return program, actions

@@ -48,7 +48,9 @@ class ProfileChoice:
         self._restart()
 
     def read(self, fields: Sequence, is_next: bool = True) -> PacketReading | Misfit:
-        """Return a packet's increments or a broken rule; UNDECIDED if profiles differ about it."""
+        """Return a packet's increments or the rule that it breaks (`Misfit`); rule UNDECIDED if the
+        profiles differ. is_next: whether the packet follows the last packet of the stream.
+        """
         if len(self.readers) == 1:
             return self.readers[0].read(fields, is_next)
         self._results = results = [reader.read(fields, is_next) for reader in self.readers]

@@ -2,8 +2,7 @@
 
 Positions of hands are in the ITP frame of their arm (`geometry.mapping`), relative to the start of
 the motion, and *before* teleoperation scaling: the tip moves by scale times the motion of the hand.
-Orientations are not scaled. They are relative to the start, and turn the tip about the axes of the
-ITP frame.
+Orientations are not scaled. They are relative to the start, about the axes of the ITP frame.
 """
 
 from __future__ import annotations

@@ -182,7 +182,7 @@ class _Path:
             yield self.move((side, self.rng.uniform(-0.004, 0.004), -0.002), pace=0.8)
 
     def peg_transfer(self) -> Segments:
-        # Moves an object from one peg to another peg, again and again.
+        # Moves an object from one peg to another peg, again and again. Grasps grow as jaws close.
         open_mrad, closed_mrad, lift = 0.0, 900.0, -0.010
         pegs = [(a, b) for a in (-0.010, 0.0, 0.010) for b in (-0.008, 0.008)]
         source = -1
@@ -227,8 +227,7 @@ def generate_motion(
     name: str, duration_s: float, arms: tuple[ArmName, ...] = ("gold",), seed: int = 0
 ) -> Motion:
     """Return the named motion for `duration_s` seconds. Arms have different random numbers; the
-    green arm's motion is mirrored. The arms share a pedal. Raises KeyError for a name that is not
-    in `MOTIONS`.
+    green arm's motion is mirrored. The arms share a pedal. Raises KeyError for an unknown name.
     """
     if name not in MOTIONS:
         raise KeyError(name)
@@ -268,12 +267,14 @@ def _sample_segments(segments: Segments, rows: int) -> tuple[np.ndarray, np.ndar
 def _hand_motion(arm: ArmName, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return hand positions [T, 3] um and quaternions [T, 4] in the arm's ITP frame."""
     axes = _instrument_axes()
-    hand = _multiply(poses[:, _TIP] + poses[:, _HAND], axes)  # m of the tip, frame 0
+    # m in frame 0. While the pedal is up, the hand moves alone; _HAND is this additional motion
+    hand = _multiply(poses[:, _TIP] + poses[:, _HAND], axes)
     turn = _multiply(poses[:, _TURN], axes)
     if arm == "green":
         # gold mirrored at the x-z plane of frame 0; rotations mirror as pseudovectors
         hand, turn = hand * [1.0, -1.0, 1.0], turn * [-1.0, 1.0, -1.0]
-    to_itp = np.array(ITP_AXES[arm])  # x @ C is C^-1 x, because C is a rotation
+    # Rows times the rotation matrix are columns times its inverse, from frame 0 to ITP
+    to_itp = np.array(ITP_AXES[arm])
     return _multiply(hand, to_itp) / NOMINAL_SCALE * 1e6, _quaternions(_multiply(turn, to_itp))
 
 

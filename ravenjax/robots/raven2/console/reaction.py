@@ -94,7 +94,8 @@ def packet_deviation(
     setup: RavenSetup, params: ReactionParams, state: ReactionState, row: Scalar, before: Scalar
 ) -> Deviation:
     """Return how foot and hands deviate from the plan in a packet: a lifted pedal, or a lag.
-    row, before: rows of the motion in this packet and in the packet before, int32.
+    row, before: rows of the motion in this packet and in the packet before, int32. In `state`,
+    `acted` is a tick or -1, and `acted_packet` is a row.
     """
 
     def since_action(packet_row: Scalar):
@@ -123,8 +124,8 @@ def feel_cue(
     correcting = (state.acted >= 0) & (params.action == CORRECT) & senses.pedal_down
 
     def correction(tip: Vec, model_tip: Vec, off_plan: Vec) -> Vec:
-        # Returns the motion of one tip in this tick that reduces its distance, m.
-        # off_plan is taken off, because the nominal model also follows the hands' deviation
+        # Returns the motion of one tip in this tick that brings it nearer to the planned place, m.
+        # The nominal model follows the hands, which are off the plan by `off_plan`
         error = model_tip - off_plan - tip
         distance = norm(error)
         speed = jnp.minimum(distance * params.correct_per_s, params.correct_speed)

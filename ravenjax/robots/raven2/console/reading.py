@@ -86,8 +86,7 @@ class PacketReader:
         """Return the increments that a packet commands, or the first rule that it breaks.
 
         fields: as unpacked by `FIELDS`. is_next: whether the packet follows the last packet of the
-        stream; otherwise only its content is checked. The state of the stream changes only with
-        `accept_packet`.
+        stream; otherwise only its content is checked. `accept_packet` changes the stream's state.
         """
         self._next_hands = self._hands
         profile = self.profile
@@ -113,6 +112,7 @@ class PacketReader:
         self, fields: Sequence, slot: int, hand: _HandState
     ) -> Misfit | tuple[tuple[int, int, int], Quat, int, _HandState]:
         # Returns the increments of one hand and its new state, or the first rule that is broken.
+        # The fields of position and quaternion alternate between the two hands (slots).
         profile, arm, largest = self.profile, ARMS[slot], self.profile.largest
         jaw = fields[GRASP + slot]
         if profile.stream.buttonstate == "jaw" and fields[BUTTONS + slot] != jaw:

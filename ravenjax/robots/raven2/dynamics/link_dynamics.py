@@ -11,7 +11,6 @@ units: `raven2.arms.JOINTS`, rad and m.
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -41,8 +40,7 @@ def mass_matrix_and_bias(
     bias: Coriolis, centrifugal and gravity torques (Nm, insertion N), with the sign of MuJoCo's
     qfrc_bias. gravity: m/s^2 in frame 0 of the arm. mass_scale: factor of every link's mass and
     inertia, but not of the armature, which is the inertia of the tool spindles. Entries of M that
-    are constant are Python numbers. Arguments that are Python numbers become constants of the
-    program.
+    are constant are Python numbers. Python numbers as arguments become constants of the program.
     """
     program = functools.partial(arm_program, arm)
     mass, bias = rigid_program.evaluate_program(program, (*qpos, *qvel, *gravity))
@@ -55,21 +53,15 @@ def mass_matrix_and_bias(
 
 
 def solve_by_mjx(
-    arm: ArmName,
-    timestep: float,
-    system: Sequence[Vec],
-    right: Vec,
-    qpos: Vec,
-    qvel: Vec,
-    gravity: Vec,
-    mass_scale: Scalar,
+    arm: ArmName, timestep, system, right: Vec, qpos: Vec, qvel: Vec, gravity: Vec, mass_scale
 ) -> Vec:
     """Return the solution x of `system` x = `right` by one `mjx.step`: changes of the joint speeds.
 
     system: 7 x 7, lower triangle, M / timestep + D. right: N m, insertion N. MuJoCo computes M and
-    bias. Dampers on joints, and on a tendon for each pair of joints, give the damping D. The
-    implicit integrator evaluates dampers at the end of the step, so the applied torques cancel the
-    bias and the damping at the start of the step.
+    bias. The tendon of joints i and j has length L_i q_i + L_j q_j, where L is LEVERS, and damping
+    D_ij / (L_i L_j). It adds D_ij L_i / L_j to the damping of joint i, so the joint's own damper
+    has the rest of D_ii. The implicit integrator evaluates dampers at the end of the step, so the
+    applied torques cancel the bias and the damping at the start of the step.
     """
     from ravenjax.mechanics.mechanism import advance_by_mjx  # imports MuJoCo
 
@@ -89,6 +81,7 @@ def solve_by_mjx(
         "body_mass": real(model.body_mass) * mass_scale,
         "body_inertia": real(model.body_inertia) * mass_scale,
         "tendon_damping": pair_damping[np.tril_indices(len(right), -1)],
+        # The sum contains D_ii, so D_ii has the factor 2
         "dof_damping": 2.0 * jnp.diagonal(damping) - levers * levers * pair_damping.sum(axis=1),
     }
     _, speed_after = advance_by_mjx(model, qpos, qvel, applied, options, **changes)

@@ -135,8 +135,7 @@ def _check_arguments(arm: str, **arguments: tuple[ArrayLike, tuple[int, ...]]) -
 
 
 def _check_numbers(name: str, value: ArrayLike, last_shape: tuple[int, ...]) -> Array:
-    # Returns the argument as a float64 array [..., *last_shape], or raises UserError. All numbers
-    # must be finite.
+    # Returns finite numbers as a float64 array [..., *last_shape], or raises UserError.
     try:
         array = np.asarray(value)
     except (TypeError, ValueError) as error:

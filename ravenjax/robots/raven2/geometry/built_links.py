@@ -29,6 +29,7 @@ def tip_position(arm: str, jpos: Vec, errors: LinkErrors) -> Vec:
     is known in frame 4 and converted from frame to frame. jpos: joints, rad and m.
     """
     geometry = GEOMETRY[arm]
+    # The green arm has the other twist of link 2, and frame 0 is rotated by 180 deg about x
     gold = geometry.flip > 0
     twist2 = sub(PI - LINK23, errors.twist23) if gold else add(LINK23, errors.twist23)
     sign2 = -1.0 if geometry.zero2 else 1.0  # theta2 differs from the elbow by half a turn or 0

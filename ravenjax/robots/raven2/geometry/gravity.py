@@ -30,6 +30,7 @@ def joint_gravity_torque(arm: str, jpos: Vec, gravity: Scalar = GRAVITY) -> Vec:
     c2, s2 = jnp.cos(jpos[1]), jnp.sin(jpos[1])
     if geometry.zero2:  # theta2 differs from the elbow by half a turn
         c2, s2 = -c2, -s2
+    # GM1, GM2: sine and cosine of link 1's twist; GM3, cos23: of link 2's
     gx, gy = -gravity * c1, gravity * s1  # gravity in frame 1; its z component is zero
     tilted_gy = GM2 * gy  # after the rotation about x by the twist of link 1
     hx, hy, hz = c2 * gx + s2 * tilted_gy, c2 * tilted_gy - s2 * gx, -GM1 * gy  # gravity, frame 2

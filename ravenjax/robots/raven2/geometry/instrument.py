@@ -70,7 +70,7 @@ def line_point(arm: str, line: InstrumentLine, position: Vec, share: Scalar) -> 
     the point from the wrist, as a share of the piece from wrist to end; 0 for a point on the shaft.
     """
     from_wrist = (line.end - line.wrist) * share
-    # The yaw is (grasp2 - grasp1) / 2
+    # The yaw is (grasp2 - grasp1) / 2, so the columns of grasp1 and grasp2 are opposite
     jaw_motion = line.end_per_yaw * (share * 0.5)
     columns = _positioning_columns(arm, line.chain, position, from_wrist)
     return InstrumentPoint(position, (*columns, -jaw_motion, jaw_motion))
@@ -79,13 +79,14 @@ def line_point(arm: str, line: InstrumentLine, position: Vec, share: Scalar) -> 
 def _jaw_tip(
     arm: str, chain: kinematics.ChainAxes, angle: Scalar, sign: float, joint: int
 ) -> InstrumentPoint:
-    # Returns the tip of a jaw. angle, joint: position and index (5 or 6) of the jaw's joint. sign:
-    # direction in which this joint rotates the jaw about axis 6.
+    # Returns the tip of a jaw. angle, joint: position of the jaw's joint, and its index from 0 (5:
+    # grasp1, 6: grasp2). sign: direction in which the joint rotates the jaw about axis 6.
     to_tip, tip_per_angle = _jaw_vector(chain, mul(sign, angle))
     position = chain.tip + to_tip
     jaw_motion = scale(sign, tip_per_angle)
     jaws = (jaw_motion, _NO_MOTION) if joint == 5 else (_NO_MOTION, jaw_motion)
-    columns = _positioning_columns(arm, chain, position, chain.x5 * LW + to_tip)
+    from_wrist = chain.x5 * LW + to_tip
+    columns = _positioning_columns(arm, chain, position, from_wrist)
     return InstrumentPoint(position, (*columns, *jaws))
 
 
@@ -99,7 +100,7 @@ def _positioning_columns(
     arm: str, chain: kinematics.ChainAxes, position: Vec, from_wrist: Vec
 ) -> tuple[Vec, ...]:
     """Return the Jacobian's columns of joints 1-5. from_wrist: vector from wrist to point, m."""
-    flip = GEOMETRY[arm].flip  # axis 1 is (0, 0, flip)
+    flip = GEOMETRY[arm].flip  # axis 1 is (0, 0, flip), axis 5 is -y4
     return (
         Vec((mul(-flip, position[1]), mul(flip, position[0]), 0.0)),
         cross(chain.z2, position),

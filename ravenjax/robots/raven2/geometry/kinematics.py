@@ -66,6 +66,7 @@ def chain_axes(arm: str, jpos: Vec) -> ChainAxes:
     c4, s4 = jnp.cos(jpos[3]), jnp.sin(jpos[3])
     c5, s5 = jnp.sin(jpos[4]), -jnp.cos(jpos[4])  # theta5 = wrist - 90 deg
 
+    # Axes of frame 3 are columns of Rx(75 deg) Rz(theta2) Rx(alpha2) Rz(+-90 deg), in frame 1
     def from_frame1(x: Scalar, y: Scalar, z: Scalar):
         # Returns a vector of frame 1 in frame 0.
         x0, y0 = c1 * x - s1 * y, s1 * x + c1 * y
@@ -116,8 +117,8 @@ def tip_jacobian(arm: str, jpos: Vec) -> Vec:
 
 
 def tip_velocity(arm: str, jpos: Vec, jvel: Vec) -> Vec:
-    """Return the velocity of the jaw axis, m/s, at joint velocities `jvel` (7, rad/s and m/s). The
-    result does not depend on the jaws, which rotate about the jaw axis.
+    """Return the velocity of the tip, the origin of frame 6 on the jaw axis, m/s, at joint
+    velocities `jvel` (7, rad/s and m/s). It is LW from the wrist and does not depend on the jaws.
     """
     chain = chain_axes(arm, jpos)
     shoulder = jvel[0] if GEOMETRY[arm].flip > 0 else -jvel[0]
@@ -179,6 +180,7 @@ def _find_wrists(arm: str, pose: Pose) -> tuple[_Wrists, _Axes]:
     offset = w * LW
 
     def wrist(side: int):
+        # Side 1: the wrist is between the jaw axis and the remote centre. Side 0: beyond the axis
         wrist_position = position + offset if side else position - offset
         insertion = jnp.sqrt(dot(wrist_position, wrist_position))
         yaw = Vec((-u[0], u[1])) if side else Vec((u[0], -u[1]))
@@ -190,7 +192,8 @@ def _find_wrists(arm: str, pose: Pose) -> tuple[_Wrists, _Axes]:
 
 def _solve_depth(arm: str, wrist: _Wrist, axes: _Axes, depth: Scalar) -> _BendPair:
     # Returns both solutions of a side and a depth. axes: x, y and z axis of the pose. depth: False
-    # if the insertion axis points from the wrist to the remote centre.
+    # if the insertion axis points from the wrist to the remote centre. GM1 to GM3: sines and
+    # cosines of the angles between the axes.
     (x6, y6, z6), cos23 = axes, GEOMETRY[arm].cos23
     ahead, behind = (wrist.direction, wrist.insertion), (-wrist.direction, -wrist.insertion)
     insertion_axis, distance = where(depth, ahead, behind)
@@ -211,6 +214,8 @@ def _solve_depth(arm: str, wrist: _Wrist, axes: _Axes, depth: Scalar) -> _BendPa
     c5, s5 = -dot(z3, z6), dot(z3, to_jaw)
     uses_jaw = jnp.abs(c5) > SINGULAR_BOUND
     vx, vy, vz = where(uses_jaw, to_jaw, z6)
+    # `along_z3` is z3 v. Without its part along z3, v is a multiple of x4, by c5 or s5. `roll` has
+    # the components of v along m x z3 and m = z1 x z3, times this factor
     along_z3, factor = jnp.where(uses_jaw, s5, -c5), jnp.where(uses_jaw, c5, s5)
 
     # If z3 is almost parallel to z6, the pose's axes do not determine theta6
@@ -229,10 +234,11 @@ def _solve_depth(arm: str, wrist: _Wrist, axes: _Axes, depth: Scalar) -> _BendPa
 
 
 def _split_bends(arm: str, pair: _BendPair) -> tuple[Theta, Theta]:
-    """Return the Denavit-Hartenberg variables of both bends; see the module for the symbols."""
+    """Return the DH variables of both bends. In the second, theta2, b1 and alpha are negated."""
     side, cos23 = GEOMETRY[arm].side, GEOMETRY[arm].cos23
     (x, y), (c2, s2), (e, f) = pair.axis, pair.theta2, pair.roll
-    # In frame 1, x and y of the insertion axis are b1 and -b2
+    # theta1 turns (b1, -b2), the insertion axis in frame 1, to (x, y). theta4 is the angle from x3,
+    # (beta, -alpha), to x4, (e, f). y3 is (alpha, beta)
     b1, b2 = s2 * GM3, c2 * (GM2 * GM3) + GM1 * cos23
     alpha, beta = s2 * (side * GM1), c2 * (-side * GM1 * cos23) - side * GM2 * GM3
     fa, ea, fb, eb = f * alpha, e * alpha, f * beta, e * beta
@@ -249,8 +255,8 @@ def _split_bends(arm: str, pair: _BendPair) -> tuple[Theta, Theta]:
 
 
 def inverse_candidates(arm: str, pose: Pose) -> tuple[tuple[Theta, Scalar], ...]:
-    """Return the eight solutions, each with whether it is valid, in the order of the module. The
-    validity is wrong if a wrist is at the remote centre.
+    """Return the eight solutions as (variables, whether they are valid), by side, depth and bend.
+    The validity is wrong if a wrist is at the remote centre.
     """
     wrists, axes = _find_wrists(arm, pose)
     pairs = [_solve_depth(arm, wrist, axes, depth) for wrist in wrists for depth in (False, True)]
@@ -324,9 +330,10 @@ def _nearest_of_all(arm: str, measured: Theta, wrists: _Wrists, axes: _Axes) -> 
 def _likely_choice(
     arm: str, measured: Theta, wrists: _Wrists, axes: _Axes
 ) -> tuple[_Choice, Scalar]:
-    # Returns the solution that is probably nearest, and a lower bound of the cost of all others. It
-    # takes the nearer depth of each side, and then the side with the smaller cost that both bends
-    # have in common. The bound may be NaN.
+    # Returns the solution that is probably nearest, and a lower bound of the cost of all others. A
+    # solution has a side, a depth and a bend. Of each side it takes the depth with the nearer d3,
+    # and then the side with the smaller `_common_cost`. Costs are sums of squares, so a part of a
+    # solution's cost is a lower bound of its cost. The bound may be NaN.
     def nearer_depth(wrist: _Wrist):
         shallow, deep = (
             _depth_cost(measured, distance - D4) for distance in (-wrist.insertion, wrist.insertion)
@@ -345,9 +352,9 @@ def _likely_choice(
 
 def _centre_choice(measured: Theta, insertion: Scalar) -> _Choice:
     # Returns the solution that the original selects if a wrist is within Lw of the remote centre.
-    # The original then stops before it computes angles, so all angles are zero, but counts the
-    # other side as valid. Before it stops, it computes d3 of side 0, unless side 0 is too near; d3
-    # is then also zero. insertion: m, distance of the wrist of side 0 from the remote centre.
+    # The original stops before it computes angles, which stay zero. If only side 1 is so near, d3
+    # of side 0 was computed before; otherwise d3 is zero. The cost is the squared distance of this
+    # solution. insertion: m, distance of the wrist of side 0 from the remote centre.
     shallow, deep = -D4 - insertion, -D4 + insertion
     nearer = jnp.where(jnp.abs(measured.d3 - deep) < jnp.abs(measured.d3 - shallow), deep, shallow)
     d3 = jnp.where(insertion <= LW, 0.0, nearer)
@@ -367,8 +374,8 @@ def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK
     measured = joints.theta_from_joint(arm, jpos_ref)
     wrists, axes = _find_wrists(arm, pose)
 
-    # Another solution can only be nearer than the likely one if the bound is below its cost, which
-    # is rare. `not <` is also true of NaN
+    # `bound` is a lower bound of the costs of all other solutions. One of them can only be nearer
+    # if it is below the cost of the likely one, which is rare. `not <` is also true of NaN
     likely, bound = _likely_choice(arm, measured, wrists, axes)
     compute_all = partial(_nearest_of_all, arm, measured, wrists, axes)
     nearest = if_rarely(~(likely.cost < bound), compute_all, likely)

@@ -82,10 +82,11 @@ def quat_from_matrix(rotation: Vec) -> Vec:
     y_exceeds_x, z_exceeds_y, z_exceeds_x = m00 < m11, m11 < m22, m00 < m22
 
     def choose(w: Scalar, x: Scalar, y: Scalar, z: Scalar):
-        # Returns the argument of the component (w, x, y or z) by which it is safe to divide.
+        # Returns the argument that belongs to a component (w, x, y or z) that is not near 0.
         use_z = jnp.where(y_exceeds_x, z_exceeds_y, z_exceeds_x)
         return jnp.where(trace > 0.0, w, jnp.where(use_z, z, jnp.where(y_exceeds_x, y, x)))
 
+    # The chosen multiple has the length 4 c, and its own entry, 4 c^2, gives c
     factor = 0.5 / jnp.sqrt(choose(times_w[3], times_x[0], times_y[1], times_z[2]))
     multiples = zip(times_w, times_x, times_y, times_z, strict=True)
     return Vec(choose(*entries) for entries in multiples) * factor

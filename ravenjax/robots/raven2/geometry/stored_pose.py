@@ -1,7 +1,6 @@
 """A pose as the control software stores it: whole micrometres, float32, whole milliradians.
 
-raven2 `include/DS0.h`: struct position has three int; struct orientation has float R[3][3] and int
-grasp.
+raven2 `include/DS0.h`: position has three int; orientation has float R[3][3] and int grasp.
 """
 
 from ravenjax.numbers import Scalar, Vec, narrow_numbers, record, to_int32, widen_numbers

@@ -81,8 +81,8 @@ def _tool_signs(sign: float, software: str) -> Vec:
 
 
 def tau_signs(arm: str, tool: str, software: str = "raven2", square: float = 1.0) -> Vec:
-    """Return the signs (7) of DAC counts that turn motors forward: the original's tau_per_amp.
-    square: with a square_raven adapter, sign of the tool motors relative to the other motors.
+    """Return the signs (7) of DAC counts that turn motors forward: tau_per_amp of raven2. square:
+    factor that a square_raven adapter's tool motors have in addition to the sign of motors 1-3.
     """
     positioning = -1.0 if arm == "gold" else 1.0
     tool_sign = {"raven": -1.0, "dv": 1.0, "square_raven": square * positioning}

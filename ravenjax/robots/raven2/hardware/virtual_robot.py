@@ -7,8 +7,7 @@
 It is the part of the tick after the USB boards (PLC, brakes, motors, cables, links, encoders),
 without faults. Every operation is one IEEE operation in float32, and functions such as the sine
 come from the C library (`engines.cpu.transition`). The generated C library therefore gives the same
-bits on any CPU. Engines of campaigns fuse multiplications and additions, so their last digits
-differ.
+bits on any CPU. Engines of campaigns fuse operations, so their last digits differ.
 """
 
 import dataclasses
@@ -129,8 +128,8 @@ def _signals(
 
 @functools.lru_cache(maxsize=8)
 def robot_code(setup: RavenSetup) -> TransitionCode:
-    """Return the code of a robot with this setup. Its transition "robot" is `step`."""
-    # Any values of the records tell the types of their numbers
+    """Return the code of a robot with this setup. The transition named "robot" is `step`."""
+    # Only the types of these numbers matter; their values are arbitrary
     parameters, zero = plain_numbers(params(setup)), np.int32(0)
     inputs = RobotInputs(for_each_arm(setup, Vec.full(7, zero)), zero, zero, zero)
     home = for_each_arm(setup, plain_numbers(HOME_JPOS))

@@ -365,8 +365,7 @@ def _simulated_motors(
     setup: RavenSetup, inputs: Inputs, state: ControlState, mpos: PerArm[Vec], mvel: PerArm[Vec]
 ) -> tuple[PerArm[Vec], PerArm[Vec]]:
     # Returns motor positions and velocities in a dynamics-simulator build of the 2015 fork. Motors
-    # 1-3 are read from the simulated model. In the published build, tool joints are at their
-    # targets.
+    # 1-3 are read from the simulated model. In build dyn_sim, tool motors are at their targets.
     if setup.build == "dyn_sim":
         mpos = tuple(motors.mpos_d for motors in state.motor_control)
         mvel = for_each_arm(setup, Vec.full(7, narrow_numbers(setup, 0.0)))

@@ -61,17 +61,11 @@ def init(setup: RavenSetup, start: PerArm[Vec], tips: PerArm[Vec]) -> ObserverSt
 
 
 def update_model_and_cue(
-    setup: RavenSetup,
-    params: TickParams,
-    state: Observed,
-    clean: Packet,
-    fresh: Scalar,
-    robot: RobotSignals,
+    setup, params: TickParams, state: Observed, clean: Packet, fresh: Scalar, robot: RobotSignals
 ) -> tuple[Observed, Observations]:
     """Compute one tick of the nominal model and of the haptic cue.
 
-    clean: newest packet of the console, before faults. fresh: whether the packet was sent in this
-    tick.
+    clean: newest packet of the console, before faults. fresh: whether it was sent in this tick.
     """
 
     def compute_cue(
@@ -158,8 +152,8 @@ def golden_reference(
 ) -> monitor.Reference:
     """Return the tips of the golden run in this tick.
 
-    tips, pos: true tips (m) and measured tips (um) of the robot. They are the result until a fault
-    acts, if `signal` has the flag `golden_differs`: the robot is then its own golden run.
+    tips, pos: true tips (m) and measured tips (um) of the robot. While `signal.golden_differs` is
+    false, they are the result: no fault has acted, and the robot is its own golden run.
     """
     if signal.golden_differs is None:
         return signal.reference

@@ -48,9 +48,6 @@ def find_stages(setup: RavenSetup) -> dict[str, Stage]:
     return {name: stage for name, stage in STAGES.items() if stage.present(setup)}
 
 
-# --- before the console makes its packet ---
-
-
 def _time_packets(clock: packet_clock.PacketClock, console: Console) -> packet_clock.PacketClock:
     """Decide whether a packet is sent, and draw the number of cycles that it lasts."""
     setup, network, now = console.setup, console.params.network, console.signal.tick
@@ -64,7 +61,8 @@ def _time_packets(clock: packet_clock.PacketClock, console: Console) -> packet_c
         )
         clock = packet_clock.step(clock, now, fresh, cycles)
     console.timing = PacketTiming(console.sequence, clock.tick, clock.before)
-    # If faults can deliver earlier packets, stage `history` replaces this function.
+    # `older` returns the timing of the packet that arrives, by the faults of the network. If these
+    # can deliver earlier packets, stage `history` replaces this function.
     console.older = lambda network: console.timing
     # The plan continues in every tick. A packet contains the motion since the packet before.
     console.plan = PlanMoment(row=now, before=now - 1, continues=jnp.bool_(True))
@@ -76,7 +74,8 @@ def _remember_packet_times(history: Vec, console: Console) -> Vec:
     now, history = console.signal.tick, packet_history.step(history, console.fresh)
 
     def arriving_packet(network: Network) -> PacketTiming:
-        # A late packet contains the motion of the tick in which it was sent.
+        # `lag` and `delay` are numbers of packets. A packet contains the motion since the packet
+        # before it, so both are found.
         late = jnp.maximum(network.lag + network.delay, 0)
         ages = (packet_history.packet_age(history, packets) for packets in (late, late + 1))
         sent, sent_before = (now - age for age in ages)
@@ -98,18 +97,12 @@ def _react(state: reaction.ReactionState, console: Console) -> reaction.Reaction
     return reacted
 
 
-# --- between console and robot ---
-
-
 def _lose_bursts(
     state: channel.ChannelState, console: Console, network: Network
 ) -> tuple[channel.ChannelState, Network]:
     # Marks the newest packet as lost while the channel loses several packets in a row.
     state = channel.step(state, network.bursts, console.sequence, console.fresh)
     return state, replace(network, lost=network.lost | (state.burst > 0))
-
-
-# --- when the robot has moved ---
 
 
 def _feel_cue(state, sight: Sight) -> Any:
@@ -168,6 +161,7 @@ def _detect(state, sight: Sight) -> Any:
     assert params.detectors is not None
     signals = sight.signals
     models, cues = signals.nominal, signals.haptics
+    # `note` adds signals to the views of users' files.
     sight.files.note(
         brakes=signals.plc.brakes,
         model_jpos=tuple(model.jpos for model in models),

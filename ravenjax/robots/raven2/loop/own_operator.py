@@ -65,7 +65,7 @@ class OwnOperatorState:
 
 
 def init(start: Start) -> OwnOperatorState:
-    """Return the state of hands on the plan, in front of a robot at rest.
+    """Return the state of hands that follow the plan, in front of a robot at rest.
 
     Raises UserError for mistakes in the file.
     """
@@ -84,7 +84,8 @@ def init(start: Start) -> OwnOperatorState:
         grasp=None,
         lifted=None,
     )
-    plan = for_each_arm(setup, (zeros, zero, zeros))
+    motion, closing, offset = zeros, zero, zeros
+    plan = for_each_arm(setup, (motion, closing, offset))
     # The file is called once, because its results show which keys it returns.
     _, returned = _run_file(setup, params, state, whole_zero, pedal, plan)
     offsets = for_each_arm(setup, zero)
@@ -146,7 +147,9 @@ def act_as_file(state: OwnOperatorState, console: Console) -> OwnOperatorState:
 
 
 def _advance_pace(pace: OwnPace, share: Scalar, continues: Scalar, lag_sent: Scalar) -> OwnPace:
-    """Return the lag after one millisecond. share: pace of the hands, 1 as planned, 0 at rest."""
+    """Return the lag after one millisecond. share: pace of the hands, 1 as planned, 0 at rest.
+    continues: bool, the plan continues in this tick. lag_sent: the lag in the newest packet.
+    """
     # A comparison with NaN is false, so NaN gives the planned pace.
     share = jnp.where(share < 1.0, jnp.maximum(share, 0.0), 1.0)
     behind = pace.fraction + jnp.where(continues, 1.0 - share, 0.0)
@@ -209,16 +212,13 @@ def _run_file(
     scale = cast_to_real(setup, params.scale)
     view = {"tick": tick, "runlevel": state.runlevel, "pedal": pedal, "scale": scale, "arms": arms}
     per_arm = f"a tuple of {len(arms)}, one for each arm"
+    # Form of each value that the file may return. Values that it returns unchanged are left out.
     examples = {
         "delta": InPlace(tuple(arm.delta for arm in arms), f"{per_arm}: a Vec of 3 numbers, um"),
         "grasp": InPlace(tuple(arm.grasp for arm in arms), f"{per_arm}: a number, mrad"),
         "pedal": InPlace(pedal, "one truth value"),
         "pace": InPlace(cast_to_real(setup, 1.0), "one number, 0 to 1"),
     }
-    return part.load_part(setup.hands).step(
-        params.own.hands,
-        state.file_state,
-        View("the operator", view),
-        setup.precision.real,
-        hands=examples,
-    )
+    file, file_view = part.load_part(setup.hands), View("the operator", view)
+    real = setup.precision.real
+    return file.step(params.own.hands, state.file_state, file_view, real, hands=examples)

@@ -9,18 +9,8 @@ from typing import Any
 from ravenjax.bundled import resources
 from ravenjax.faults import fault
 from ravenjax.faults.injection import injects_faults
-from ravenjax.numbers import (
-    Scalar,
-    Vec,
-    cast_to_real,
-    first_tick,
-    for_each_arm,
-    jnp,
-    replace,
-    run_eagerly,
-    where,
-    widen_numbers,
-)
+from ravenjax.numbers import Scalar, Vec, first_tick, jnp, replace, run_eagerly, where
+from ravenjax.numbers.setup import cast_to_real, for_each_arm, widen_numbers
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.console import operator, reaction
 from ravenjax.robots.raven2.geometry.mapping import quat_from_matrix
@@ -140,13 +130,7 @@ def reference_series(setup: RavenSetup, signals: TickSignals) -> tuple[Scalar, .
 
 
 def advance(
-    setup: RavenSetup,
-    params: TickParams,
-    faults: fault.Faults,
-    state: TickState,
-    now: Scalar,
-    motion: tuple[Any, ...],
-    golden: tuple[Scalar, ...],
+    setup, params: TickParams, faults: fault.Faults, state: TickState, now, motion, golden
 ) -> tuple[TickState, tuple[Scalar, ...], TickSignals]:
     """Compute tick `now`; return the new state, the `reference_series`, and all signals.
 
@@ -197,12 +181,7 @@ def last_command(state: TickState) -> PerArm[Vec]:
 
 
 def act(
-    params: TickParams,
-    state: TickState,
-    tick: Scalar,
-    is_taken: dict[str, Scalar],
-    begins: Scalar,
-    good_command: PerArm[Vec],
+    params: TickParams, state: TickState, tick, is_taken, begins, good_command: PerArm[Vec]
 ) -> tuple[TickParams, TickState]:
     """Return parameters and state of this tick with one of these actions:
 

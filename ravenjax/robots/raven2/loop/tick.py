@@ -149,6 +149,7 @@ def _wait_for_packet(
         sequence = now if every_tick else lax.div(now, jnp.maximum(cycles, 1))
         if ends_with_robot:
             sequence = jnp.where(soft_estopped != 0, state.packet, sequence)
+        # The sequence number then changes in every tick.
         always_fresh = every_tick and not ends_with_robot
         fresh = jnp.bool_(True) if always_fresh else sequence != state.packet
 
@@ -169,6 +170,7 @@ def _wait_for_packet(
         # Packet k contains row k of the motion.
         plan=PlanMoment(row=sequence, before=sequence - 1, continues=fresh),
         hands=state.hands,
+        # The packet that arrives if faults delay packets by this number of packets.
         older=lambda network: operator.row_timing(sequence - network.lag - network.delay),
         packets_in=count_packets,
     )
@@ -221,13 +223,7 @@ def _send_packet(
 
 
 def _move_robot(
-    setup: RavenSetup,
-    params: TickParams,
-    inject: RavenInjector,
-    state: TickState,
-    packet: Packet,
-    files: user_files.UserFiles,
-    pressed: Scalar,
+    setup, params: TickParams, inject: RavenInjector, state: TickState, packet, files, pressed
 ) -> tuple[TickState, control.ControlSignals, plc.PlcOutput, PerArm[plant.PlantOutput]]:
     """Compute one tick of control software, PLC and mechanics.
 

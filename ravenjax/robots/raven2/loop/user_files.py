@@ -157,7 +157,7 @@ class UserFiles:
 
     def check_packet(self, packet: Packet) -> Packet:
         """Return the packet after users' checks. A check that limits drops the packet."""
-        # Files do not get the rotation of the hands.
+        # Users' files do not get the rotation of the hands.
         self.note(**{name: value for name, value in vars(packet).items() if name != "quat"})
         # A check of packets has no signal to replace.
         no_signal = tuple(Vec(()) for _ in self._setup.arms)
@@ -176,6 +176,7 @@ class UserFiles:
 
         A check that stops sets commands of its arm to 0; `stop` and `allow` then stop the robot.
         """
+        # `note` adds the signal to the views of files, before and after each check.
         name = _FIELDS.get(seam, seam)
         self.note(**{name: signal})
         for index, use in self._checks_at(seam):
@@ -222,7 +223,8 @@ class UserFiles:
         pins = boards.pins
         if refusing:
             self.state = replace(self.state, refusing=refusing)
-            # In an E-stop the watchdog's wave passes, because the PLC could not be started without.
+            # A held watchdog bit makes the PLC stop. In an E-stop it is not held, because the PLC
+            # cannot be started without the watchdog's wave.
             holds_wave = [refuses & (plc_runlevel != E_STOP) for refuses in refusing]
             commands = _where_tripped(refusing, _zeros(commands), commands)
             pins = tuple(
@@ -240,8 +242,7 @@ class UserFiles:
         """Run one check in this millisecond, and store its state and history.
 
         crossing: signal at the check's seam, one Vec per arm. Returns for each arm whether the
-        check trips, and the signal after the check: `crossing`, or the values of the check if it
-        limits.
+        check trips, and the signal after the check: `crossing`, or the values of a limiting check.
         """
         assert self._checks is not None
         use, real = self._setup.checks[index], self._setup.precision.real
@@ -256,6 +257,7 @@ class UserFiles:
             file_state, score, *limited = code.step(
                 params, before.file_state, views[i], real, **expected
             )
+            # Only a check that limits returns values.
             values[i] = limited[0] if limited else crossing[i]
             # Thresholds are not negative, so a score that is NaN never trips.
             score = jnp.where(score == score, score, 0.0)
@@ -298,7 +300,7 @@ class UserFiles:
             period=stored.PERIOD,
             **{name: tuple(getattr(arm, name) for arm in params) for name in gains},
         )
-        torques = self._step_stage(MOTOR_CONTROL, tau_d=[state.tau_d for state in states])
+        torques = self._step_stage(MOTOR_CONTROL, "tau_d", [state.tau_d for state in states])
         new_states = []
         for i, before in enumerate(states):
             new = replace(
@@ -321,22 +323,21 @@ class UserFiles:
             ),
             counts_per_amp=transmission.COUNTS_PER_AMP,
         )
-        counts = self._step_stage(DAC, current_cmd=resting)
+        counts = self._step_stage(DAC, "current_cmd", resting)
         return tuple(
             dac.stored_counts(new, live, rest) for new, rest in zip(counts, resting, strict=True)
         )
 
-    def _step_stage(self, stage: str, **examples: Sequence[Vec]) -> list[Vec]:
+    def _step_stage(self, stage: str, name: str, examples: Sequence[Vec]) -> list[Vec]:
         # Runs the user's file in place of a stage of the control software, and returns the result
-        # for each arm. examples: name of the result, and values with the form that it must have.
-        ((name, example),) = examples.items()
+        # `name` for each arm. examples: values with the form that the result must have.
         index = list(dict(self._setup.controller)).index(stage)
         _, source = self._setup.controller[index]
         code, dtype = part.load_part(source), self._setup.precision.narrow
         params, old_states = self._stages[index], self.state.stages[index]
         states, values = [], []
         for i, view in enumerate(self.views(stage, dtype)):
-            state, value = code.step(params, old_states[i], view, dtype, **{name: example[i]})
+            state, value = code.step(params, old_states[i], view, dtype, **{name: examples[i]})
             states.append(state)
             values.append(value)
         self._store("stages", index, tuple(states))

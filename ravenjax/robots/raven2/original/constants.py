@@ -59,8 +59,9 @@ def joint_limits(setup: RavenSetup) -> tuple[list[tuple[float, float]], float | 
     """Return the limits to which joint targets are clamped: those of the first arm's tool.
 
     The result contains (lower, upper) of shoulder, elbow (rad), insertion (m), tool_roll, wrist
-    (rad), and the lower limit of the jaws' yaw (rad; None: no limit). All are stored as float32.
+    (rad), and the lower limit of the jaws' yaw (rad; None: no limit), mostly as float32.
     """
+    # Five joints, then the yaw
     (*lower, lowest_yaw), upper = limits.soft_limits(setup.tools[0], setup.software)
     ranges = list(zip(map(as_float32, lower), map(as_float32, upper[:5]), strict=True))
     if setup.software == "fork2015":

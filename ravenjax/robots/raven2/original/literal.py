@@ -26,8 +26,6 @@ from ravenjax.robots.raven2.geometry.transmission import GP42
 from ravenjax.robots.raven2.original import constants as stored
 from ravenjax.robots.raven2.setup import RavenSetup
 
-# --- transforms and quaternions ---
-
 
 class Transform(NamedTuple):
     """A rigid transform of points from one frame to another."""
@@ -103,8 +101,6 @@ def quat_from_matrix(rotation: Vec) -> Vec:
     )
 
 
-# --- kinematics ---
-
 _DEG = PI / 180.0
 _ONE_OVER = 1.0 / (GM1 * GM3)
 
@@ -144,6 +140,7 @@ def _dh_variables(arm: str, jpos: Vec) -> Vec:
     """
 
     def wrap(x: Scalar):
+        # The original subtracts any number of turns one by one.
         has_many_turns = jnp.abs(x) > (2 * _TURNS + 1) * PI
         x = jnp.where(has_many_turns, x - 2 * PI * jnp.round(x * (0.5 / PI)), x)
         return _wrap(x, _TURNS)
@@ -159,6 +156,7 @@ def _dh_row_of(alpha: float, ct: Scalar, st: Scalar, d: Scalar = 0.0, a: float =
 
 
 def _dh_row(alpha: float, theta: Scalar, d: Scalar = 0.0, a: float = 0.0) -> Transform:
+    # Returns the row of `_dh_row_of` from theta in place of its cosine and sine.
     return _dh_row_of(alpha, jnp.cos(theta), jnp.sin(theta), d, a)
 
 
@@ -207,7 +205,8 @@ def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> ki
         lowest_cost = jnp.where(is_nearer, cost, lowest_cost)
         best = where(is_nearer, theta, best)
     angles = best - _ARMS[arm].zeros
-    angles = angles.map(lambda angle: _wrap(angle, 1)).replace(3, angles[3])
+    # The roll was shifted toward its measured value, so it is not wrapped.
+    angles = angles.map(lambda angle: _wrap(angle, turns=1)).replace(3, angles[3])
     is_rejected = lowest_cost > kinematics.COST_LIMIT
     status = jnp.where(at_remote_centre, kinematics.AT_REMOTE_CENTRE, kinematics.OK)
     status = jnp.where(is_rejected, kinematics.REJECTED, status)
@@ -218,8 +217,9 @@ def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> ki
 def _solutions(arm: str, tip: Transform):
     """Return the eight solutions (6 DH variables, validity), and whether the original stopped.
 
-    If a wrist is at the remote centre, the original stops before the first angle, so all angles are
-    zero. The side with this wrist is invalid, and the other side counts as valid.
+    The original stops at the first side whose wrist is at the remote centre, before it computes any
+    angle, so all angles are zero. This side is invalid, and the other side counts as valid. Only a
+    stop at side 1 leaves values of d3, those of side 0.
     """
     x, y, _ = inverse_transform(tip).origin
     to_remote_centre = Vec((x, y, 0.0))
@@ -233,7 +233,7 @@ def _solutions(arm: str, tip: Transform):
     stopped = at_centre[0] | at_centre[1]
     solutions = []
     for side, (wrist, insertion) in enumerate(zip(wrists, insertions, strict=True)):
-        # True where the original stopped before it computed d3 of this side.
+        # True if the original stopped before it computed d3 of this side.
         not_computed = at_centre[0] if side == 0 else stopped
         valid_if_stopped = ~at_centre[0] if side == 0 else at_centre[0]
         for d3 in (-D4 - insertion, -D4 + insertion):
@@ -256,8 +256,8 @@ def _cosine2(arm: str, height: Scalar, d: Scalar) -> Scalar:
 
 
 def _angles(arm: str, tip: Transform, wrist: Vec, d3: Scalar, theta2: Scalar) -> Vec:
-    # Returns the DH variables from the wrist's position, d3 and theta2. Near a singularity, theta4
-    # to theta6 are computed from other entries of the matrices.
+    # Returns the DH variables from the wrist's position, d3 and theta2. theta4 to theta6 are those
+    # of t36. If a divisor (c5 or s5) is near 0, they are computed from entries with the other one.
     cos2, sin2 = jnp.cos(theta2), jnp.sin(theta2)
     theta1 = _theta1(arm, wrist, d3 + D4, cos2, sin2)
     t03 = _chain(*_links123(arm, theta1, theta2, d3))
@@ -277,7 +277,8 @@ def _angles(arm: str, tip: Transform, wrist: Vec, d3: Scalar, theta2: Scalar) ->
 
 
 def _theta1(arm: str, wrist: Vec, d: Scalar, cos2: Scalar, sin2: Scalar) -> Scalar:
-    # Returns theta1 from the wrist's x and y, the insertion d (m), and cosine and sine of theta2.
+    # Returns theta1 from the wrist's x and y, the insertion d (m), and cosine and sine of theta2,
+    # by b (cos theta1, sin theta1) d = (x, y).
     side = GEOMETRY[arm].side
     b1, b2 = sin2 * GM3, cos2 * GM2 * GM3 - side * GM1 * GM4
     b = matrix((b1, b2, 0.0), (mul(-side, b2), mul(side, b1), 0.0), (0.0, 0.0, 1.0))
@@ -297,6 +298,7 @@ def gravity_torque(arm: str, jpos: Vec) -> Vec:
 
     # Centres of mass; that of link 1 in frame 1, those of links 2 and 3 in frame 2
     (com1, com2), (_, m2, m3) = gravity.CENTRES[arm], gravity.MASSES
+    # The original puts the mass of link 3 at the origin of its frame
     com3 = t23.origin
     in_frame1 = (com1, transform_point(t12, com2), transform_point(t12, com3))
     # Gravity in frames 1, 2 and 3
@@ -306,6 +308,7 @@ def gravity_torque(arm: str, jpos: Vec) -> Vec:
     loads = zip(in_frame1, gravity.MASSES, strict=True)
     shoulder = reduce(add, (_about_z(com, scale(m, g1)) for com, m in loads))
     elbow = add(_about_z(com2, scale(m2, g2)), _about_z(com3, scale(m3, g2)))
+    # Nm and N at the joints: ratio / GP42 times the torques at the capstan
     efforts = Vec((shoulder, elbow, m3 * g3[2]))
     return efforts.map(lambda effort, ratio: -effort / ratio * GP42, stored.TR[:3])
 

@@ -68,10 +68,11 @@ class NormalForce(NamedTuple):
 def damped_spring(
     spring: Scalar, stiffness: Scalar, damping: Scalar, closing: Scalar, dt: float
 ) -> NormalForce:
-    """Return the force spring (1 + damping closing), at least 0, linearised about the coming step.
+    """Return the force `spring * (1 + damping * closing)`, at least 0, linearised for a step.
 
     spring, stiffness: force (N) and its derivative by depth (N/m) at the end of the step `dt` (s),
-    if the closing speed (m/s) is constant. damping: s/m.
+    if the closing speed (m/s) is constant. damping: s/m. `rate` of the result includes both: a
+    faster closing also makes the depth greater.
     """
     damping_factor = 1.0 + damping * closing
     in_contact = damping_factor > 0.0
@@ -103,7 +104,8 @@ class TipContact(NamedTuple):
     def add_damping(self, system: list[list[Scalar]]) -> None:
         """Add J^T A J to the lower triangle of the equations of the joints.
 
-        J: Jacobian of the tip. A: loss of contact force per gain of tip speed, N s/m.
+        J: Jacobian of the tip. A: loss of contact force per gain of tip speed, N s/m. With r =
+        `rise`, A = normal.rate r r^T + drag (I - r r^T / |r|^2): friction acts along the surface.
         """
         columns, rise_speeds = self.tip.columns, self.tip.project_on_joints(self.rise)
         normal_rate = self.normal.rate - self.drag * self.inverse_square
@@ -127,6 +129,7 @@ def jaw_tips(
     def find_contact(tip: instrument.InstrumentPoint) -> TipContact:
         # Computes the contact of one tip: a damped Hertz contact with dry friction.
         surface, velocity = scene.tissue_surface(arm, tip.position), tip.velocity(jvel)
+        # `rise` is the normal (-dh/dx, -dh/dy, 1) of the height h, whose length is not 1.
         rise = surface.rise
         closing = -dot(rise, velocity)
         depth = jnp.maximum(surface.depth + closing * dt, 0.0)
@@ -145,7 +148,9 @@ def jaw_tips(
 
 
 def contact_forces(contacts: tuple[TipContact, ...], speed_gains: Vec) -> Touch:
-    """Return the forces of tissue and vessel in a step. speed_gains: of joints, rad/s and m/s."""
+    """Return the forces of tissue and vessel in a step. speed_gains: changes of joint speeds in it,
+    rad/s and m/s.
+    """
     forces = [tip.force(speed_gains) for tip in contacts]
     total = forces[0] + forces[1]
     on_vessel = [
@@ -167,8 +172,9 @@ class InstrumentContact(NamedTuple):
     def force(self, speed_gains: Sequence[Vec], gains_per_newton: Sequence[Vec]) -> Scalar:
         """Return the force in the step in N, at least 0.
 
-        speed_gains: of each arm's joints under `normal.force`. gains_per_newton: additional gains
-        for each newton of additional force.
+        speed_gains: changes of each arm's joint speeds under `normal.force`. gains_per_newton:
+        additional changes for each newton of additional force. The result solves force =
+        normal.force - rate (separation + yielding (force - normal.force)).
         """
         first, second = self.separation_rows
         separation = dot(first, speed_gains[0]) + dot(second, speed_gains[1])
@@ -192,6 +198,7 @@ def find_instrument_contact(
         inverse_rotation = transpose(rotation)
         at = matvec(inverse_rotation, pair.points[i] - origin)
         direction = matvec(inverse_rotation, unit_separation * sign)
+        # A row contains the speed of separation per unit speed of each joint.
         point = instrument.line_point(arms[i], lines[i], at, pair.jaw_shares[i])
         separation_rows.append(point.project_on_joints(direction))
         directions.append(direction)
@@ -245,6 +252,7 @@ def _nearest_points(first: _Piece, second: _Piece) -> _Pair:
     points = first.begin + d1 * s, second.begin + d2 * t
     separation = points[0] - points[1]
     distance = norm(separation)
-    jaw_shares = s if first.is_jaws else s * 0.0, t if second.is_jaws else t * 0.0
+    # s and t are the places of the points, from 0 at the begin of a piece to 1 at its end.
+    jaw_shares = (s if first.is_jaws else s * 0.0), (t if second.is_jaws else t * 0.0)
     depth = first.radius + second.radius - distance
     return _Pair(depth, distance, separation, points, jaw_shares)

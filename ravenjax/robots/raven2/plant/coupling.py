@@ -23,7 +23,7 @@ AS_DRAWN = Vec.full(N, 1.0)
 
 @dataclasses.dataclass(frozen=True)
 class Coupling:
-    """`T[i] = rows[i] + ratio[i] * rows[Z]`.
+    """`T[i][j] = (rows[i][j] + ratio[i] * rows[Z][j]) / gain[j]`.
 
     `rows` is lower triangular; `ratio` is zero for the positioning motors.
     """
@@ -35,6 +35,7 @@ class Coupling:
 
     def to_motors(self, joints: Vec) -> Vec:
         """Return T x: motor angles (or speeds) from joint positions (or speeds)."""
+        # T[i] is (rows[i] + ratio[i] rows[Z]) / gain, where Z is the insertion.
         joints = joints.map(_divide, self.gain)
         insertion = dot(self.rows[Z], joints)
         return Vec(
@@ -45,7 +46,8 @@ class Coupling:
     def to_joints(self, motors: Vec) -> Vec:
         """Return T^-1 x: joint positions (or speeds) from motor angles (or speeds)."""
         joints = []
-        # `rows` is lower triangular, so each joint follows from the joints before it.
+        # T[i] is (rows[i] + ratio[i] rows[Z]) / gain, where Z is the insertion. `rows` is lower
+        # triangular, so each joint follows from the joints before it.
         for i in range(N):
             remainder = sub(motors[i], mul(self.ratio[i], motors[Z]))
             for j in range(i):
@@ -55,6 +57,7 @@ class Coupling:
 
     def joint_loads(self, torques: Vec) -> Vec:
         """Return T^T f: loads of the joints (N m; insertion N) from motor torques f (N m)."""
+        # T[i] is (rows[i] + ratio[i] rows[Z]) / gain, so torque i also acts as torque Z.
         insertion = torques[Z]
         for i in range(N):
             insertion = add(insertion, mul(self.ratio[i], torques[i]))
@@ -64,6 +67,7 @@ class Coupling:
 
     def motor_torques(self, loads: Vec) -> Vec:
         """Return T^-T f: motor torques (N m) that balance loads f (N m; insertion N) on joints."""
+        # T is T_drawn diag(1 / gain), where T_drawn has the gains 1 of drums as drawn.
         drawn, loads = dataclasses.replace(self, gain=AS_DRAWN), loads.map(mul, self.gain)
         torques = []
         for i in range(N):
@@ -74,7 +78,8 @@ class Coupling:
 
     def congruence(self, weights: Vec) -> list[list[Scalar]]:
         """Return T^T diag(weights) T, symmetric; entries [i][j] with j > i are 0 instead."""
-        # T = R rows, where R adds multiples of the insertion's row; inner = R^T diag(weights) R.
+        # T = R rows diag(1 / gain), each 7 x 7. R adds `ratio` times the insertion's row to the
+        # rows of tool motors. inner = R^T diag(weights) R, of which the lower triangle is stored.
         inner: list[list[Scalar]] = [[0.0] * N for _ in range(N)]
         for i in range(N):
             inner[i][i] = weights[i]
@@ -101,10 +106,9 @@ def _divide(a: Scalar, b: Scalar) -> Scalar:
 
 
 def _terms(rows: Sequence[Vec], i: int, j: int) -> list[tuple[int, int, float]]:
-    """Return the terms of the entry inner[i][j] in the lower half of rows^T inner rows.
+    """Return what the entry M[i][j] of a symmetric M adds to the lower half of R^T M R. R: `rows`.
 
-    A term is (row, column, factor): entry [row][column] contains factor times inner[i][j]. `inner`
-    is symmetric, so inner[j][i] is the same entry.
+    A term is (row, column, factor): entry [row][column] contains factor times M[i][j] (= M[j][i]).
     """
     places = [(i, j)] if i == j else [(i, j), (j, i)]
     factors: dict[tuple[int, int], float] = {}
@@ -119,6 +123,8 @@ def _terms(rows: Sequence[Vec], i: int, j: int) -> list[tuple[int, int, float]]:
 @cache
 def arm_coupling(arm: ArmName, tool: str, software: str) -> Coupling:
     """Return the coupling of an arm with a tool. `software` sets the sign of the first jaw."""
+    # Each tool motor's row of T is `ratio` times the insertion's row plus a remainder, `rows`, with
+    # few entries. Differences that are rounding errors are set to 0.
     matrix = transmission.motor_matrix(arm, tool, software)
     ratio = tuple(matrix[i][Z] / matrix[Z][Z] if i > Z else 0.0 for i in range(N))
     rows = [Vec(matrix[i]) for i in range(Z + 1)]

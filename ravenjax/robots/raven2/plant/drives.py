@@ -8,9 +8,9 @@ the step is therefore an affine function of the link's speed, and is eliminated 
 of the links:
 
     Im w' = drive - tau_c sgn(w) - tau_v w - reaction_scale * lambda
-    w = (momentum + coupling * T q') * inverse
+    w = (known_torque + coupling * T q') * inverse
 
-Here `inverse` is 1 over the implicit inertia of the shaft, `momentum` holds the known terms,
+Here `inverse` is 1 over the implicit inertia of the shaft, `known_torque` holds the known terms,
 `coupling` is the factor of the link's speed, and `reaction_scale` is the authors' factor of the
 cable's torque on the motor. `lambda` and `T` are defined below.
 
@@ -61,7 +61,8 @@ def coulomb_damping(level: Scalar, drive: Scalar, inertia_rate: Scalar) -> Scala
     speed at the end of the step without friction, same unit. inertia_rate: inertia divided by the
     step, plus all other implicit damping, N m s/rad (insertion: N s/m).
     """
-    # If friction is greater than the force, the lower bound of this excess stops the joint.
+    # With this damping the final speed is sign(drive) excess / inertia_rate. If friction is greater
+    # than the force, the lower bound stops the joint.
     excess = jnp.maximum(jnp.abs(drive) - level, 0.0)
     return level * inertia_rate / jnp.maximum(excess, inertia_rate * CREEP)
 
@@ -114,6 +115,7 @@ def linearise_cable(
     arm: float, stiffness: Scalar, damping: Scalar, stretch: Scalar, dt: float
 ) -> Linear:
     """Return a cable's law over the coming `dt` (s). arm: lever, m/rad. stretch: rad."""
+    # `cable_tension` times the lever, at the end of the step. Its derivative is `slope`.
     delta = arm * stretch
     slope = 2.0 * stiffness * _cosh(delta)
     force = (2.0 * arm) * stiffness * _sinh(delta)
@@ -159,7 +161,7 @@ class ActuatorParams:
 class EliminatedMotor:
     """The effect of one motor and its cable on the equations of the links in this step."""
 
-    momentum: Scalar  # N m, drive and inertia over the step
+    known_torque: Scalar  # N m, drive and inertia over the step
     coupling: Scalar  # N m s/rad, reaction per link speed
     inverse: Scalar  # rad/s per N m
     resistance: Scalar  # N m s/rad, all damping but the cable's
@@ -175,6 +177,7 @@ def limit_torque(
 
     The amplifier is a current source until its current, or the voltage `R i + k w`, reaches a
     limit. The current limit also applies if the motor turns faster than the supply could turn it.
+    back_emf: k^2 / R, loss of the largest torque per speed, N m s/rad.
     """
     induced = back_emf * speed
     torque = jnp.minimum(jnp.maximum(torque, -stall_torque - induced), stall_torque - induced)
@@ -182,29 +185,27 @@ def limit_torque(
 
 
 def eliminate_motor(
-    inertia_rate: Scalar,
-    viscous: Scalar,
-    coulomb: Scalar,
-    reaction_scale: Scalar,
-    drive: Scalar,
-    speed: Scalar,
-    link_speed: Scalar,
-    cable: Linear,
+    inertia_rate, viscous, coulomb, reaction_scale, drive, speed, link_speed, cable: Linear
 ) -> EliminatedMotor:
     """Return the motor's speed and the cable's force as functions of the link's speed.
+
+    The equation of the motor's speed w at the end of the step is resistance w = known_torque +
+    coupling (link's speed - w). `stretch_rate` (w minus the link's speed) and `force` hold for an
+    unchanged link speed. `stiffening` is the loss of force per gain of link speed.
 
     inertia_rate: Im/dt, N m s/rad. viscous, coulomb: friction, N m s/rad and N m. drive: torque, N
     m. speed, link_speed: of motor and link, rad/s of motor angle, at the start of the step.
     """
     coupling = mul(reaction_scale, cable.damping)
-    momentum = inertia_rate * speed + drive - mul(reaction_scale, cable.force)
+    known_torque = inertia_rate * speed + drive - mul(reaction_scale, cable.force)
     viscous_rate = add(inertia_rate, viscous)
-    friction = coulomb_damping(coulomb, momentum + coupling * link_speed, viscous_rate + coupling)
+    driving_torque = known_torque + coupling * link_speed
+    friction = coulomb_damping(coulomb, driving_torque, viscous_rate + coupling)
     resistance = viscous_rate + friction
     inverse = 1.0 / (resistance + coupling)
-    stretch_rate = (momentum - resistance * link_speed) * inverse
+    stretch_rate = (known_torque - resistance * link_speed) * inverse
     return EliminatedMotor(
-        momentum=momentum,
+        known_torque=known_torque,
         coupling=coupling,
         inverse=inverse,
         resistance=resistance,
@@ -275,8 +276,8 @@ def stop_force(
 ) -> tuple[Scalar, Scalar]:
     """Return the force of joint i's hard stop (N m; insertion N), and its derivative by speed.
 
-    The force is that of a step `dt` (s) at the present speed. The derivative is the loss of force
-    per gain of speed (N m s/rad; insertion N s/m). Both are 0 within the joint's range.
+    The force is that at the end of a step `dt` (s) at the present speed. The derivative is the loss
+    of force per gain of speed (N m s/rad; insertion N s/m). Both are 0 within the joint's range.
     """
     above = jnp.maximum(jpos - params.upper[i], 0.0)
     below = jnp.minimum(jpos - params.lower[i], 0.0)

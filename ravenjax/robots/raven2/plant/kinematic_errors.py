@@ -15,8 +15,7 @@ Cable stretch is added. An error that is 0 adds no operations to the tick.
 
 A camera does not know the robot's frame 0, so a rigid displacement is not visible as an error.
 `registered` removes this displacement: a rigid motion, constant in a run, moves true tips onto
-reported tips at POSES by least squares. Each Gauss-Newton step solves for a small rotation and a
-displacement.
+reported tips at POSES by least squares. Each Gauss-Newton step solves for a small rigid motion.
 """
 
 import functools
@@ -89,7 +88,7 @@ def true_joints(errors: KinematicErrors, reported: Vec) -> Vec:
 
 def register_frame(arm: str, errors: KinematicErrors) -> Registration | None:
     """Return the registration of the arm's frame 0; None: without errors or not registered."""
-    # Only a number that is the same in all runs is a NumPy integer.
+    # A NumPy integer is the same in all runs. Other numbers are known only in a run.
     never_registered = isinstance(errors.registered, np.integer) and not errors.registered
     if is_exact(errors) or never_registered:
         return None

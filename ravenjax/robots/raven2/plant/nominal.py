@@ -114,6 +114,8 @@ def params(setup: RavenSetup, parameter_set: str = parameter_sets.DEFAULT) -> No
     reaction_share, ratio = motor.reaction_scale, transmission.TR
     square = ratio.map(lambda r: r**2)
     link_inertia = (*INERTIA[:LAGRANGE], 0.0, 0.0)
+    # I / J. I: inertia of the joint. J: inertia at its motor, with the link's share. All gains and
+    # frictions of the motor become those of the model by this factor.
     inertia_ratio = Vec(INERTIA) / (motor.inertia + reaction_share * link_inertia / square)
     gains = stored.GAINS["raven2"]["gold"]
     kp, kd = (inertia_ratio * Vec(gains[name]) * gain for name in ("kp", "kd"))
@@ -140,12 +142,7 @@ def init(setup: RavenSetup, arm: ArmName, jpos0: Vec) -> NominalState:
 
 
 def step(
-    setup: RavenSetup,
-    arm: ArmName,
-    params: NominalParams,
-    state: NominalState,
-    command: Command,
-    measured: Vec,
+    setup, arm: ArmName, params: NominalParams, state: NominalState, command: Command, measured: Vec
 ) -> tuple[NominalState, NominalOutput]:
     """Compute one tick (1 ms). While the pedal is up, the model stands still.
 
@@ -184,7 +181,8 @@ def track_target(
     mass, bias = link_dynamics.mass_matrix_and_bias(
         arm, locked, link_speeds, Vec.full(3, 0.0), params.mass_scale
     )
-    # Lower triangle and right side of the equations of the speed gains of joints 1-5
+    # Lower triangle and right side of the equations of joints 1-5 for the changes dv of speeds: M
+    # dv / dt = kp error - bias - (damping + friction) (v + dv)
     system, right = [], []
     for i in range(LAGRANGE):
         row = [mul(1.0 / dt, mass[i][j]) for j in range(i + 1)]
@@ -217,12 +215,7 @@ def init_target(arm: ArmName, jpos: Vec) -> TargetState:
 
 
 def step_target(
-    setup: RavenSetup,
-    arm: ArmName,
-    params: TargetParams,
-    state: TargetState,
-    command: Command,
-    jpos: Vec,
+    setup, arm: ArmName, params: TargetParams, state: TargetState, command: Command, jpos: Vec
 ) -> TargetState:
     """Return the target after the command of one tick. jpos: joints of the model, rad and m."""
     engaged = command.engaged != 0

@@ -40,7 +40,8 @@ def parameter_set(name: str) -> ParameterSet:
     file = tomllib.loads(resources.find_model("raven2/mechanics.toml").read_text(encoding="utf-8"))
     rows = dict(file["published" if name in PUBLISHED else name])
     if name in PUBLISHED:
-        # A published set differs from the table `published` in shoulder, elbow and insertion only.
+        # A published set differs from the table `published` in shoulder, elbow and insertion only:
+        # `factors` multiply their values, `inputs` replace them.
         for key, factors in file["factors"][name].items():
             positioning = [x * factor for x, factor in zip(rows[key][:3], factors, strict=True)]
             rows[key] = positioning + rows[key][3:]

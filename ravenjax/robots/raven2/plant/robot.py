@@ -138,10 +138,13 @@ def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> Pl
         stiffness = params.cable_stiffness[i] * params.cable_stiffness_scale
         stretches.append(drives.resting_stretch(lever, stiffness, torques[i]))
     stretch = Vec(stretches)
+    # The software computes `jpos0` from motor angles with the nominal coupling.
     angles = _nominal_coupling(setup, arm).to_motors(jpos0) + stretch
     motors = tuple(drives.advance_angle(drives.REFERENCE, angle) for angle in angles)
     fractions = Vec(motor.fraction * transmission.ENCODER_RAD for motor in motors)
     zero = jnp.int32(0)
+    # The whole counts are the reference. The joints there are the true joints less the motion that
+    # the rest of the angles, without the cables' stretch, causes.
     return PlantState(
         motors=tuple(drives.Angle(zero, cast(motor.fraction, dtype)) for motor in motors),
         stretch=cast(stretch, dtype),
@@ -196,6 +199,7 @@ def step_all(
         touching = contact.find_instrument_contact(arms, touched, jpos, jvel, left.dt)
         rows, present_force = touching.separation_rows, touching.normal.force
         systems = [arm.equations(rows[i] * present_force) for i, arm in enumerate(ticks)]
+        # dv = speed_gains + gains_per_newton (force - present_force), linear in the contact force.
         gains_per_newton = [arm.solve(systems[i][0], rows[i]) for i, arm in enumerate(ticks)]
         speed_gains = [arm.solve(*system) for arm, system in zip(ticks, systems, strict=True)]
         force = touching.force(speed_gains, gains_per_newton)
@@ -315,7 +319,8 @@ class _ArmTick:
         mvel, stretch, motors, tensions = [], [], [], []
         for i, motor in enumerate(self._solved):
             link_speed = self._link_speed[i] + link_gains[i]
-            speed = (motor.momentum + motor.coupling * link_speed) * motor.inverse
+            # Speed of the motor, and of the cable's stretch, at the end of the substep.
+            speed = (motor.known_torque + motor.coupling * link_speed) * motor.inverse
             rate = motor.stretch_rate - motor.resistance * motor.inverse * link_gains[i]
             mvel.append(speed)
             stretch.append(state.stretch[i] + self.dt * rate)
@@ -395,10 +400,7 @@ def observe_robot(
 
 
 def true_tips(
-    setup: RavenSetup,
-    params: PerArm[PlantParams],
-    states: PerArm[PlantState],
-    robots: PerArm[PlantOutput],
+    setup, params: PerArm[PlantParams], states: PerArm[PlantState], robots: PerArm[PlantOutput]
 ) -> PerArm[Vec]:
     """Return the true tip of each arm, m in registered frame 0."""
     return tuple(

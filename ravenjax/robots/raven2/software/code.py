@@ -66,7 +66,8 @@ def software_code(
     """Return the programs of a setup. params, state: types of the parameters and of the state.
 
     Program "cycle" computes one millisecond with its last packet. If several packets arrive in a
-    millisecond, program "receive" processes each of the earlier packets before.
+    millisecond, program "receive" first processes each of the earlier packets. Functions such as
+    the sine are those of the C library.
     """
     inputs_kind = row_kind(setup)
     shapes = params.shapes(), state.shapes(), inputs_kind.shapes()

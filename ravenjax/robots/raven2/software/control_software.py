@@ -297,9 +297,6 @@ def _change_params(params: control.ControlParams, change: Any) -> control.Contro
     return checked.record_like("params", new, params, finite=True)
 
 
-# --- start state at given encoder counts ---
-
-
 def _encoders_at(
     setup: RavenSetup, params: control.ControlParams, jpos: Sequence[Sequence[float]]
 ) -> list[list[int]]:
@@ -329,6 +326,7 @@ def _at_measured_pose(
     poses = tuple(arm.pos for arm in after.cartesian)
     joints, motors = control.columns_of(signals.arms, "jpos", "mpos").values()
     with_fields = control.replace_fields
+    # The pose that the console has commanded starts from the measured pose.
     accumulated = with_fields(after.teleoperation.arms, pose=poses)
     return replace(
         state,

@@ -92,9 +92,10 @@ def parse_counts(name: str, given: Any, *shapes: Shape) -> np.ndarray:
 def per_board(name: str, given: Any, highest: int, *shapes: Shape) -> np.ndarray:
     """Return the input of each board: one whole number 0 to `highest`, or an array of these shapes.
 
-    If `highest` is 1, truth values are allowed. shapes: [arms], or [cycles] and [cycles, arms]. An
-    array [cycles] is returned as [cycles, 1].
+    If `highest` is 1, truth values are allowed. shapes: ([arms],) for one cycle, ([cycles],
+    [cycles, arms]) for several. An array [cycles] is returned as [cycles, 1].
     """
+    # The usual case must be fast. True is equal to 1, but no whole number.
     if type(given) in (int, bool) and 0 <= given <= highest and (highest == 1 or given is not True):
         return np.asarray(given, np.int32)
     array = _integers(name, given, ((), *shapes), (0, highest))
@@ -119,7 +120,9 @@ def _index(place: Sequence[int]) -> str:
 
 
 def _array(name: str, given, shapes: Sequence[Shape], kinds: str, numbers: str) -> np.ndarray:
-    """Return an array with one of the shapes, and a dtype of these `kinds`. numbers: error text."""
+    """Return an array with one of the shapes, and a dtype of these `kinds`. numbers: what they are
+    in the message, such as "integers".
+    """
     try:
         array = np.asarray(given)
     except ValueError:  # rows of different lengths
@@ -144,11 +147,12 @@ def parse_joints(given: Any, arms: int) -> list[list[float]]:
     """Return joints [arms, 7]: angles of at most one revolution, rad; travel of at most 1 m."""
     array = _array("jpos", given, [(arms, 7)], "iuf", "numbers in rad and m")
     for place, value in np.ndenumerate(array):
-        low, high, unit, mistaken = _POSITIONS[JOINTS[place[1]] in SLIDING_JOINTS]
+        slides = JOINTS[place[1]] in SLIDING_JOINTS
+        low, high, unit, wrong_unit = _POSITIONS[slides]
         if not low <= value <= high:
             raise UserError(
                 f"jpos{_index(place)} is {value}, expected {low:g}..{high:g} {unit}."
-                f" Write {unit}, not {mistaken}"
+                f" Write {unit}, not {wrong_unit}"
             )
     return array.astype(np.float64).tolist()
 

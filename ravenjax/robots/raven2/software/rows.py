@@ -21,8 +21,8 @@ from ravenjax.robots.raven2.stages import usb
 def row_type(setup: RavenSetup) -> np.dtype:
     """Return the NumPy type of one row: the fields of a datagram, and the other inputs of a cycle.
 
-    Quaternions have the floating-point type in which they are evaluated. With the precision of the
-    original software, the datagram has the same type.
+    Quaternions have the floating-point type in which they are evaluated. With the original
+    software's precision this is float64, as in the datagram, which can then be copied.
     """
     arms, wide = len(setup.arms), np.dtype(setup.precision.wide)
     fields: list[Any] = [
@@ -44,6 +44,7 @@ def row_kind(setup: RavenSetup) -> RecordKind:
     """Return the record `Inputs` that compiled code reads from a row, with each number's offset."""
     row, slots = row_type(setup), [ARMS.index(arm) for arm in setup.arms]
     offset_of = _byte_offsets(row)
+    # This record contains the byte offset of each number in place of the number.
     packet = offset_of["packet"]
     offsets = Inputs(
         Packet(
@@ -58,8 +59,10 @@ def row_kind(setup: RavenSetup) -> RecordKind:
         usb.UsbIn(tuple(map(Vec, offset_of["enc_val"])), tuple(offset_of["pins"])),
         tuple(offset_of["read_ok"]),
     )
-    read = usb.init(setup)
-    record = RecordKind.of(Inputs(packets.empty_packet(setup), read, read.pins)).record
+    boards = usb.init(setup)
+    # An example of `Inputs`, for its types. `pins` has the types of `read_ok`.
+    example = Inputs(packets.empty_packet(setup), boards, read_ok=boards.pins)
+    record = RecordKind.of(example).record
     types = tuple(map(str, tree.tree_leaves(record)))
     offsets_in_row = tuple(map(int, tree.tree_leaves(offsets)))
     return RecordKind(record, BufferLayout(types, offsets_in_row, row.itemsize))

@@ -18,15 +18,15 @@ def step(
     amps_per_torque = stored.amps_per_torque(arm, tool, setup.software)
 
     def to_counts(tau: Scalar, per_torque: float, per_amp: float, rest: Scalar) -> Scalar:
-        return _stored(to_int32(tau * per_torque * per_amp), enabled, rest)
+        return _saturate_or_replace(to_int32(tau * per_torque * per_amp), enabled, rest)
 
     return tau_d.map(to_counts, amps_per_torque, transmission.COUNTS_PER_AMP, otherwise)
 
 
 def stored_counts(counts: Vec, enabled: Scalar, otherwise: Vec) -> Vec:
     """Return counts (7 int32) saturated to 16 bits if `enabled`, else `otherwise`."""
-    return counts.map(lambda count, rest: _stored(count, enabled, rest), otherwise)
+    return counts.map(lambda count, rest: _saturate_or_replace(count, enabled, rest), otherwise)
 
 
-def _stored(count: Scalar, enabled: Scalar, otherwise: Scalar) -> Scalar:
+def _saturate_or_replace(count: Scalar, enabled: Scalar, otherwise: Scalar) -> Scalar:
     return jnp.where(enabled, clamp(count, LOWEST, HIGHEST), otherwise)

@@ -48,12 +48,7 @@ def init(setup: RavenSetup) -> EstimatorState:
 
 
 def step(
-    setup: RavenSetup,
-    arm: ArmName,
-    tool: str,
-    params: EstimatorParams,
-    state: EstimatorState,
-    enc_val: Vec,
+    setup, arm: ArmName, tool: str, params: EstimatorParams, state: EstimatorState, enc_val: Vec
 ) -> tuple[EstimatorState, Vec, Vec]:
     """Return the state after one sample of one arm, mpos (7, rad) and mvel (7, rad/s)."""
     signs = transmission.encoder_signs(arm, tool, setup.software)
@@ -70,8 +65,8 @@ def step(
     position = angle * LOW_PASS_INPUT[0]
     for gain, history in zip((*LOW_PASS_INPUT[1:], *LOW_PASS_OUTPUT), histories, strict=True):
         position = position + history * gain
+    # The first three histories are inputs, the others outputs, newest first. The oldest is dropped.
     velocity = (position - histories[3]) / stored.PERIOD
-    # The first three histories are inputs, the others outputs; the oldest of each is dropped.
     inputs, outputs = (angle, *histories[:2]), (position, *histories[3:5])
     return EstimatorState(state.started | 1, inputs, outputs), position, velocity
 
@@ -79,8 +74,8 @@ def step(
 def joint_positions(setup: RavenSetup, arm: ArmName, tool: str, mpos: Vec) -> Vec:
     """Return joint positions (rad, m) from motor positions (rad).
 
-    As in the original, products with a reciprocal ratio, and sums, are computed in the wide type.
-    Products of a coupling constant and a joint have the narrow type. Each joint is rounded once.
+    As in raven2, products with a reciprocal ratio, and sums, have the wide type (double). Products
+    of a coupling constant and a joint have the narrow type (float). Each joint is rounded once.
     """
     inverse_ratio = stored.TR.map(lambda ratio: 1.0 / ratio)
     jaw_per_wrist = stored.wrist_coupling(tool)
@@ -92,6 +87,7 @@ def joint_positions(setup: RavenSetup, arm: ArmName, tool: str, mpos: Vec) -> Ve
         return narrow_numbers(setup, value)
 
     def tool_joint(i: int) -> Scalar:
+        # A sum or difference needs one operation less than a product with the sign.
         return inverse_ratio[i] * (
             motor[i] - insertion_motion if signs[i - 3] > 0 else motor[i] + insertion_motion
         )

@@ -53,10 +53,10 @@ def init(setup: RavenSetup, arm: ArmName, tool: str, jpos: Vec) -> MotorControlS
 
 
 def motor_targets(setup: RavenSetup, arm: ArmName, tool: str, jpos_d: Vec, mpos: Vec) -> Vec:
-    """Return desired motor positions (rad) of joints `jpos_d` (rad, m) and measured motors `mpos`.
+    """Return the motor positions (rad) for desired joints `jpos_d` (rad, m), at motors `mpos`.
 
-    As in the original, contributions of joints are computed in the narrow type. The contribution of
-    the *measured* insertion motor to the tool motors is computed in the wide type.
+    As in raven2, contributions of joints are computed in the narrow type (float). The contribution
+    of the *measured* insertion motor to the tool motors is computed in the wide type (double).
     """
     ratio, jaw_per_wrist = stored.TR, stored.wrist_coupling(tool)
     signs = transmission.coupling_signs(arm, tool, setup.software)
@@ -97,7 +97,8 @@ def motor_torques(
     """Return the state with the capstan torques of one arm.
 
     The PID acts if `pedal_down`, also during a soft E-stop, which only sets the DAC to zero.
-    raven2 adds the gravity torque. Below run level 2 (not `active`), values remain unchanged.
+    raven2 adds the gravity torque. Below run level 2 (not `active`), targets and torques remain
+    unchanged. The integral changes only if `pedal_down`.
     """
     error = mpos_d - mpos
     integral = where(pedal_down, state.integral + error * stored.PERIOD, state.integral)

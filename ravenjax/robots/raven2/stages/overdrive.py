@@ -67,12 +67,7 @@ def init(setup: RavenSetup) -> OverdriveState:
 
 
 def step(
-    setup: RavenSetup,
-    params: OverdriveParams,
-    state: OverdriveState,
-    tick: Scalar,
-    runlevel: Scalar,
-    current_cmd: PerArm[Vec],
+    setup, params: OverdriveParams, state: OverdriveState, tick, runlevel, current_cmd: PerArm[Vec]
 ) -> tuple[OverdriveState, PerArm[Vec], Scalar]:
     """Return the state, the commands to write, and whether to raise the soft E-stop."""
     fork = setup.software == "fork2015"
@@ -131,5 +126,6 @@ def _count_sample(
     """
     counts = over & hard
     trip = counts & (counter > HARD_SAMPLES)
+    # A sample that trips restarts the count, as its first sample. Soft regulation resets the count.
     resets = instant | trip | (over & ~hard)
     return jnp.where(resets, 0, counter) + as_int(counts), trip

@@ -15,8 +15,7 @@ defines.h, state_machine.cpp, update_atmel_io.cpp), or are *assumed*.
   periods, or by the E-stop button. After such a trip, a person must press start.
 - The PLC reads the output pins of each USB board. It trips if the watchdog of any board is missing.
   The foot pedal and READY count if all boards report them.
-- The PLC commands the brakes on in E-STOP and PEDAL_UP. The brakes are modelled with the delay of
-  the relay.
+- The PLC commands the brakes on in E-STOP and PEDAL_UP. The model of the brakes has their delay.
 """
 
 import operator

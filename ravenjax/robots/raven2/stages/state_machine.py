@@ -49,11 +49,11 @@ def init(setup: RavenSetup, runlevel: int) -> StateMachineState:
     """Return the state of a homed robot at `runlevel`."""
     ready = runlevel > E_STOP
     zero, no_trips = np.int32(0), check.init(setup)
-    levels = np.int32(runlevel), np.int32(3 if ready else 0)
-    initialized, soft_estopped = np.int32(ready), zero
-    mismatches, settling = zero, zero
+    # Homing ends in sublevel 3.
+    level, sublevel = np.int32(runlevel), np.int32(3 if ready else 0)
+    initialized, soft_estopped, mismatches, settling = np.int32(ready), zero, zero, zero
     return StateMachineState(
-        *levels, initialized, soft_estopped, mismatches, settling, no_trips, no_trips
+        level, sublevel, initialized, soft_estopped, mismatches, settling, no_trips, no_trips
     )
 
 

@@ -79,11 +79,7 @@ def _quaternion(setup: RavenSetup, pose: StoredPose) -> Vec:
 
 
 def accumulate_increments(
-    setup: RavenSetup,
-    params: TeleoperationParams,
-    state: TeleoperationState,
-    accepted: Scalar,
-    packet: Packet,
+    setup, params: TeleoperationParams, state: TeleoperationState, accepted: Scalar, packet: Packet
 ) -> TeleoperationState:
     """Return the state after a packet. If it is `accepted` (bool), its increments are added.
 
@@ -98,13 +94,14 @@ def accumulate_increments(
             pose = StoredPose(packet.delta[i], rotation, packet.grasp[i])
             return Accumulator(pose, old.quaternion)
         increment = mapping.rotation_from_itp(arm, mapping.matrix_from_quat(quaternion))
-        # The original conjugates a homogeneous transform: a row of NaN makes its translation NaN,
-        # which is cast to INT32_MIN.
-        moves = mapping.position_from_itp(arm, packet.delta[i])
-        moves = moves.map(
-            lambda p, row: jnp.where((row[0] + row[1] + row[2]) * 0.0 == 0.0, p, INT32_MIN),
-            increment,
-        )
+
+        # In the original, a row of the rotation that is not finite makes this component of the
+        # motion NaN, which is cast to INT32_MIN.
+        def cast_motion(move: Scalar, row: Vec) -> Scalar:
+            is_finite = (row[0] + row[1] + row[2]) * 0.0 == 0.0
+            return jnp.where(is_finite, move, INT32_MIN)
+
+        moves = mapping.position_from_itp(arm, packet.delta[i]).map(cast_motion, increment)
         rotation_quat = select_evaluation(setup).quat_from_matrix(increment)
         quaternion = mapping.quat_mul(rotation_quat, old.quaternion)
         opening = old.pose.grasp_mrad - params.grasp_gain * packet.grasp[i]
@@ -146,6 +143,7 @@ def hand_over(
     update_desired = (fresh | timed_out) & pedal_down
     margin = jnp.where(engaged, cast_to_real(setup, params.timeout_ticks - age), np.inf)
     desired = per_arm(setup, lambda i, _: where(update_desired, state.arms[i].pose, desired[i]))
+    # After a time-out the age restarts, and the console is not engaged until its next packet.
     state = replace(
         state,
         # The flag is cleared; the result is an int32 like the flag.

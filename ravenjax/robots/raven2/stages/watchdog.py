@@ -8,11 +8,7 @@ HIGH_CYCLES, PERIOD_CYCLES = 25, 50
 
 
 def step(
-    counter: Scalar,
-    soft_estopped: Scalar,
-    runlevel: Scalar,
-    surgeon_mode: Scalar,
-    initialized: Scalar,
+    counter: Scalar, soft_estopped: Scalar, runlevel: Scalar, surgeon_mode: Scalar, initialized
 ) -> tuple[Scalar, Scalar]:
     """Return the counter after one cycle, and the output byte to the PLC (int32).
 
