@@ -1,5 +1,4 @@
-"""Provides a campaign's simulation as pure functions of one run, for JAX's `jit`, `vmap` and
-`grad`.
+"""Provides a campaign's simulation as pure functions of one run, for `jit`, `vmap` and `grad`.
 
     from ravenjax import functional
 
