@@ -157,9 +157,9 @@ def read_complete_manifest(path: Path) -> Manifest:
         )
     if record.finished is not None and record.done < record.due:
         raise StoreError(
-            f"{path / manifests.PARTS_FILE}: lists files with {record.done} of the {record.due}"
-            " finished runs. Start the same `ravenjax run` again: it keeps complete files and"
-            " computes missing runs."
+            f"{path / manifests.PARTS_FILE}: the listed files contain {record.done} runs, but"
+            f" {record.due} were finished. Start the same `ravenjax run` again: it keeps complete"
+            " files and computes missing runs."
         )
     return record
 

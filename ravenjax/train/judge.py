@@ -5,15 +5,15 @@ from the robot's state when the hazard is armed. From the activation on, the col
 to `false_report_first_ms` have the same meaning as in a campaign's result table. At `knowable_ms` a
 person at the console can first notice the hazard: the tip is `SEEN_MM` off its course, the robot
 has left pedal-down although the pedal is held, or a check has raised an alarm. Reaction times start
-at the *origin*: the start of the cue or `knowable_ms`, whichever is earlier. Nobody can prevent
-harm within `ACTS_MS` after the origin. The judge scores the first right response within the time
+at the *origin*: the start of the cue or `knowable_ms`, whichever is earlier. A person acts at the
+earliest `ACTS_MS` after the origin. The judge scores the first right response within the time
 allowed. If there is none, it scores the first other response. It ignores a slow-down that the
 scenario does not list as right, because hands also slow down near a target. A hazard is decided
 when harm is done, when the operator gives a right response, or when the time is up. A pause, a
 reset or a broken connection before that interrupts it. The score has two parts of up to 50 points.
 A right response gives all 50 points up to `FASTEST_MS`, and half of them at the end of the time
-allowed. The other part measures the patient's safety: of the distance to harm at the moment when a
-person could first act, the share that remains at the end.
+allowed. The other part measures the patient's safety. It is 50 points times the remaining distance
+to harm at the end, divided by that distance when a person could first act.
 """
 
 from __future__ import annotations

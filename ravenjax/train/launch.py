@@ -315,9 +315,9 @@ def _connect(
     if not isinstance(stream, int):
         if armables:
             raise UserError(
-                f"scenario {options.scenario.name!r} has {len(armables)} hazards, which cannot"
-                f" be armed in a robot over {stream}: choose a scenario without hazards, or"
-                " start `ravenjax robot` and give its joint port"
+                f"scenario {options.scenario.name!r} has {len(armables)} hazards. They cannot be"
+                f" armed in a robot over {stream}: choose a scenario without hazards, or start"
+                " `ravenjax robot` and write --robot HOST:ITP_PORT:JOINT_PORT"
             )
         from ravenjax.train.robot_link.crtk import bridge
         from ravenjax.train.robot_link.crtk.ros_robot import RosRobot
@@ -348,8 +348,8 @@ def parse_address(text: str) -> tuple[str, int, int | Ros]:
     if parts is None:
         raise UserError(
             f"robot is {text!r}, expected HOST[:ITP_PORT[:JOINT_PORT]], such as"
-            " 127.0.0.1:36000:36002; for a robot that reports its state over ROS, ros1 or ros2"
-            " replaces JOINT_PORT"
+            " 127.0.0.1:36000:36002. If the robot reports its state over ROS, write 'ros1' or"
+            " 'ros2' instead of JOINT_PORT"
         )
     host, itp, stream = parts.groups()
     ros: Ros | None = next((name for name in get_args(Ros) if name == stream), None)

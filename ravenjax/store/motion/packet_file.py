@@ -1,7 +1,6 @@
 """Reads a recorded stream of a console's packets as a motion of the operator's hands.
 
-A packet contains an increment of the tip's pose. The motion is their sum, from the pose after
-homing.
+A packet contains an increment of the tip's pose. The motion is their sum from the homed pose.
 
 A table (Parquet) has a column `packet` (124 bytes each) and a column of arrival times. A network
 capture (.pcap, .pcapng), as tcpdump and Wireshark write it, contains both. A console's packets are
@@ -137,7 +136,7 @@ def _read_capture(path: Path) -> RawPackets:
         there = ", ".join(f"{count} to port {port}" for port, count in ports.most_common(4))
         raise UserError(
             f"{path}: expected a console's packets, UDP datagrams of {FIELDS.size} bytes or more to"
-            f" port {UDP_PORT} or to one other port; got {there or 'none'}"
+            f" port {UDP_PORT}, or all to a single other port; got {there or 'none'}"
         )
     port = UDP_PORT if UDP_PORT in ports else next(iter(ports))
     to_port = [datagram for datagram in datagrams if datagram.port == port]

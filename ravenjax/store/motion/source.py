@@ -154,7 +154,7 @@ def read_table(path: Path, options: ReplayOptions, header: str) -> Samples:
     table = table.drop(columns=replaced).rename(columns={v: k for k, v in ours.items()})
     if len(table) < 2:
         content = f"contains {len(table)} rows" if len(table) else "the table has no rows"
-        raise UserError(f"{path}: {content}; expected a motion of at least 2")
+        raise UserError(f"{path}: {content}; expected at least 2 rows")
     notes = (JAWS_OF_JIGSAWS,) if options.columns == "jigsaws" else ()
     notes = (*notes, *table.attrs.get("notes", ()))
     samples = Samples(path, table, notes=notes)
@@ -237,8 +237,8 @@ def _arm_track(samples: Samples, arm: ArmName, options: ReplayOptions) -> ArmTra
             columns = " or ".join(f"{name}_{unit}" for unit in LENGTHS)
             raise UserError(
                 f"{path}: no column {columns}; the file has {list_names(table)}. Write the file's"
-                f" column names: operator.columns = {{ {name}_mm = '...' }}; if a column names the"
-                " sensor of each row, write operator.sensors"
+                f" column names: operator.columns = {{ {name}_mm = '...' }}. If a column names each"
+                f" row's sensor, write operator.sensors = {{ column = 'tool', {arm} = 'left' }}"
             )
         places.append(values)
     quat = samples.group([f"{arm}_{name}" for name in QUAT], "an orientation")
@@ -271,8 +271,9 @@ def _unit_quaternions(
         bad = np.flatnonzero((error > 0.02) | (np.linalg.det(turns) < 0.0))
         if bad.size:
             raise UserError(
-                f"{samples.path}: {samples.place(bad[0])}: {arm}_r11.. is no rotation matrix; its"
-                " rows are r11 r12 r13, r21 ..: they need length 1 and right angles"
+                f"{samples.path}: {samples.place(bad[0])}: {arm}_r11 to {arm}_r33 are no rotation"
+                " matrix; expected rows r11 r12 r13 and so on of length 1, perpendicular to each"
+                " other, with determinant 1"
             )
         return Rotation.from_matrix(turns).as_quat()
     length = np.zeros(1) if quat is None else np.linalg.norm(quat, axis=1)
@@ -420,10 +421,10 @@ def _jaws(
     widest = np.abs(opening).max()
     if not widest <= WIDEST_RAD or steps_s.min() < 0.0 or steps_s.max() > max_gap_s:
         raise UserError(
-            f"{topic}: while the tip was recorded, messages are {steps_s.min():.3g} to"
-            f" {steps_s.max():.3g} s apart, and the jaws open by up to {widest:.4g} rad. Expected"
-            f" times that never go back, at most {max_gap_s:g} s between messages"
-            f" (operator.max_gap_s), and jaws that open by at most {WIDEST_RAD:.3g} rad"
+            f"{topic}: while the tip was recorded, the time between messages is {steps_s.min():.3g}"
+            f" to {steps_s.max():.3g} s; expected 0 to {max_gap_s:g} s (operator.max_gap_s). The"
+            f" largest opening of the jaws is {widest:.4g} rad; expected at most {WIDEST_RAD:.3g}"
+            " rad"
         )
     return jaw.time_ns, opening, topic
 
@@ -452,9 +453,9 @@ def _frame(
     turned, moved = of_arm(options.rotation, arm), of_arm(options.offset_mm, arm)
     if (turned, moved, options.place) == (None, None, "recorded"):
         raise UserError(
-            f"{path}: {tip.topic} is in the unknown frame {names[0]!r}; expected"
-            f" frame 0 of {arm}, or {ARM_TOPICS[arm]}_base of CRTK. Write operator.frame ="
-            ' "frame0" if it is frame 0, operator.place = "home" to begin after homing, or'
-            " operator.rotation and operator.offset_mm"
+            f"{path}: {tip.topic} is in the unknown frame {names[0]!r}; expected frame 0 of {arm},"
+            f" or {ARM_TOPICS[arm]}_base of CRTK. If it is frame 0, write operator.frame ="
+            ' "frame0". If only its origin differs, write operator.place = "home", which begins at'
+            " the home pose. Otherwise write operator.rotation and operator.offset_mm"
         )
     return "frame0", [f"frame {names[0]} has the axes of frame 0 before operator.rotation"]

@@ -72,8 +72,8 @@ def sample_times(
         slower = f". To replay more slowly, write {slow_down}" if slow_down else ""
         mean = f"{(rows - 1) / span:.4g} rows a second" if span > 0 else "all rows at one time"
         raise UserError(
-            f"{path}: {rows} rows last {stated:.4g} s by {rate}, but {span:.4g} s by {clock}"
-            f" ({mean}); expected agreement within {100 * RATES_AGREE:g} %. Write the rate of the"
+            f"{path}: with {rate}, {rows} rows last {stated:.4g} s; according to {clock} {span:.4g}"
+            f" s ({mean}); expected agreement within {100 * RATES_AGREE:g} %. Write the rate of the"
             f" recording, or remove its times{slower}"
         )
     note = f"{clock} is not used, because {rate} spaces rows evenly; it spans {span:.3f} s"
@@ -83,7 +83,7 @@ def sample_times(
 def require_plausible(path: Path, time_s: np.ndarray, clock: str, options: ReplayOptions) -> None:
     """Raise UserError for times [T] that repeat, decrease, come in bursts or at a strange rate."""
     if len(time_s) < 2:
-        raise UserError(f"{path}: {clock}: {len(time_s)} samples; expected a motion of at least 2")
+        raise UserError(f"{path}: {clock}: {len(time_s)} samples; expected at least 2 samples")
     steps, span = np.diff(time_s), float(time_s[-1] - time_s[0])
     mean_hz = len(steps) / span if span > 0.0 else np.inf
     item = "row" if clock.startswith("column") else "message"
@@ -110,9 +110,9 @@ def require_plausible(path: Path, time_s: np.ndarray, clock: str, options: Repla
     median, lowest = float(np.median(steps)), min(LOWEST_HZ, 1.0 / options.max_gap_s)
     if all(hz > HIGHEST_HZ or hz < lowest for hz in (mean_hz, 1.0 / median)):
         raise UserError(
-            f"{path}: by {clock} there are {mean_hz:.4g} rows a second, {span:.4g} s in all;"
-            f" expected {lowest:g} to {HIGHEST_HZ:g} a second. If the unit is wrong, rename the"
-            " column: _s, _ms, _us or _ns"
+            f"{path}: according to {clock} there are {mean_hz:.4g} rows a second, {span:.4g} s in"
+            f" all; expected {lowest:g} to {HIGHEST_HZ:g} a second. If the unit is wrong, rename"
+            " the column: _s, _ms, _us or _ns"
         )
     row = int(np.argmax(steps))
     if steps[row] > MOST_GAP_S:
@@ -124,9 +124,9 @@ def require_plausible(path: Path, time_s: np.ndarray, clock: str, options: Repla
     most = np.sort(steps)[: -max(2, len(steps) // 100)]
     if len(steps) >= LEAST_ROWS and median < most.mean() / BURSTS:
         raise UserError(
-            f"{path}: the time stamps come in bursts: by {clock}, half of the rows follow the row"
-            f" before within {median * 1e3:.3g} ms, but there are only {mean_hz:.4g} rows per"
-            f" second{even}"
+            f"{path}: the time stamps come in bursts: according to {clock}, half of the time steps"
+            f" are at most {median * 1e3:.3g} ms, but there are only {mean_hz:.4g} rows per second"
+            f"{even}"
         )
 
 

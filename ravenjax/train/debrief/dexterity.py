@@ -2,8 +2,8 @@
 
 The measures use the true tips while the pedal is down, the session runs, and the operator drives
 the real robot, as `motion.resample_path` returns them. A *stretch* is a period of this time without
-a gap. A *movement* is the part of a stretch between two targets, or the whole stretch without them.
-docs/how-to/training-session-tools.md names the sources.
+a gap. A *movement* is the part of a stretch between two targets, or the whole stretch if the task
+has no targets. docs/how-to/training-session-tools.md names the sources.
 """
 
 import itertools

@@ -80,7 +80,7 @@ class Inbox:
         the session. `commands.toml` lists the keys of each command and the roles that may send it.
         """
         if len(message) > MAX_MESSAGE_BYTES:
-            raise RefusedMessage(f"{len(message)} bytes, expected {MAX_MESSAGE_BYTES} at most")
+            raise RefusedMessage(f"got {len(message)} bytes, expected {MAX_MESSAGE_BYTES} at most")
         try:
             content = _MESSAGE.validate_json(message).model_dump(exclude_none=True)
         except ValidationError as error:
@@ -105,13 +105,13 @@ class Inbox:
         # Refuses a message with numbers or names that this session does not have.
         for arm in content.get("arms", ()):
             if arm not in self.arms:
-                raise RefusedMessage(f"arm {arm}, the session has {' and '.join(self.arms)}")
+                raise RefusedMessage(f"got arm {arm}, expected {' or '.join(self.arms)}")
         if len(json.dumps(content.get("text", ""))) > MAX_NOTE_BYTES:
-            raise RefusedMessage(f"a note of more than {MAX_NOTE_BYTES} bytes")
+            raise RefusedMessage(f"got a note of more than {MAX_NOTE_BYTES} bytes")
         if name == "instructor cue" and self.blinded:
             raise RefusedMessage("the session is blinded, so instructors cannot set its cue")
         if content.get("hazard", -1) >= self.hazards:
-            raise RefusedMessage(f"hazard {content['hazard']}, the session has {self.hazards}")
+            raise RefusedMessage(f"no hazard {content['hazard']}: there are {self.hazards}, from 0")
         if "scenario" in content:
             # The scenario models are needed only once a session is over.
             from ravenjax.train.scenario import loading

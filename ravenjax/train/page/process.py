@@ -71,12 +71,12 @@ class Auth:
         # lead to this machine are unknown.
         is_known_name = name in (*LOOPBACK, self.host) and port == str(self.port)
         if not host or not (self.token is not None or is_known_name):
-            return f"host {host!r} is not this server's"
+            return f"the request is for host {host!r}, which is not this server"
         if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
             return f"origin {origin!r} is not this server's page"
         # A websocket, which has the header Upgrade, was checked by its origin.
         if header("Upgrade") is None and header("Sec-Fetch-Site") == "cross-site":
-            return "another site asks for it"
+            return "a page of another site sent the request"
         if self.token is None:
             return None
         tokens = [query_parameters(request.path).get("token", "")]
@@ -318,7 +318,8 @@ def _with_panel(client: str, head_tags: str, panel: str) -> str:
     for part in (_FIRST_TAG, head_tags, panel):
         if part not in text:
             raise RuntimeError(
-                f"viser {viser.__version__}: the page of its client lacks {part[:60]!r}"
+                f"viser {viser.__version__} is not supported: its page has no {part[:60]!r}."
+                " Install the version in requirements.lock"
             )
     return text
 

@@ -1,9 +1,9 @@
 """Runs `ravenjax play`: sends a recorded stream of a console's packets to a robot, byte for byte.
 
-The robot accepts packets of another console until two seconds after the last packet of the present
-one. So the player first repeats one packet until a force packet shows that the robot accepts it. A
-real Raven sends no force packets, so this phase ends after `REPEAT_S`. A robot accepts a pedal only
-after the pedal was up. So the player then sends packets with the pedal up for `LEAD_S`.
+A robot accepts a new console only two seconds after the last packet of the console before. So the
+player first repeats one packet until a force packet shows that the robot accepts it. A real Raven
+sends no force packets, so this phase ends after `REPEAT_S`. A robot accepts a pedal only after the
+pedal was up. So the player then sends packets with the pedal up for `LEAD_S`.
 """
 
 import contextlib

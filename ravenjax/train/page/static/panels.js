@@ -42,9 +42,9 @@ const DRIVERS = { nobody: "nobody", page: "the page", itp: "the ITP console", sc
 const MOST_GOALS = 20; // a larger number of goals is an unlimited supply, so it is not shown
 const BANNERS = {
   down: ["bad", "No connection", "The session does not answer. The pedal counts as up, so the robot holds still."],
-  stopped: ["bad", "Robot stopped", "The brakes hold it. Find the cause, then restart.", "Restart"],
+  stopped: ["bad", "Robot stopped", "The brakes hold the robot. Find the cause, then restart.", "Restart"],
   paused: ["wait", "Paused", "The instructor has paused the session."],
-  lost: ["bad", "Link to the robot lost", "No reports arrive, so its state is unknown. Its own time-out lifts the pedal. The page continues when reports arrive again."],
+  lost: ["bad", "Link to the robot lost", "No reports of the robot arrive, so its state is unknown. After a time-out the robot treats the pedal as up. The page continues when reports arrive again."],
   watcher: ["wait", "View only", "Another window holds the console."],
   scripted: ["wait", "View only", "A script drives this session."],
   keyless: ["bad", "Not an instructor", "This address has no instructor's token. Open the address that the terminal printed."],
@@ -189,7 +189,7 @@ export class Panels {
     known?.item.remove();
     const count = told ?? (known?.count ?? 0) + 1;
     const item = element("li", "alarm", this.time(tick), element("span", "", String(check).replaceAll("_", " ") + (count > 1 ? ` ×${count}` : "")));
-    item.title = `tripped ${count} times, once a millisecond and arm`;
+    item.title = `${count} trips, at most one per millisecond and arm`;
     this.alarms.set(check, { item, count });
     $("alarms").querySelector(".none")?.remove();
     $("alarms").prepend(item);

@@ -1,10 +1,9 @@
 """Connects a session to a robot that reports its state over ROS and is driven over ITP, such as a
 real Raven.
 
-Over ROS 1 the robot reports raven2's `ravenstate`, in the publisher's version. Over ROS 2 it
+Over ROS 1 the robot reports raven2's `ravenstate`, in any version of the message. Over ROS 2 it
 reports CRTK's `measured_js`, `setpoint_js` and `operating_state` of each arm. The session sends an
-E-stop as the `state_command` `disable`, and a restart as `home`. It cannot arm hazards on such a
-robot.
+E-stop as the `state_command` `disable`, and a restart as `home`. It cannot arm hazards there.
 """
 
 import time
