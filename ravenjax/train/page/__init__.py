@@ -11,7 +11,6 @@ import dataclasses
 import hmac
 import importlib
 import ipaddress
-import os
 import secrets
 import socket
 import threading
@@ -123,9 +122,7 @@ def run_when_told(session: Connection, listening: socket.socket) -> None:
     browsers show the texts that `session` sends, such as what the session waits for. The answer to
     the options is the port. The function returns when the session has ended.
     """
-    # viser and MuJoCo take seconds to import, and only the page's process needs them. MuJoCo draws
-    # nothing, so it needs no OpenGL.
-    os.environ["MUJOCO_GL"] = "disable"
+    # viser and MuJoCo take seconds to import, and only the page's process needs them.
     page = "ravenjax.train.page.process"
     importing = threading.Thread(target=importlib.import_module, args=(page,), daemon=True)
     importing.start()
