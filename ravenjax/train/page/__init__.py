@@ -25,8 +25,9 @@ from ravenjax.errors import UserError
 STATIC = Path(__file__).resolve().parent / "static"
 _PORTS = 100
 """Number of ports to try, from the requested port on."""
-_UNAVAILABLE = (
-    "HTTP/1.1 503 Service Unavailable\r\nContent-Type: text/html; charset=utf-8\r\n"
+# Not 503, which browsers report as an error.
+_WAITING = (
+    "HTTP/1.1 200 OK\r\nContent-Type: text/html; charset=utf-8\r\n"
     "Cache-Control: no-store\r\nConnection: close\r\nRefresh: 1\r\n\r\n"
 )
 _PATIENCE_S = 0.2
@@ -147,4 +148,4 @@ def _ask_to_wait(listening: socket.socket, text: str):
     with visitor, contextlib.suppress(OSError):
         visitor.settimeout(_PATIENCE_S)
         visitor.recv(1 << 16)
-        visitor.sendall((_UNAVAILABLE + text).encode())
+        visitor.sendall((_WAITING + text).encode())
