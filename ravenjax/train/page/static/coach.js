@@ -101,7 +101,7 @@ export class Coach {
       this.text.textContent =
         {
           hold: "Hold the tip in the pink circle.",
-          reached: "Goal reached. When the instrument moves on its own, lift the pedal.",
+          reached: `Goal reached. When the instrument moves on its own, lift the pedal. ${coarse() ? "“more” has Rehearse, to try" : "B lets you try"} a motion on the virtual robot first.`,
         }[said] ?? "";
     this.said = said;
   }

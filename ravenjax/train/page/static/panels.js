@@ -205,8 +205,10 @@ export class Panels {
     for (const lamp of $("runlevel").children) lamp.classList.toggle("on", lamp.dataset.level === level);
     const left = frame.number("left_ms");
     this.whole = Math.max(this.whole, left);
-    set("clock", clock(phase === "over" ? this.ran : (this.ran = this.whole - left)));
-    if (!this.started && left < this.left && this.left < Infinity) this.start(frame.number("session_tick") - this.ran); // it began before this page was open
+    const tick = frame.number("session_tick");
+    if (!this.started && left < this.left && this.left < Infinity) this.start(tick - this.whole + left); // it began before this page was open
+    if (phase !== "over") this.ran = this.started ? tick - this.zero : 0;
+    set("clock", clock(this.ran));
     this.left = left;
     set("left", clock(left));
     set("rate", `${rate} Hz`);
