@@ -201,12 +201,14 @@ export class Panels {
     const view = this.views[frame.number("view")] ?? "real";
     this.root.dataset.phase = phase;
     set("phase", phase);
-    const level = frame.number("link") === 1 ? String(frame.number("runlevel")) : ""; // the run level of a lost robot is unknown
+    const level = frame.number("link") === 1 && phase !== "over" ? String(frame.number("runlevel")) : ""; // the run level of a lost robot is unknown
     for (const lamp of $("runlevel").children) lamp.classList.toggle("on", lamp.dataset.level === level);
     const left = frame.number("left_ms");
     this.whole = Math.max(this.whole, left);
-    set("clock", clock(phase === "over" ? this.ran : (this.ran = this.whole - left)));
-    if (!this.started && left < this.left && this.left < Infinity) this.start(frame.number("session_tick") - this.ran); // it began before this page was open
+    const tick = frame.number("session_tick");
+    if (!this.started && left < this.left && this.left < Infinity) this.start(tick - this.whole + left); // it began before this page was open
+    if (phase !== "over") this.ran = this.started ? tick - this.zero : 0;
+    set("clock", clock(this.ran));
     this.left = left;
     set("left", clock(left));
     set("rate", `${rate} Hz`);
@@ -240,7 +242,7 @@ export class Panels {
     $("convert").disabled = over || waits;
     $("convert").title = !waits ? "stop using the robot and convert to open surgery" : "Not now: start the session with the pedal.";
     const hidden = this.root.classList.contains("all") && phase === "ready"; // "more" covers the pedal
-    set("virtual-note", not.rehearse && view === "real" ? `To rehearse: ${hidden ? `close “more”, ${not.rehearse}, then come back` : not.rehearse}.` : "");
+    set("virtual-note", not.rehearse && view === "real" && !over ? `To rehearse: ${hidden ? `close “more”, ${not.rehearse}, then come back` : not.rehearse}.` : "");
     if (this.role === "instructor") this.instructor(frame, phase);
     this.state = { phase, view, owner, down };
     this.banner();
