@@ -3,8 +3,7 @@ real Raven.
 
 Over ROS 1 the robot reports raven2's `ravenstate`, in the publisher's version. Over ROS 2 it
 reports CRTK's `measured_js`, `setpoint_js` and `operating_state` of each arm. The session sends an
-E-stop as the `state_command` `disable`, and a restart as `home`. It cannot arm hazards on such a
-robot.
+E-stop as the `state_command` `disable`, and a restart as `home`. It cannot arm hazards there.
 """
 
 import time
@@ -44,9 +43,8 @@ class RosRobot(RobotLink):
         super().__init__(host, itp_port)
         self._transport, self._say = transport, say
         self._arms: dict[str, ArmName] = {messages.ARM_NAMES[arm]: arm for arm in arms}
-        self._channels = {
-            f"{arm}/{name}": [0.0] * size for arm in arms for name, size in ARM_SIZES.items()
-        }
+        sizes = [(f"{arm}/{name}", size) for arm in arms for name, size in ARM_SIZES.items()]
+        self._channels = {channel: [0.0] * size for channel, size in sizes}
         self._motors = dict(zip(arms, map(motor_matrix, arms, tools), strict=True))
         self._missing = set(messages.state_topics(arms, transport.types.ros))
         self._levels: dict[ArmName, int] = {}
@@ -85,9 +83,8 @@ class RosRobot(RobotLink):
         # Stores the state of all arms, then the report. Angles arrive in degrees.
         # Versions of the message name the DAC counts differently, or lack them.
         counts = getattr(message, "dac_val", getattr(message, "current_cmd", np.zeros(16)))
-        joints = {
-            name: np.radians(getattr(message, name)) for name in ("jpos", "jpos_d", "mpos", "mvel")
-        }
+        names = "jpos", "jpos_d", "mpos", "mvel"
+        joints = {name: np.radians(getattr(message, name)) for name in names}
         for arm in self._arms.values():
             slot = ARMS.index(arm)
             for name, numbers in (joints | {"dac": counts}).items():
@@ -118,6 +115,8 @@ class RosRobot(RobotLink):
                     f"{arm}/mvel": [0.0] * 7 if jvel is None else (motors @ jvel).tolist(),
                     f"{arm}/position": tip_pose(arm, jpos)[0].tolist(),
                 }
+        # A report is complete when the last arm's joints arrive. The first report is complete when
+        # every message has arrived. CRTK does not send the number of the last packet: 0.
         was_missing = name in self._missing
         self._missing.discard(name)
         is_last = word == "measured_js" and alias == list(self._arms)[-1]
