@@ -286,7 +286,7 @@ def _in_seconds(path: Path, packets: RawPackets, profile: ConsoleProfile) -> Raw
     if not name:
         return packets._replace(clock="times of the capture")
     expected_hz, unit = profile.stream.rate_hz, name.rpartition("_")[2]
-    # The longest 2 % of steps are left out, because a pause does not indicate another unit.
+    # Without the longest 2 % of steps: a pause indicates no other unit. A single step stays.
     steps = np.sort(np.diff(times))[: math.floor(0.98 * (len(times) - 1)) or None]
     # A coarse clock may repeat times, so these steps may all be 0.
     usual_step = steps.mean() or times[-1] / len(times)

@@ -401,7 +401,7 @@ class Page:
 
     def _extras(self, frames: np.ndarray) -> np.ndarray:
         """Return float32 [arms, 5]: the greatest error_mm and force in these rows, then the desired
-        tip in the last row, m, in the arm's coordinate frame 0. So a short peak stays visible.
+        tip in the last row, m, in the arm's coordinate frame 0. Maxima keep short peaks visible.
         """
         out = np.zeros((len(self._layout.arms), 5), np.float32)
         for i, arm in enumerate(self._layout.arms):

@@ -213,7 +213,7 @@ def session_columns(header: Json) -> Json:
 
 def summarize_hazards(rows: Sequence[HazardRow]) -> Json:
     """Return counts, medians and extremes of a session's hazards, for session.json and the page.
-    Rates and scores are of the hazards that left room for a response. None: no such hazard.
+    Rates and scores are of hazards that left room for a response. A value is None without hazards.
     """
     activated = [row for row in rows if row.struck_ms is not None]
     answerable = [row for row in activated if row.outcome in LEFT_ROOM]
@@ -243,7 +243,7 @@ def summarize_hazards(rows: Sequence[HazardRow]) -> Json:
 
 
 def as_csv(columns: Sequence[str], rows: Iterable[Json]) -> str:
-    """Return the columns of the rows as CSV. An apostrophe precedes a spreadsheet's formula."""
+    """Return the columns as CSV. An apostrophe precedes text that a spreadsheet would compute."""
     out = io.StringIO()
     writer = csv.DictWriter(out, columns, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()

@@ -76,9 +76,9 @@ def record_session(
     header: Json,
     listening: Callable[[], None],
 ) -> None:
-    """Record until the session ends. frames_ring, events_ring: names of the rings. names: of the
-    numbers of a row, `FrameLayout.names`. header: content of session.json without "version",
-    "started" and "ended". listening: called once session.mcap exists. Raises StoreError.
+    """Record until the session ends. frames_ring, events_ring: names of the rings. names:
+    `FrameLayout.names`. header: content of session.json without "version", "started" and "ended".
+    listening: called once session.mcap exists. Raises StoreError if the folder cannot be written.
     """
     stopping = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: stopping.set())

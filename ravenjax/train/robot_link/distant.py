@@ -148,12 +148,13 @@ class DistantRobot:
                 numbers += frame[f"{arm}/{name}"].tolist()
         self._set_report([*numbers, report.runlevel, stopped])
         frame["live"] = observers.is_live(report.runlevel, stopped)
-        for check, is_stopped in (("soft_estop", stopped), ("estop", report.runlevel == E_STOP)):
+        is_stopped = {"soft_estop": stopped, "estop": report.runlevel == E_STOP}
+        for check in is_stopped:
             # A robot may not report its checks, so each new stop counts as a trip.
-            if is_stopped and not self._was_stopped[check]:
+            if is_stopped[check] and not self._was_stopped[check]:
                 stops = self._outcomes.get(f"check_{check}_count", 0) + 1
                 self._record_trips(check, stops, self.next_tick)
-            self._was_stopped[check] = is_stopped
+        self._was_stopped = is_stopped
         for check, (count, first_tick) in report.checks.items():
             # A robot of another version may have other checks.
             if check in _CHECKS:

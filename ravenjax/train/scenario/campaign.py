@@ -90,11 +90,9 @@ def right_responses(entry: Entry, hazard: library.Hazard | None) -> tuple[str, .
         applying = [name for word, name in expected if word in hazard.expected_class]
         # The first expected outcome that applies counts.
         names = hazard.scenarios or applying[:1]
+    responses = [response for name in names for response in _RESPONSES["hazards"][name]]
     # A dict keeps each response once, in order.
-    responses = {}
-    for name in names:
-        responses |= dict.fromkeys(_RESPONSES["hazards"][name])
-    return tuple(responses) or ("continue",)
+    return tuple(dict.fromkeys(responses)) or ("continue",)
 
 
 def session_campaign(scenario: Scenario, seed: int) -> CampaignConfig:

@@ -65,8 +65,8 @@ class Director:
 
     def step(self, tick: int, frame: Frame, clock: int) -> list[tuple[str, int]]:
         """Return the orders before this tick: [("arm" or "disarm", number of the hazard)], or []. A
-        hazard ends on the instructor's order, after its time, or if the pedal stays up and this is
-        a right response. The instructor's hazard goes first. frame: of the last tick. clock: ms.
+        hazard ends on the instructor's order, after its time, or if the pedal stays up as a right
+        response. The instructor's hazard goes first. frame: of the last tick. clock: session ms.
         """
         number, pedal = frame.number, frame.number("pedal")
         ready = (
@@ -109,7 +109,6 @@ class Director:
         self._ready_ms, self._earliest_tick = 0, tick + GAP_MS
 
 
-# Key of the new value in an event of this kind. For other kinds, the key is the kind itself.
 _VALUE_KEYS = {"console": "alive", "pedal": "down"}
 _DOUBLE_PRESS_COMMANDS = {
     protocol.REAL: "rehearse",
@@ -271,6 +270,7 @@ class Session:
             state["runlevel"] = int(self.frame.number("runlevel"))
         for kind, value in state.items():
             if value != self._reported_state.get(kind):
+                # An event of another kind has the new value under the kind itself.
                 key = _VALUE_KEYS.get(kind, kind)
                 self._record(kind, **{key: value})
         self._reported_state |= state

@@ -67,7 +67,7 @@ def make_blueprint(
 ) -> Blueprint:
     """Compile the session that `config` describes; its duration is the session's. packets: packets
     come from outside, at most one a tick. Raises UserError if a hazard then needs older packets.
-    limit_mm: the observer's limit. The campaign's has another use: run ids depend on it.
+    limit_mm: of the observer. The campaign's limit does not change, because run ids depend on it.
     """
     session_plan = plan.make_plan(config)
     program = session_plan.program

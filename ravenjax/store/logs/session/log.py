@@ -192,8 +192,9 @@ def event_text(event: Mapping[str, Any]) -> str:
     try:
         return _sentence(event["kind"]).render(event, robot=ROBOT)
     except (KeyError, TypeError, ValueError, jinja2.UndefinedError):
-        others = {name: event[name] for name in event if name not in ("kind", "tick")}
-        words = ", ".join(f"{name} {value}" for name, value in others.items())
+        words = ", ".join(
+            f"{name} {value}" for name, value in event.items() if name not in ("kind", "tick")
+        )
         return f"{event['kind']}: {words}" if words else str(event["kind"])
 
 

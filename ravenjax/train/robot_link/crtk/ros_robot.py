@@ -43,8 +43,9 @@ class RosRobot(RobotLink):
         super().__init__(host, itp_port)
         self._transport, self._say = transport, say
         self._arms: dict[str, ArmName] = {messages.ARM_NAMES[arm]: arm for arm in arms}
-        sizes = [(f"{arm}/{name}", size) for arm in arms for name, size in ARM_SIZES.items()]
-        self._channels = {channel: [0.0] * size for channel, size in sizes}
+        self._channels = {
+            f"{arm}/{name}": [0.0] * size for arm in arms for name, size in ARM_SIZES.items()
+        }
         self._motors = dict(zip(arms, map(motor_matrix, arms, tools), strict=True))
         self._missing = set(messages.state_topics(arms, transport.types.ros))
         self._levels: dict[ArmName, int] = {}
