@@ -54,7 +54,7 @@ class Follower:
 
     def messages(self, tick: int, frame: Frame) -> list[Command]:
         """Return the operator's commands before this tick. frame: of the previous tick. A stopped
-        robot is restarted. The reaction begins `TOUCH_DELAY_MS` after the begin of a force.
+        robot is restarted. The reaction begins `TOUCH_DELAY_MS` after a force begins.
         """
         pedal_down = frame.number("pedal")
         is_unmoved = pedal_down and frame.number("runlevel") != PEDAL_DOWN
