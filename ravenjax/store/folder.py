@@ -83,9 +83,8 @@ class ResultFolder:
             for what in finished:
                 if isinstance(what, parts.ForeignPart):
                     raise what
-        whole, over = parts.without_overlaps(
-            [part for part in finished if isinstance(part, parts.Part)], known
-        )
+        read = [part for part in finished if isinstance(part, parts.Part)]
+        whole, over = parts.without_overlaps(read, known)
         useless = {
             file.name: str(why)
             for file, why in zip(there, finished, strict=True)

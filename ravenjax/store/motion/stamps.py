@@ -35,8 +35,8 @@ def time_columns(names: Iterable[str], stems: tuple[str, ...] = NAMES) -> list[s
     return [name for name in names for stem in stems for unit in UNITS if name == f"{stem}_{unit}"]
 
 
-def seconds_since_first(values: np.ndarray) -> np.ndarray:
-    """Return times relative to the first, in their unit.
+def times_since_first(values: np.ndarray) -> np.ndarray:
+    """Return the times `values` relative to the first, in the same unit.
 
     Integers are subtracted before the conversion to double precision, which cannot represent
     nanoseconds since 1970 exactly.
@@ -63,21 +63,22 @@ def sample_times(
         )
     if rate_hz is None:
         return seconds, clock, ()
-    rate = options.written("rate_hz", f"{rate_hz:g}")
+    # The option as the user writes it, for messages.
+    rate_text = options.written("rate_hz", f"{rate_hz:g}")
     if seconds is None:
-        return None, rate, ()
+        return None, rate_text, ()
     span, stated = float(seconds[-1] - seconds[0]), (rows - 1) / rate_hz
     if not abs(span - stated) <= RATES_AGREE * stated:
         slow_down = options.written("slow_down", "2.0")
         slower = f". To replay more slowly, write {slow_down}" if slow_down else ""
         mean = f"{(rows - 1) / span:.4g} rows a second" if span > 0 else "all rows at one time"
         raise UserError(
-            f"{path}: with {rate}, {rows} rows last {stated:.4g} s; according to {clock} {span:.4g}"
-            f" s ({mean}); expected agreement within {100 * RATES_AGREE:g} %. Write the rate of the"
+            f"{path}: with {rate_text}, {rows} rows last {stated:.4g} s; according to {clock}"
+            f" {span:.4g} s ({mean}); expected agreement within {100 * RATES_AGREE:g} %. Write the rate of the"
             f" recording, or remove its times{slower}"
         )
-    note = f"{clock} is not used, because {rate} spaces rows evenly; it spans {span:.3f} s"
-    return None, rate, (note,)
+    note = f"{clock} is not used, because {rate_text} spaces rows evenly; it spans {span:.3f} s"
+    return None, rate_text, (note,)
 
 
 def require_plausible(path: Path, time_s: np.ndarray, clock: str, options: ReplayOptions) -> None:
@@ -138,13 +139,14 @@ def find_gaps(time_s: np.ndarray) -> list[tuple[int, float, float]]:
 
 
 def _correction(time_s: np.ndarray, back: np.ndarray, item: str) -> str:
-    """Return advice for times [T] that go back after the rows `back`."""
+    """Return advice for times [T] that go back after the rows `back`. item: "row" or "message"."""
     if back.size > len(time_s) // 20:
         return f"Sort the {item}s by time"
     row = int(back[0])
-    # Wrong times lie between right ones. A clock that was set back needs a while to catch up.
-    around = time_s[max(row - 1, 0)], time_s[min(row + 4, len(time_s) - 1)]
-    if time_s[row + 1] > around[0] or time_s[row] < around[1]:
+    earlier, later = time_s[max(row - 1, 0)], time_s[min(row + 4, len(time_s) - 1)]
+    # First case: only the time of `row` is wrong. Second case: at most three times after `row` are
+    # wrong. After a clock was set back, in contrast, many later times are below the time of `row`.
+    if time_s[row + 1] > earlier or time_s[row] < later:
         return f"Remove the {item}s with wrong times, or correct their times"
     return "Cut the file there"
 

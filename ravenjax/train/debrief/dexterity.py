@@ -43,7 +43,7 @@ def measure_dexterity(course: Recording) -> Json:
     for arm in course.layout.arms:
         tip = course[f"{arm}/tip"]
         paths = [motion.resample_path(course.ms[a:b], tip[a:b]) for a, b in stretches]
-        # The empty array is for a session without a stretch, as nothing cannot be concatenated.
+        # `np.concatenate` needs at least one array, also for a session without a stretch.
         speeds.append(np.concatenate([*map(motion.tip_speed, paths), np.zeros(0)]))
         measures["arms"][arm] = {
             "path_mm": 1e3 * sum(map(motion.path_length, paths)),

@@ -150,7 +150,8 @@ class _Hand:
         if v[6]:
             low, high = GRASP_MRAD
             wanted = self._grasp_mrad + v[6] * self._grasp_step
-            # A console's increments may have left the limits. The jaws then move only back.
+            # A console's increments may have moved the jaws beyond a limit. The present position is
+            # then the limit, so that the jaws can only move back.
             low, high = min(low, self._grasp_mrad), max(high, self._grasp_mrad)
             self._grasp_mrad = min(max(wanted, low), high)
         if v[3] or v[4] or v[5]:
