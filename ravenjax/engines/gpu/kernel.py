@@ -7,15 +7,15 @@ group, and the numbers that are equal in a group are computed once for the group
     shared_run      advances each group by some ticks and writes one row of numbers per tick
     lane_begin      computes the first state of each lane from its inputs; one thread per lane
     lane_branch     sets the state of the lanes of some warps from snapshots
-    lane_run        advances each lane by the same ticks and reads its group's rows, from the first
-                    tick of its block to the lane's end
+    lane_run        advances each lane by the same ticks and reads its group's row in each tick
     lane_finish     writes the results of each lane
     group_snapshot  copies the state of the first group; one thread per number
     lane_snapshot   copies the state of the first lane; one thread per number
 
-A lane that has ended waits for the other lanes of its block, while its group continues. The lane's
-results need numbers of the group's state at the lane's last tick. That tick therefore stores these
-numbers in the buffer `saved`. A row contains the same numbers.
+For example, 100 faults of one golden run may be 100 lanes of one group. `shared_run` computes 500
+ticks of what they share and writes 500 rows. `lane_run` then computes the 100 lanes and reads these
+rows. A lane may end before the last of these ticks, while its group continues. The results of the
+lane also need the group's numbers of that tick, so `lane_run` copies them to the buffer `saved`.
 
 This file also defines the layout of the buffers. Every number takes a 32-bit word. Lanes fill whole
 blocks of threads, and the lanes of a warp belong to one group. Inputs, `saved` and results of lanes

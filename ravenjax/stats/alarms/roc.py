@@ -1,5 +1,4 @@
-"""Measures how well a score separates harmful from harmless runs, by ROC and precision-recall
-curves.
+"""Measures by ROC and precision-recall curves how a score separates harmful and harmless runs.
 
 A run has an alarm at a threshold if its score is at least the threshold. A score of -inf never
 gives an alarm. Labels are bool: True for a run that should have an alarm.

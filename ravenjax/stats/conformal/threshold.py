@@ -2,21 +2,21 @@
 confidence.
 
 The score of an operation is its maximum over time, so an operation has an alarm if its score
-exceeds the threshold. The sampled units are operators, each with some robots. A unit's loss is the
-mean over its operations (`target`), in 0..1, and losses of units are independent. The risk of a
-threshold is the expected loss of a new unit.
+exceeds the threshold. The sampled units are operators, each with some robots. The loss of a unit,
+0 to 1, is about the share of its operations with an alarm (`FalseAlarmTarget` defines it). Losses
+of units are independent. The risk of a threshold is the expected loss of a new unit.
 
 The hypothesis that the risk is above the target is tested at 1 - confidence. A threshold is
-accepted if the test rejects this hypothesis. Risk falls with the threshold. So the smallest
-threshold for which it and all higher thresholds are accepted keeps the target with that confidence.
-This is true over the draw of the units and for any distribution of the scores (Bates et al., J. ACM
-68, 2021, theorem 1).
+accepted if the test rejects this hypothesis. The risk falls with the threshold. The function takes
+the smallest threshold at and above which all thresholds are accepted. With the stated confidence
+over the draw of the units, its risk is below the target, for any distribution of the scores (Bates
+et al., J. ACM 68, 2021, theorem 1).
 
-The test is by betting (`excess_p`). It is valid for losses of any distribution and needs fewer
-units the less they differ. With one operation per unit, whose loss is 0 or 1, the test is exact. It
-then equals the order statistic of Wilks (Ann. Math. Stat. 12, 1941): as many alarms among n as the
-binomial tail allows. Units with several operations are clusters and are counted as units.
-`first_operations` takes one operation of each unit (Dunn, Wasserman, Ramdas, JASA 118, 2023).
+The test is by betting (`excess_p`). It is valid for losses of any distribution. If the losses of
+units differ little, fewer units are enough. With one operation per unit and a loss of 0 or 1, the
+test is an exact binomial test, and the threshold is the order statistic of Wilks (Ann. Math. Stat.
+12, 1941). Units with several operations are clusters and count as units. `first_operations` takes
+one operation of each unit, called subsampling by Dunn, Wasserman, Ramdas (JASA 118, 2023).
 """
 
 from __future__ import annotations
@@ -228,7 +228,7 @@ def signal_scales(peaks: np.ndarray) -> np.ndarray:
     has scale 1. Raise ValueError without operations, or if a maximum is infinite or NaN.
     """
     if not len(peaks) or not np.isfinite(peaks).all():
-        raise ValueError("scales need finite maxima of at least one operation")
+        raise ValueError("got no operation, or an infinite or NaN maximum of a signal: no scales")
     scales = np.quantile(peaks, SCALE_QUANTILE, axis=0)
     # A signal that hardly changes in one segment gets a scale above 0 there.
     largest = scales.max(axis=-1, keepdims=True)

@@ -11,7 +11,7 @@ plain sample with the effective number of runs (`stratified_rate`), at 1 - (1 - 
 This interval is approximate.
 
 Runs count as independent draws. A table that is itself the population, such as a shuffled grid, is
-drawn without replacement, so its intervals are too wide. `analysis/stopping` simulates both.
+drawn without replacement, so its intervals are too wide; `analysis/stopping` simulates this case.
 """
 
 import dataclasses
