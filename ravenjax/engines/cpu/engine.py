@@ -99,7 +99,7 @@ class SimdKernel(traced.PrintedKernel):
         for number in range(group.max() + 1):
             members = np.flatnonzero(group == number)
             # The last lane is repeated to fill whole vectors.
-            padded = np.pad(members, (0, self.size(len(members)) - len(members)), "edge")
+            padded = np.pad(members, (0, -len(members) % self.width), "edge")
             course = self._course(block, padded, grouped)
             first, last = (0, ticks) if keep_outputs else (course.first, course.last)
             # A group that is the whole block writes into the large array `out` without a copy.

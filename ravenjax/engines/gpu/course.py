@@ -109,7 +109,7 @@ def plan_course(
     warp_begins = np.zeros(len(needed), np.int64)
     for number, trunk in enumerate(trunks):
         is_member = places.group == number
-        if trunk is not None:
+        if trunk:
             warp_begins[is_member] = trunk.start_ticks(needed[is_member])
     begins = warp_begins.reshape(-1, threads // WARP).min(axis=1)
     block_ends = thread_ends.reshape(-1, threads).max(axis=1)
