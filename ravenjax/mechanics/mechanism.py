@@ -113,7 +113,7 @@ def read_mechanism(model: mujoco.MjModel, tip: str) -> Mechanism:
     carrier = index_of[int(model.body_jntadr[body] + model.body_jntnum[body] - 1)] if body else -1
     home_positions = Vec(link.reference for link in links)
     tip_at_home = Vec(data.site(tip).xpos.tolist())
-    # For `step_by_mjx`, which gets the actuators' torques from the robot's controller.
+    # For `step_by_mjx`. The code of a robot computes its actuators and applies its limits.
     passive_model = copy.copy(model)
     passive_model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     passive_model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT

@@ -204,8 +204,8 @@ def arm_distances(
     standing = norm(tip - golden_tip + arm.missed)
     deviation = jnp.minimum(golden, model)
     unintended = jnp.minimum(deviation, standing)
-    # Motion is lost if most of the deviation is missed motion, or if only without missed motion it
-    # is within the limit.
+    # Motion is lost if most of the deviation is missed motion, or if the deviation is above the
+    # limit only because of missed motion.
     mostly_missed = 2.0 * standing < deviation
     otherwise_missed = (deviation > params.limit) & ~(unintended > params.limit)
     return Distances(

@@ -211,7 +211,7 @@ def _solve_depth(arm: str, wrist: _Wrist, axes: _Axes, depth: Scalar) -> _BendPa
     # From the origin of frame 4 to the jaw axis, in units of Lw
     to_jaw = wrist.to_jaw + (insertion_axis - z3) * (distance * (1.0 / LW))
 
-    # The direction of x4 gives theta4. It follows from v = factor x4 + along_z3 z3, where v is
+    # theta4 is the angle to x4, the x axis of frame 4. From v = factor x4 + along_z3 z3, where v is
     # to_jaw = c5 x4 + s5 z3, or if this is almost parallel to z3, z6 = s5 x4 - c5 z3
     c5, s5 = -dot(z3, z6), dot(z3, to_jaw)
     uses_jaw = jnp.abs(c5) > SINGULAR_BOUND
@@ -225,7 +225,7 @@ def _solve_depth(arm: str, wrist: _Wrist, axes: _Axes, depth: Scalar) -> _BendPa
     return _BendPair(
         axis=Vec((x, y)),
         theta2=Vec((c2, s2)),
-        # factor (v - along_z3 z3), along m x z3 and along m = z1 x z3
+        # Of factor (v - along_z3 z3) = factor^2 x4, the components along m x z3 and m = z1 x z3
         roll=Vec(((z3[2] * along_z3 - vz) * factor, (z3[0] * vy - z3[1] * vx) * factor)),
         d3=distance - D4,
         theta5=jnp.atan2(s5, c5),

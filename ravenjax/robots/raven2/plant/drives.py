@@ -191,10 +191,10 @@ def eliminate_motor(
 ) -> EliminatedMotor:
     """Return the motor's speed and the cable's force as functions of the link's speed.
 
-    With the link's speed v, the motor's speed w at the end of the step solves resistance w =
-    known_torque + coupling (v - w). So w = (known_torque + coupling v) inverse, and `stretch_rate`
-    w - v = (known_torque - resistance v) inverse. It and `force` are those at v = link_speed.
-    `stiffening` is the loss of force per gain of v.
+    At the end of the step, resistance w = known_torque + coupling (v - w), with the speeds w of the
+    motor and v of the link. So w = (known_torque + coupling v) inverse and w - v = (known_torque -
+    resistance v) inverse, where inverse is 1 / (resistance + coupling). `stretch_rate` (w - v) and
+    `force` are those at v = link_speed. `stiffening`: loss of force per gain of v.
 
     inertia_rate: Im/dt, N m s/rad. viscous, coulomb: friction, N m s/rad and N m. drive: torque, N
     m. speed, link_speed: of motor and link, rad/s of motor angle, at the start of the step.
