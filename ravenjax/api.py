@@ -65,8 +65,7 @@ def simulate(campaign: AnyCampaign, run: str | int = 0, engine: str = "auto") ->
 
     The dataset has one variable per quantity, with attrs units and long_name. Coordinates are time
     (s), arm, joint, axis, fault and cue: `simulate(c, 42)["tip"].sel(arm="gold", axis="z")`. Its
-    attrs contain the run's index, id and outcomes. run: index, run id, or its first letters. Raise
-    UserError.
+    attrs: index, id and outcomes. run: index, run id, or its first letters. Raise UserError.
     """
     config = _config(campaign)
     replay = Replayer(config, engine).replay(run)
@@ -93,10 +92,10 @@ def explain(
 
     The table has a row for each run and each signal that differs from the golden run, in the
     robot's order of signals. Columns: run_id, index, layer, arm, seam (name of the signal);
-    differs_ms, time of the first difference in any bit, and differs_in, its number; leaves_ms and
-    leaves_in, the same for leaving the normal range (-1: never); harm_ms, start of the run's hazard
-    (-1: no hazard); left_ms, harm_ms minus leaves_ms (NaN if either is missing). attrs name the
-    engine.
+    differs_ms, time of the first difference in any bit; differs_in, the element of the signal that
+    differs first; leaves_ms and leaves_in, the same for leaving the normal range (-1: never);
+    harm_ms, start of the run's hazard (-1: no hazard); left_ms, harm_ms minus leaves_ms (NaN if
+    either is missing). attrs name the engine.
 
     campaign: see `run`, or a result folder. runs: index, run id, or first letters of a run id, or a
     list of these; None: every run with a fault. Raise UserError, and StoreError.
@@ -180,13 +179,13 @@ def check_monitor(
     level: float = 0.05,
     seed: int = 0,
 ) -> pd.DataFrame:
-    """Test whether the scores of new fault-free operations have the distribution of a monitor's
-    calibration.
+    """Test whether scores of new fault-free operations have a monitor's calibrated distribution.
 
-    The table has one row per score, the joint score first. Columns: score, place (median rank among
-    the calibration's scores, 0 to 1), p, adjusted (p adjusted for all scores together), martingale,
-    shifted. sources: as for `ravenjax monitor check`. attrs: units, operations, hours, alarms,
-    level. Raise UserError and StoreError.
+    The table has one row per score, the joint score first. Columns: score; place, median rank among
+    the calibration's scores (0 to 1); p; adjusted, p adjusted for all scores together; martingale,
+    largest value of the test martingale; shifted, whether adjusted is at most `level`. attrs: level
+    and the new units, operations, hours and alarms. sources: as for `ravenjax monitor check`. Raise
+    UserError and StoreError.
     """
     from ravenjax.analyses.monitors import checking
 

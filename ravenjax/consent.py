@@ -1,7 +1,6 @@
 """Refuses to run Python code that a campaign file names, until the user has agreed to it.
 
-Such code is a user's file, such as a check, or the module of a robot. The user agrees to code in
-one of these ways:
+Such code is a user's file (a check) or a robot's module. The user agrees in one of these ways:
 
 - A command names a campaign file by its path, and the code belongs to the user and lies in the
   folder of the campaign file. The module of a robot may lie anywhere in Python's search path.
@@ -57,6 +56,7 @@ def require_consent(path: Path, content: bytes, robot: Sequence[Path] = ()) -> N
     # A robot's module may lie anywhere, if any folder is trusted.
     in_trusted_folder = any(robot or resolved.is_relative_to(folder) for folder in _FOLDERS.get())
     files = robot or [resolved]
+    # The code may run if all code is trusted, if its folder and owner are, or if it ran before.
     if trusts_all or (in_trusted_folder and all(file.stat().st_uid in OWNERS for file in files)):
         # If the hash cannot be stored, the user must agree again next time.
         with contextlib.suppress(OSError):

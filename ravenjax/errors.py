@@ -92,10 +92,10 @@ _UNITS = {
 
 
 def suggest_unit(key: str, value: Any, low: float = -math.inf, high: float = math.inf) -> str:
-    """Return `. If this is in radians, write 57.3` for a number, or for a list of numbers, that has
-    probably another unit than the end of its key states.
+    """Return a hint such as `. If this is in radians, write 57.3`. value: a number or a list of
+    numbers. The end of `key`, such as "_deg", states the unit that is expected.
 
-    Return "" if the number would not lie between `low` and `high` in the other unit.
+    Return "" if a number would not lie between `low` and `high` in the other unit.
     """
     unit, factor = _UNITS.get(key.rpartition("_")[2], ("", 0.0))
     several = isinstance(value, list | tuple)
@@ -113,6 +113,7 @@ def suggest_unit(key: str, value: Any, low: float = -math.inf, high: float = mat
 def _allowed_range(model: type[BaseModel], key: str) -> tuple[float, float]:
     # Returns the smallest and the largest number that a table permits for a key.
     schema = json.dumps(model.model_json_schema()["properties"].get(key))
+    # The pattern finds the numbers of "minimum" and "exclusiveMinimum", and of the maxima.
     low, high = (
         [float(text) for text in re.findall(rf'{end}imum": ([-+.\de]+)', schema, re.IGNORECASE)]
         for end in ("min", "max")

@@ -5,8 +5,8 @@ a compiled module is being imported, the import fails. About one signal in 100 t
 these errors in a campaign.
 
 Therefore a signal is delayed. Its exception is raised when the main thread waits for other threads
-or begins a new step. Code that does not return for a long time, such as a compiler that runs for
-minutes, ends with the process.
+or begins a new step. If neither happens within `GRACE_S`, for example because a compiler runs for
+minutes, the process ends.
 """
 
 import concurrent.futures
@@ -145,7 +145,8 @@ def limit_shutdown_time(message: str, grace_s: float = GRACE_S) -> Iterator[None
 
 
 def _enforce_exit(receiver: socket.socket, message: str, grace_s: float):
-    # Ends the process if the block of `limit_shutdown_time` runs for grace_s after a signal.
+    # Ends the process if the block of `limit_shutdown_time` runs for grace_s after a signal. The
+    # receiver gets a byte with the number of each signal of the process.
     with receiver:
         while received := receiver.recv(1):
             if received[0] in SIGNALS and not _closed_within(receiver, grace_s):

@@ -49,7 +49,7 @@ def main(campaign: str, runs: int) -> None:
     tracer = selection.select_engine("simd", ready.program.setup.precision).tracer(ready.program, 1)
     rng, ticks = np.random.default_rng(0), ready.program.ticks
     rows = np.sort(rng.choice(np.flatnonzero(ready.acts < ticks), runs, replace=False))
-    ended = span.last_observed_ticks(ready.faults, ticks, 0, ready.clocks)
+    ended = span.observation_ends(ready.faults, ticks, 0, ready.clocks)
     golden: dict[int, tuple[np.ndarray, np.ndarray]] = {}
     back, idle, saved = 0, 0, 0
     for row in rows.tolist():

@@ -196,7 +196,7 @@ def main(seconds: float = 7.0, xla: bool = False) -> None:
     logged = virtual_log.recorded(base, wanted, hidden, virtual_log.swept(round(seconds * 1e3)))
     log = logged.log._replace(cycles=np.arange(len(logged.log.desired)))
     setup = replays.setup_of(logged.setup, "gold", logged.controller, wanted)
-    smooth = dataclasses.replace(setup, whole=False)
+    smooth = dataclasses.replace(setup, whole_counts=False)
     probes = np.vstack([np.eye(count), -np.eye(count)])
 
     def differences(setup: ReplaySetup, size: float) -> Callable[[], np.ndarray]:

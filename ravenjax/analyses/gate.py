@@ -7,8 +7,7 @@ It fails if no part of the interval does, and is undecided otherwise.
 The intervals are those of `ravenjax compare`: paired over distinct faults (Bonett and Price 2012),
 and clustered if a fault has several pairs. Enumerated faults have no interval, so their difference
 alone is compared with the margin. False cues per hour are compared as two independent results. The
-interval of their difference combines two exact Poisson intervals by square-and-add (Zou and Donner
-2008).
+interval of their difference combines exact Poisson intervals by square-and-add (Zou, Donner 2008).
 """
 
 import contextlib

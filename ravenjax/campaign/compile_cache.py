@@ -33,8 +33,7 @@ _HASH_BYTES = 32
 def cache_folder(kind: str) -> Path | None:
     """Return the cache folder for a kind of code, and create it if needed.
 
-    Return None if the cache is off or cannot be created. Raise UserError if other users may write
-    into the folder.
+    Return None if the cache is off or cannot be created. Raise UserError if others can write to it.
     """
     configured = os.environ.get(VARIABLE, "")
     if configured.lower() == "off":
@@ -89,8 +88,7 @@ def object_cache() -> MutableMapping[str, bytes] | None:
 
 
 def cached_engine(name: str, precision: Precision, ticks: int | None = None) -> Engine:
-    """Return the engine `name`, with this cache for its traces and compiled code. ticks: see
-    `selection.select_engine`.
+    """Return the engine `name`, with this cache for its code. ticks: see `selection.select_engine`.
 
     Raise UserError for an engine that cannot run.
     """

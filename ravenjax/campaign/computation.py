@@ -1,13 +1,10 @@
-"""Computes the runs of a campaign on an engine, in parallel blocks, together with their golden
-runs.
+"""Computes the runs of a campaign on an engine, in parallel blocks, with their golden runs.
 
 Up to the first tick in which a fault may act, a run equals its golden run. If enough runs share a
 golden run, they start from checkpoints of it. Rows are returned in order, one window of rows at a
 time. While the last blocks of a window are computed, other threads already begin the next window.
 So no thread waits for the slowest block.
 """
-
-from __future__ import annotations
 
 import copy
 import dataclasses
@@ -81,7 +78,7 @@ class Computation:
         interruption.check_interruption()
         self.progress.began(time.perf_counter() - start)
 
-    def of(self, plan: Plan) -> Computation:
+    def of(self, plan: Plan) -> "Computation":
         """Return a computation of other rows of the same program, with the same kernel."""
         computation = copy.copy(self)
         computation.plan = plan
@@ -90,8 +87,8 @@ class Computation:
     def blocks(self, ranges: Sequence[range]) -> Generator[OutcomePair]:
         """Yield the outcomes of the rows of `ranges`, and those of their golden runs, in order.
 
-        Each item is a window of rows. Close the generator to cancel the work in progress. Use the
-        generator inside `interruption.delay_signals`.
+        Each item is a window of rows. Close the generator to cancel the work. Use the generator
+        inside `interruption.delay_signals`. With `whole`, no run starts from a checkpoint.
         """
         self._fast_forward = FastForwardPlan(self.plan, 0 if self.whole else self.kernel.branches)
         self._fault_free_outcomes: list[Columns] = []
@@ -189,19 +186,19 @@ class Computation:
         self.progress.ticks(ticks)
 
     def _window_limits(self, chunk: int) -> WindowLimits:
-        # Returns the largest sizes of windows and blocks, for files of `chunk` rows. A file can be
-        # written when all windows with its rows are finished.
+        # Returns the largest sizes of windows and blocks, for files of `chunk` rows.
         program, lanes = self.plan.program, self.kernel.lanes
-        setup = program.setup
-        numbers = program.ticks * program.loop.series_length(setup)
-        series_bytes = numbers * np.dtype(setup.precision.real).itemsize
+        numbers = program.ticks * program.loop.series_length(program.setup)
+        series_bytes = numbers * np.dtype(program.setup.precision.real).itemsize
         golden_bytes = series_bytes
         if self._fast_forward.uses_checkpoints.any():
             golden_bytes += snapshot_bytes(program.ticks)
         blocks = max(self.threads, min(BLOCKS_PER_THREAD * self.threads, MAX_WINDOW_ROWS // lanes))
+        # Checkpoints save more ticks in larger windows, see SORTED_ROWS.
         if self.kernel.branches:
-            ticks = max(1.0, float((self.plan.ends - self.plan.acts).mean()))
-            blocks = max(blocks, int(min(SORTED_ROWS, SORTED_TICKS / ticks)) // lanes)
+            ticks_per_row = max(1.0, float((self.plan.ends - self.plan.acts).mean()))
+            blocks = max(blocks, int(min(SORTED_ROWS, SORTED_TICKS / ticks_per_row)) // lanes)
+        # A file waits for all windows with its rows, so a window has no more rows than a file.
         blocks = min(blocks, max(self.threads, -(-chunk // lanes)))
         # On a CPU, each thread may copy series at the same time.
         memory, copies = GOLDEN_BYTES, self.threads
@@ -225,8 +222,8 @@ class Computation:
         self, pool: ThreadPoolExecutor, window: Window, earlier: GoldenRuns | None
     ) -> GoldenRuns:
         # Returns the golden runs of a window, of which `pool` may still compute some. earlier:
-        # golden runs of the window before; those that this window shares are not computed again.
-        # Each golden run has the parameters of the first row that belongs to it.
+        # those of the window before; shared ones are not computed again. Each golden run has the
+        # parameters of the first row that belongs to it. Branches: their checkpoints.
         numbers, first = np.unique(self.plan.golden[window.rows], return_index=True)
         rows = window.rows[first]
         is_known = np.isin(numbers, () if earlier is None else earlier.numbers)
@@ -274,40 +271,41 @@ class Computation:
         return Branches(trunk, ends, outcomes.select_golden_outcomes(columns))
 
     def _golden_outcomes(self, rows: np.ndarray, golden_runs: GoldenRuns) -> Columns:
-        # Returns the outcomes that the golden run of each row has at the end of the row's run. Runs
-        # may end at different ticks. For each such tick, a golden run is computed only once.
+        # Returns the outcomes that the golden run of each row has at the end of the row's run. A
+        # golden run is computed until the last of its runs ends. For a run that ends earlier, the
+        # outcomes come from its Branches, or the golden run is computed again up to this end.
         computed = golden_runs.computed.result()
         golden, ends = self.plan.golden[rows], self.plan.ends[rows]
-        # Rows whose outcomes are still those at a later end of the golden run.
-        early = self._fast_forward.ends_early[rows]
-        if len(computed.numbers) == 1 and not early.any():
+        missing = self._fast_forward.ends_early[rows]
+        if len(computed.numbers) == 1 and not missing.any():
             return {
                 name: np.broadcast_to(values, len(rows))
                 for name, values in computed.outcomes.items()
             }
         columns = take_rows(computed.outcomes, np.searchsorted(computed.numbers, golden))
-        for number in np.unique(golden[early]).tolist():
+        for number in np.unique(golden[missing]).tolist():
             if number in golden_runs.branches:
                 branches = golden_runs.branches[number].result()
-                of_number = early & (golden == number)
-                early &= ~of_number
-                end_indices = np.searchsorted(branches.ends, ends[of_number])
+                found = missing & (golden == number)
+                missing &= ~found
+                end_indices = np.searchsorted(branches.ends, ends[found])
                 for name, values in branches.outcomes.items():
-                    columns[name][of_number] = values[end_indices]
-        if early.any():
-            # One number for each pair of golden run and end.
-            pairs = golden[early] * (1 + self.plan.program.ticks) + ends[early]
+                    columns[name][found] = values[end_indices]
+        if missing.any():
+            # One number for each pair of golden run and end, so that no pair is computed twice.
+            pairs = golden[missing] * (1 + self.plan.program.ticks) + ends[missing]
             _, first, pair_of_row = np.unique(pairs, return_index=True, return_inverse=True)
-            block = self._block(rows[early][first], computed, harmless=True)
+            block = self._block(rows[missing][first], computed, harmless=True)
             result = self.kernel.run(block, self.plan.columns)
             for name, values in columns.items():
-                values[early] = result.outcomes[name][pair_of_row]
+                values[missing] = result.outcomes[name][pair_of_row]
         return columns
 
     # --- blocks ---
 
     def _compute_faulty_runs(self, rows: np.ndarray, golden_runs: GoldenRuns) -> OutcomePair:
-        # Computes runs with faults. Runs start from checkpoints of their golden run, if available.
+        # Computes runs with faults. A run starts from the trunk of its golden run: its checkpoints.
+        # The trunk is None if the golden run has no checkpoints or none of these runs uses it.
         # The lanes that fill the block are additional work.
         self.progress.more_due((self.kernel.size(len(rows)) - len(rows)) * self.plan.program.ticks)
         computed = golden_runs.computed.result()
@@ -328,6 +326,7 @@ class Computation:
         # the rows are golden runs. harmless: leave out all faults.
         plan = self.plan
         row_of_lane = self._fill_lanes(rows)
+        # Index of each lane's golden run in `computed`.
         golden = None
         if computed is not None:
             golden = np.searchsorted(computed.numbers, plan.golden[row_of_lane])

@@ -5,8 +5,6 @@ runs share a golden run, it is computed a second time with checkpoints, and thes
 the checkpoints. If each run has a different golden run, checkpoints would save no time.
 """
 
-from __future__ import annotations
-
 from concurrent.futures import Future
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -30,7 +28,7 @@ class Computed(NamedTuple):
     reference: np.ndarray  # [ticks, series, golden runs]
     outcomes: Columns  # outcome -> [golden runs]
 
-    def select_lanes(self, numbers: np.ndarray) -> Computed:
+    def select_lanes(self, numbers: np.ndarray) -> "Computed":
         """Return those of these golden runs whose numbers are in `numbers`."""
         mask = np.isin(self.numbers, numbers)
         outcomes = take_rows(self.outcomes, mask)
@@ -38,8 +36,8 @@ class Computed(NamedTuple):
 
     @staticmethod
     def join(
-        parts: list[Future[Computed]], earlier: Future[Computed] | None, numbers: np.ndarray
-    ) -> Computed:
+        parts: "list[Future[Computed]]", earlier: "Future[Computed] | None", numbers: np.ndarray
+    ) -> "Computed":
         """Join the golden runs of `parts` and those golden runs of `earlier` that are in `numbers`.
         `numbers`: numbers of all golden runs of the result, ascending. The list `parts` is emptied,
         so that memory of the large time series is released early.
@@ -112,11 +110,12 @@ class FastForwardPlan:
         """Whether runs start from checkpoints of each golden run, bool [golden runs]."""
         if not self._lanes:
             return np.zeros(self._golden_count, bool)
-        # With checkpoints, a run need not be computed up to its fault. The golden run need not be
-        # computed once more up to the early end of a run, to get its outcomes there.
+        # Checkpoints save the ticks of a run before its fault. For a run that ends early, they also
+        # save a golden run up to this end, which would be needed for its outcomes there. The cost
+        # is one golden run with checkpoints, up to the last of these ticks.
         early_ends = np.where(self.ends_early, self._plan.ends, 0)
-        ticks = np.bincount(self._plan.golden, self._plan.acts + early_ends, self._golden_count)
-        saved = ticks / self._lanes
+        saved_of_run = self._plan.acts + early_ends
+        saved = np.bincount(self._plan.golden, saved_of_run, self._golden_count) / self._lanes
         cost = np.maximum(self.last_act, self._largest_of_runs(early_ends))
         return saved > MIN_SAVING * cost
 

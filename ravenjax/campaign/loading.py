@@ -26,9 +26,9 @@ def load_campaign(
     """Read and check a campaign: a TOML file, the name of a bundled campaign, or nested tables.
 
     The ending `.toml` may be left out. overrides: `key.path=value`, as for `--set` on the command
-    line. Paths in a campaign file are relative to its folder. runs: permit Python files beside the
-    campaign file, if `campaign` is its path (see docs/how-to/files-of-others.md). Raise UserError
-    with all mistakes and their lines.
+    line. Paths in a campaign file are relative to its folder. runs: if True, and `campaign` is a
+    path, Python files in the folder of the campaign file may run without a question
+    (docs/how-to/files-of-others.md). Raise UserError with all mistakes and their lines.
     """
     if isinstance(campaign, dict):
         return from_dict(campaign, overrides=overrides)
@@ -89,9 +89,10 @@ def from_record(
         # If `raw` is no table, the check of the whole file below refuses it.
         if isinstance(raw, dict):
             groups = raw.get("group", ())
-            # A group with a list of hazards becomes one group for each of their cases.
-            raw, where.written = expansion.expand_tables(raw, robot)
-            if where.written:
+            # A group with a list of hazards becomes one group for each of their cases. Messages
+            # name the groups of the file.
+            raw, where.number_in_file = expansion.expand_tables(raw, robot)
+            if where.number_in_file:
                 where.groups = groups
                 where.names = [str(group.get("name")) for group in raw["group"]]
     except expansion.WrongGroup as error:
@@ -102,6 +103,7 @@ def from_record(
         Path.cwd() if source is None else source.parent
     )
     config._source = source
+    # Hazards that a group lists twice, for a notice.
     repeated = []
     for number, group in enumerate(where.groups):
         hazards = group.get("hazards")
@@ -174,7 +176,8 @@ def check_parameters(config: CampaignConfig, known: Iterable[str] | None = None)
 
 def _describe_mistake(model: type[CampaignConfig], error, raw) -> location.Complaint:
     # Returns the key to which an error of pydantic belongs, and ravenjax's message. A validator of
-    # a whole table may write "key: message". The key is then that key of the table.
+    # a whole table may write "key: message". This key is then added, unless it is the last part
+    # already.
     key, message = _key_in_file(error["loc"], raw), _message(model, error)
     name, colon, rest = message.partition(": ")
     if (

@@ -35,7 +35,8 @@ def cut_into_windows(
 ) -> Iterator[Window]:
     """Yield the rows of `ranges` in order, in windows of blocks. golden: number of each row's
     golden run. acts: first tick in which each row's faults may act. The rows of a block share one
-    golden run or a few, and their faults act at about the same time.
+    golden run or a few, and their faults act at about the same time. If a block has more golden
+    runs, an engine copies a series for each lane. Such a block is divided, to limit its memory.
     """
     rows = np.concatenate([np.arange(span.start, span.stop) for span in ranges])
     lanes = limits.lanes
@@ -43,18 +44,18 @@ def cut_into_windows(
     begin = 0
     while begin < len(rows):
         window_rows = rows[begin : begin + lanes * limits.blocks]
-        # Indices at which a row has a new golden run.
-        new_golden_runs = np.sort(np.unique(golden[window_rows], return_index=True)[1])
-        if len(new_golden_runs) > limits.golden_runs:
-            window_rows = window_rows[: new_golden_runs[limits.golden_runs]]
+        # For each golden run, the index of its first row, ascending.
+        first_rows = np.sort(np.unique(golden[window_rows], return_index=True)[1])
+        if len(first_rows) > limits.golden_runs:
+            window_rows = window_rows[: first_rows[limits.golden_runs]]
         begin += len(window_rows)
         order = np.lexsort((acts[window_rows], golden[window_rows]))
         blocks = []
         for start in range(0, len(order), lanes):
             block = order[start : start + lanes]
             golden_count = len(np.unique(golden[window_rows[block]]))
-            shares = golden_count <= max(1, len(block) // SHARED)
-            size = len(block) if shares else unshared_lanes
+            is_shared = golden_count <= max(1, len(block) // SHARED)
+            size = len(block) if is_shared else unshared_lanes
             blocks += [block[i : i + size] for i in range(0, len(block), size)]
         yield Window(window_rows, blocks)
 

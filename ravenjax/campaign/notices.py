@@ -178,7 +178,7 @@ OfRuns = Iterator[tuple[str, np.ndarray, str]]
 
 
 def _of_pedal(plan: Plan) -> OfRuns:
-    # Yields a notice if runs end before the pedal is down.
+    # Yields a notice if runs end before the pedal is down, unless faults may move the pedal.
     clocks = plan.any_clocks
     if clocks is not None and not clocks.moved.any():
         late = clocks.first_down(plan.program.ticks) >= plan.program.ticks
@@ -244,19 +244,23 @@ def _of_faults(plan: Plan) -> OfRuns:
 
 def _beyond_range(plan: Plan) -> OfRuns:
     """Yield (key, faults, notice) about faults that move a parameter out of its range."""
-    value, length, x = _numbers(plan)
+    value, length, usual = _numbers(plan)
     for code, (site, channel) in enumerate(_channels(plan), start=1):
         if site != PARAMETER or (limits := channel.field) is None:
             continue
+        is_nearer_low = usual - limits.low < limits.high - usual
+        # The number that is farthest out of the range during a fault with each effect.
         reached = {
-            **dict.fromkeys(("offset", "latch_offset"), x + value),
-            "scale": x * value,
-            "drift": x + value * length,
-            "periodic": np.where(x - limits.low < limits.high - x, x - abs(value), x + abs(value)),
+            **dict.fromkeys(("offset", "latch_offset"), usual + value),
+            "scale": usual * value,
+            "drift": usual + value * length,
+            "periodic": np.where(is_nearer_low, usual - abs(value), usual + abs(value)),
             "random": np.where(-abs(value) < limits.low, -abs(value), abs(value)),
             "toggle": 0.0 * value,
         }
-        number = np.where(plan.faults["code"] == code, _by_effect(plan, reached, x), limits.low)
+        # Faults at other channels get a number inside the range, so they have no notice.
+        number = _by_effect(plan, reached, default=usual)
+        number = np.where(plan.faults["code"] == code, number, limits.low)
         outside = np.maximum(limits.low - number, number - limits.high)
         worst = number.flat[outside.argmax()]
         words = f"{channel.name} becomes {worst:.6g}, expected {limits.low:g}..{limits.high:g}"
@@ -268,6 +272,8 @@ def _beyond_range(plan: Plan) -> OfRuns:
 def _idle(plan: Plan) -> np.ndarray:
     # Returns bool [runs, slots]: faults that leave a usual value of their channel unchanged.
     value, length, usual = _numbers(plan)
+    is_known = ~np.isnan(usual)
+    # A change of an integer by less than 1 has no effect.
     least = [float(channel.kind not in ("float", "bool")) for _, channel in _channels(plan)]
     least = np.array([0.0, *least])[plan.faults["code"]]
 
@@ -279,16 +285,16 @@ def _idle(plan: Plan) -> np.ndarray:
     idle = {
         "overwrite": np.float32(value) == np.float32(usual),
         "offset": small(value),
-        "latch_offset": small(value) & (usual == usual),
+        "latch_offset": small(value) & is_known,
         "scale": (value == 1) | (np.float32(usual * value) == np.float32(usual)),
         "drift": small(value * length),
-        "stuck": usual == usual,
+        "stuck": is_known,
         # The age of the window counts from 0, so sines of periods 1 and 2 are 0.
         "periodic": small(value) | (plan.faults["period"] <= 2),
         **dict.fromkeys(("random", "toggle"), (value == 0) & (usual == 0)),
         "lose": value == 0,
     }
-    return _by_effect(plan, idle, False)
+    return _by_effect(plan, idle, default=False)
 
 
 def _channels(plan: Plan) -> list[tuple[str, Channel]]:
@@ -298,18 +304,17 @@ def _channels(plan: Plan) -> list[tuple[str, Channel]]:
 
 
 def _numbers(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the value of each fault, the ticks in which it may act, and the usual value of its
-    signal (NaN if unknown), [runs, slots].
-    """
+    """Return value, active ticks and the signal's usual value (or NaN) of faults, [runs, slots]."""
     usual = np.full(plan.faults["code"].shape, np.nan)
     for code, (site, channel) in enumerate(_channels(plan), start=1):
-        number = channel.name if site == PARAMETER else channel.usual
-        if isinstance(number, str):
-            number = plan.numbers(number)[:, None]
+        known = channel.name if site == PARAMETER else channel.usual
+        # A text is the path of a parameter, which has the usual value.
+        if isinstance(known, str):
+            known = plan.numbers(known)[:, None]
         elif channel.pedal:
-            number = _pedal_values(plan, *channel.pedal)
-        if number is not None:
-            usual = np.where(plan.faults["code"] == code, number, usual)
+            known = _pedal_values(plan, *channel.pedal)
+        if known is not None:
+            usual = np.where(plan.faults["code"] == code, known, usual)
     ticks = np.minimum(plan.faults["duration"], plan.program.ticks - plan.faults["start"])
     return plan.faults["value"].astype(np.float64), ticks, usual
 
@@ -329,6 +334,7 @@ def _pedal_values(plan: Plan, up: float, down: float) -> np.ndarray:
     by_time = (faults["trigger"] == TRIGGER_CODES["time"]) & (closes > 0)
     # Another fault of the run could stop the robot, which changes these signals.
     alone = by_time & (np.count_nonzero(faults["code"], axis=1, keepdims=True) == 1)
+    # The pedal is down from `begins` to `ends`, up to `later` ticks late; None: unknown.
     for kind, (begins, ends, later) in enumerate(clocks.phases):
         of_kind = alone & (clocks.kind == kind)[:, None]
         if later is None or not len(begins):
@@ -357,9 +363,10 @@ def _counted(plan: Plan, which: np.ndarray) -> str:
 
 
 def _clock_ends(plan: Plan) -> np.ndarray:
-    """Return the reading that the clock of each fault cannot reach, int [runs, slots]."""
+    """Return the first reading of each fault's clock after the end of a run, int [runs, slots]."""
     trigger, ticks, clocks = plan.faults["trigger"], plan.program.ticks, plan.any_clocks
-    # Packet numbers begin at 1, and the time of the pedal when the pedal first goes down.
+    # The clock "packet" begins at 1, and the clock "pedal" when the pedal first goes down. If
+    # faults may move the pedal, this time is unknown. 0 then gives the latest possible reading.
     down = 0 if clocks is None or clocks.moved.any() else clocks.first_down(ticks)[:, None]
     pedal = np.where(trigger == TRIGGER_CODES["pedal"], down, 0)
     return ticks + (trigger == TRIGGER_CODES["packet"]) - pedal
@@ -374,6 +381,7 @@ def find_copies(plan: Plan) -> np.ndarray:
     fixed = {g.name: not semantics.random_in_itself(plan.config, g) for g in plan.config.group}
     rows = plan.rows["group"].map(fixed.__getitem__).to_numpy(bool)
     ticks, faults = plan.program.ticks, {k: v for k, v in plan.faults.items() if k != "key"}
+    # A repetition after the end of the run becomes 0, and a duration ends with the run.
     again = np.where(faults["start"] + faults["every"] < ticks, faults["every"], 0)
     end = np.where(again == 0, _clock_ends(plan) - faults["start"], ticks)
     faults |= {"every": again, "duration": np.minimum(faults["duration"], end)}

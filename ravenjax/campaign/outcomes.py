@@ -39,8 +39,7 @@ def result_columns(
     config: CampaignConfig, runs: pd.DataFrame, outcomes: Columns, golden_runs: Columns
 ) -> dict[str, Any]:
     """Return the columns of the result table, arrays [rows]. runs: rows of the fault table.
-    outcomes: the engine's outcomes of these rows. golden_runs: `select_golden_outcomes` of each
-    row's golden run.
+    outcomes: the engine's outcomes. golden_runs: `select_golden_outcomes` of the golden runs.
     """
     measures: dict[str, Any] = {name: np.asarray(values) for name, values in outcomes.items()}
     diverged_ms = measures.pop("diverged_ms")

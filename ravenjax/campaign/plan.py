@@ -1,7 +1,5 @@
 """Converts a checked campaign file into a fault table, settings of the code, and inputs."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from functools import cached_property
@@ -57,7 +55,7 @@ class Plan:
             "golden": self.golden[rows],
         }
 
-    def take(self, rows: slice | np.ndarray) -> Plan:
+    def take(self, rows: slice | np.ndarray) -> "Plan":
         """Return a plan of only these rows."""
         return dataclasses.replace(self, **self.row_fields(rows))
 
@@ -70,7 +68,7 @@ class Plan:
     def ends(self) -> np.ndarray:
         """The first tick after each run's observed time, see `span`; int32 [runs]."""
         observe = self.config.campaign.observe_ms
-        return span.last_observed_ticks(
+        return span.observation_ends(
             self.faults, self.program.ticks, observe and observe // self.tick_ms, self.clocks
         )
 
@@ -161,9 +159,7 @@ def make_plan(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
 
 
 def known_parameters(params: Any, setup: Setup) -> list[str]:
-    """Return every path that a campaign may vary: full paths, paths without the arm, and paths of
-    whole vectors.
-    """
+    """Return every path that a campaign may vary: full paths, without the arm, of whole vectors."""
     known = []
     for number_path, _ in paths.path_leaves(params, setup):
         if number_path.startswith("start."):
@@ -178,13 +174,13 @@ def known_parameters(params: Any, setup: Setup) -> list[str]:
 
 
 def _complete_values(varied: dict[str, np.ndarray], params, setup: Setup) -> dict[str, np.ndarray]:
-    # Returns varied values in the parameter's type. The robot's value replaces NaN. One path per
-    # number replaces a path of numbers with different values that a group does not set.
+    # Returns varied values in the parameter's type. The robot's value replaces NaN. If a path names
+    # numbers of different values, such as one per joint, the result has a path for each number.
     completed = {}
     for path, values in varied.items():
         unset = np.isnan(values)
         robot_values = paths.named_numbers(params, setup, path)
-        # One path suffices if all its numbers are equal, or if no robot's value is needed.
+        # One path suffices if all its numbers are equal, or if no value is NaN.
         if len({float(value) for value in robot_values.values()}) == 1 or not unset.any():
             robot_values = {path: next(iter(robot_values.values()))}
         for number_path, value in robot_values.items():

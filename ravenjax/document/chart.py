@@ -3,8 +3,6 @@
 The module `drawing` draws a chart.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from collections.abc import Sequence
@@ -105,7 +103,7 @@ class Curve(_Series):
         *,
         start: float | None = None,
         end: float | None = None,
-    ) -> Curve:
+    ) -> "Curve":
         """Return a step curve without points that cannot be distinguished from the point before.
 
         The first and the last point are kept. x [n] must not decrease. `start`: smallest x, because
@@ -117,6 +115,7 @@ class Curve(_Series):
         if start is not None:
             first = max(0, int(np.searchsorted(across, start, side="right")) - 1)
             across, values = np.maximum(across[first:], start), values[:, first:]
+        # The largest |y|; if all y are 0, the largest bound; if all bounds are 0 too, 1.
         height = float(np.abs(values[0]).max() or np.nanmax(np.abs(values))) or 1.0
         # Values in the same interval of the height look equal.
         interval = np.floor(values / (RESOLUTION * height))
@@ -222,7 +221,8 @@ class Chart:
         if axis.high not in positions and reaches_end:
             positions.append(axis.high)
         heads = [axis.words(x) for x in positions]
-        heads[:1] = [f"{axis.title}: {head}" for head in heads[:1]]
+        if heads:
+            heads[0] = f"{axis.title}: {heads[0]}"
         write = self.y.words_with_interval
         rows = [(curve.name, *(write(*curve.at(x)) for x in positions)) for curve in curves]
         return Numbers(("", *heads), rows)
@@ -235,7 +235,7 @@ class Chart:
         parts = mark.x, mark.x_low, mark.x_high, mark.y, mark.y_low, mark.y_high
         columns = [part if len(part) else none for part in parts]
         names = mark.tips or (mark.name,) * len(mark.x)
-        for name, *x, y, low, high in zip(names, *columns, strict=True):
+        for name, x, x_low, x_high, y, y_low, y_high in zip(names, *columns, strict=True):
             named = self.y.names[round(y)] if self.y.names else ""
-            words = named or self.y.words_with_interval(y, low, high)
-            yield name, self.x.words_with_interval(*x), words
+            words = named or self.y.words_with_interval(y, y_low, y_high)
+            yield name, self.x.words_with_interval(x, x_low, x_high), words

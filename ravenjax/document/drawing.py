@@ -1,8 +1,7 @@
 """Draws a chart with matplotlib: on given axes, on paper, and as SVG for an HTML page.
 
-In an SVG, colours are custom properties of the page's style sheet, so that charts follow its light
-and dark schemes. SVG groups have the names of the data series, so that the page's script can hide a
-series.
+In an SVG, colours are custom properties of the style sheet, so charts follow its light and dark
+schemes. SVG groups have the names of the data series, so that the page's script can hide a series.
 """
 
 import io
@@ -121,7 +120,8 @@ def draw_chart(chart: Chart, axes: Axes, *, page: bool = False, longest: int = 1
     series = {name: number for number, (name, *_) in enumerate(chart.legend())}
     marks = [mark for mark in chart.marks if page or mark.visible]
     bands = sum(mark.visible and isinstance(mark, Curve) and len(mark.low) > 0 for mark in marks)
-    scale, artists = 1.0 if page else PRINTED, 0
+    scale = 1.0 if page else PRINTED
+    artists = 0
     for mark in marks:
         if isinstance(mark, Curve):
             opacity = FAINT_OPACITY if bands > MANY_BANDS else BAND_OPACITY
@@ -136,6 +136,7 @@ def draw_chart(chart: Chart, axes: Axes, *, page: bool = False, longest: int = 1
                 artists += 1
     for name, axis in (("x", chart.x), ("y", chart.y)):
         _format_axis(axes, name, axis, longest)
+    # The page's script finds the area of the chart by this id.
     axes.patch.set_gid("hit")
 
 

@@ -68,6 +68,7 @@ def from_markdown(text: str, drawings: Mapping[str, str] | None = None) -> str:
 
     body = MarkdownIt("commonmark", {"html": False}).enable("table").render(text)
     for name, drawing in (drawings or {}).items():
+        # The placeholder _NAME keeps backslashes of the SVG out of the replacement text.
         body = re.sub(
             rf'<p><img src="{re.escape(name)}" alt="([^"]*)" ?/?></p>',
             rf'<figure class="drawing" role="img" aria-label="\1">{_NAME}</figure>',

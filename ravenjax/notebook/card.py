@@ -1,7 +1,5 @@
 """Makes the HTML with which a notebook shows a campaign or its results."""
 
-from __future__ import annotations
-
 import functools
 from typing import TYPE_CHECKING, Any
 
@@ -32,7 +30,7 @@ def of_campaign(config: CampaignConfig) -> str:
     )
 
 
-def of_results(runs: Runs, manifest: Manifest) -> str:
+def of_results(runs: "Runs", manifest: Manifest) -> str:
     """Return the HTML card of results: outcomes of all faults, and of each group."""
     from ravenjax.report import paper
     from ravenjax.report.sections import tables

@@ -1,7 +1,5 @@
 """Shows how errors propagate from fault to failure: many runs as a table, one run as a figure."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,7 +30,7 @@ def explain_table(source: CampaignConfig | Path, runs: Any, engine: Any) -> pd.D
     return frame
 
 
-def explain_figure(source: CampaignConfig | Path, run: Any, engine: Any) -> Figure | None:
+def explain_figure(source: CampaignConfig | Path, run: Any, engine: Any) -> "Figure | None":
     """Return a figure of the signals that differ from the golden run; None if no signal does."""
     explainer = _explainer(source, engine)
     explanation, config = explainer.explain([explainer.index(run)]), explainer.config

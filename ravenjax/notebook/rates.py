@@ -12,7 +12,7 @@ from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import tables
 from ravenjax.store.access.query import RESULTS, quote_name
 
-_WORDS = ("group", "site", "layer", "block", "response", "hazard", "outcome")
+_FACTS = ("group", "site", "layer", "block", "response", "hazard", "outcome")
 """Columns of the table `facts` by which the report groups faults."""
 _PREFIXES = ("", "fault0_", "param:")
 """Prefixes of columns that a user may leave out: of the first fault, and of parameters."""
@@ -44,12 +44,14 @@ def rates(runs: Runs, rules: Rules, names: Sequence[str], by: Sequence[str]) -> 
     )
     rows = []
     for number, name in enumerate(names):
+        rates_of_event = []
         for line in lines:
             n, groups, *counts = line[len(by) :]
-            rate = tables.fault_share(runs, k := counts[number], n, groups)
-            rows.append((*line[: len(by)], name, k, n, rate.value, rate.low, rate.high))
+            rate = tables.fault_share(runs, counts[number], n, groups)
+            rates_of_event.append((line[: len(by)], rate))
         if all(column.startswith("f.") or column.endswith("::VARCHAR") for column in keys.values()):
-            rows[-len(lines) :] = sorted(rows[len(rows) - len(lines) :], key=lambda row: -row[-3])
+            rates_of_event.sort(key=lambda item: -item[1].value)
+        rows += [(*classes, name, *rate) for classes, rate in rates_of_event]
     return pd.DataFrame(rows, columns=[*by, *NUMBERS])
 
 
@@ -72,15 +74,15 @@ def _event(runs: Runs, name: str, rules: Rules) -> str:
 
 
 def _column(runs: Runs, name: str) -> str:
-    # Returns SQL for a column, whose name may lack one of _PREFIXES.
-    if name in _WORDS and name in runs.facts:
+    # Returns SQL for a column, whose name may lack one of _PREFIXES. f: facts, r: results.
+    if name in _FACTS and name in runs.facts:
         return f"f.{quote_name(name)}::VARCHAR"
     for prefix in _PREFIXES:
         if f"{prefix}{name}" in runs.types:
-            words = runs.types[f"{prefix}{name}"].startswith(("VARCHAR", "ENUM"))
-            return f"r.{quote_name(prefix + name)}" + ("::VARCHAR" if words else "")
-    names = [*_WORDS, *(one.removeprefix("fault0_") for one in runs.names)]
+            is_text = runs.types[f"{prefix}{name}"].startswith(("VARCHAR", "ENUM"))
+            return f"r.{quote_name(prefix + name)}" + ("::VARCHAR" if is_text else "")
+    names = [*_FACTS, *(one.removeprefix("fault0_") for one in runs.names)]
     raise UserError(
-        f"by {name!r}: no such column, expected one of {', '.join(_WORDS)}, a key of a fault, the"
+        f"by {name!r}: no such column, expected one of {', '.join(_FACTS)}, a key of a fault, the"
         f" path of a varied parameter or a column of the result table{suggest_name(name, names)}"
     )

@@ -3,8 +3,6 @@
 Stop rules, reports and searches use the same events, on Parquet files, Arrow tables and DataFrames.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
@@ -122,8 +120,8 @@ def event_columns(names: Sequence[str], rules: Rules) -> list[str]:
 
 
 def events_happened(
-    table: pa.Table, names: Sequence[str], rules: Rules, valid: str = VALID_SQL
-) -> np.ndarray:
+    table: "pa.Table", names: Sequence[str], rules: Rules, valid: str = VALID_SQL
+) -> "np.ndarray":
     """Return which rows are valid, and in which rows each event happened: bool [1 + names, rows].
     The first row of the result is for `valid`, an SQL expression; the next rows are for `names`.
     Events of rows that are not valid have no meaning. table: Arrow table with `event_columns`.

@@ -21,8 +21,7 @@ HALT_MS = 200
 """Total time out of pedal-down above which a run has a loss of motion, ms. The largest visual delay
 that operators accept is 150 to 200 ms.
 
-A flickering pedal is up for tens of ms in total, but only for a few ms at a time, so that no brake
-closes.
+A flickering pedal is up for tens of ms in total, but only a few ms at a time, so no brake closes.
 """
 
 RESPONSES = ("stopped", "flagged", "limited", "silent")
@@ -80,7 +79,8 @@ def built_in_responses(
     stop the robot; `golden` needs their columns `detector<d>_threshold0_*`.
     """
     names = checks.check_names(outcomes)
-    # Columns of the number of trips and of the first trip, of all that may change the course.
+    # Columns of the number of trips and of the first trip, of all that may change the course:
+    # checks that a user added (`own`) and that act, and detectors that may stop.
     columns = [
         (f"check_{name}_count", f"check_{name}_first_ms")
         for name in names
@@ -106,8 +106,8 @@ def _responses(
     outcomes: Outcomes, golden: Outcomes, robot: Robot, names: list[str], end_ms: np.ndarray | None
 ) -> Response:
     # Returns the response of the checks `names`. end_ms: [rows] last time at which a trip counts;
-    # -1 or None: all trips count. Trips of checks that follow a stop by another check
-    # (`Check.follows`) count only before this time.
+    # -1 or None: all trips count. A check that also trips because another check stopped the robot
+    # (`Check.follows`) must trip before this time.
     onset = np.asarray(outcomes["first_active_ms"])
     response = np.full(len(onset), SILENT, np.int8)
     cause = np.zeros(len(onset), np.int8)
@@ -125,7 +125,8 @@ def _responses(
         # The first trip may be the one of the golden run, but the response is not before the fault.
         ms = np.where(sooner, ms, np.maximum(ms, onset))
         if end_ms is not None:
-            counts = counts & ((end_ms < 0) | (ms < end_ms + (not robot.check(name).follows)))
+            is_in_time = ms < end_ms if robot.check(name).follows else ms <= end_ms
+            counts = counts & ((end_ms < 0) | is_in_time)
         # A smaller rank is a stronger response.
         stronger = counts & ((response > rank) | ((response == rank) & (ms < response_ms)))
         response[stronger] = rank

@@ -177,11 +177,12 @@ def _pair_runs(table: ResultTable, folders: tuple[Path, Path]) -> ComparedPairs:
         )
     runs = [table.row(f"SELECT count(*) FROM runs_{side}")[0] for side in SIDES]
     first, second = (count - by_run_id - by_fault for count in runs)
-    return ComparedPairs(by_run_id, by_fault, (first, second), 0)
+    return ComparedPairs(by_run_id, by_fault, unpaired=(first, second), compared=0)
 
 
 def _fault_key_sql(table: ResultTable) -> list[str]:
-    # Returns for both sides the SQL of a key that equal faults share.
+    # Returns for both folders the SQL of a key that equal faults share. A fault slot that a folder
+    # lacks is empty there. A parameter that a folder lacks is left out.
     types = [table.types(f"runs_{side}") for side in SIDES]
     faults = sorted(name for name in types[0] | types[1] if name.startswith("fault"))
     shared = sorted(name for name in types[0] if name.startswith("param:") and name in types[1])
@@ -220,7 +221,8 @@ def _compare_rates(table: pd.DataFrame, rules: Rules, units: Units | None) -> li
     changes = []
     for name in RATES:
         first, second = (table[f"{side}_is_{name}"].to_numpy(bool) for side in "ab")
-        rates = pair_intervals.compare_rates(second, first, units)[:-1]
+        # The difference is second minus first. The p-value is not shown.
+        rates = pair_intervals.compare_rates(after=second, before=first, faults=units)[:-1]
         changes.append(RateChange(name, event_meaning(name, rules), *rates))
     return changes
 
@@ -245,6 +247,7 @@ def _list_changed_runs(robot: Robot, table: ResultTable, most: int) -> list[RunC
     listed = ", ".join(str(row[0]) for row in rows)
     query_faults = f"SELECT row, COLUMNS('fault.*') FROM runs_first WHERE row IN ({listed})"
     faults, changes = table.frame(query_faults).set_index("row"), []
+    # Each quantity has a value of the first and of the second folder.
     for row, *values in rows:
         fault = wording.describe_fault(faults.loc[row].to_dict(), robot)
         run_ids, verdicts, mm = zip(values[::2], values[1::2], strict=True)

@@ -64,8 +64,9 @@ def render_report(runs: Runs, manifest: Manifest, folder: Path) -> str:
     bodies = {section: text for section in all_sections() if (text := body(section)) is not None}
     first = body(answers.FIRST_PAGE)
     text = _environment().get_template("page.html.j2").render(common, answers=first, bodies=bodies)
-    own = re.findall(r'"([^"]*nintended motion[^"]*)"', json.dumps(manifest.config))
-    return html.with_scopes(events.name_harm(text, manifest.rules, map(escape, own)))
+    # "Unintended motion" is replaced by the user's harm, but not in texts of the user.
+    kept = re.findall(r'"([^"]*nintended motion[^"]*)"', json.dumps(manifest.config))
+    return html.with_scopes(events.name_harm(text, manifest.rules, map(escape, kept)))
 
 
 @functools.cache

@@ -63,9 +63,7 @@ class Check(NamedTuple):
 
     @property
     def response(self) -> str:
-        """The response of a run in which this is the strongest check that trips. It is one of
-        `outcomes.verdict.RESPONSES`.
-        """
+        """Response (see `outcomes.verdict`) of a run in which no stronger check than this trips."""
         return _RESPONSES[self.action]
 
     @property
@@ -90,8 +88,7 @@ BUILT_IN = "built_in_response"
 
 def needs_own_columns(added: Iterable[Check], stops: bool) -> bool:
     """Return whether the response of the built-in checks alone needs separate columns. added:
-    users' checks; checks that only watch need no columns. stops: True if a detector may stop the
-    robot.
+    users' checks; checks that only watch need no columns. stops: a detector may stop the robot.
     """
     return stops or any(check.action != "watch" for check in added)
 

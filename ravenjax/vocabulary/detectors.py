@@ -1,7 +1,6 @@
 """Lists the kinds of detectors.
 
-A detector computes a score from signals and changes nothing. `ravenjax.stages.detectors` computes
-the scores.
+A detector computes a score from signals and changes nothing. `stages.detectors` has the code.
 """
 
 import dataclasses

@@ -2,8 +2,7 @@
 
 A run is *failed* from the tick on in which a number of the virtual robot or of its observers is
 infinite or NaN. Numbers of the control software may be infinite or NaN without failing the run: the
-software continues with them, as the original software does. They fail the run if they reach robot
-or observers.
+software continues with them, as the original software does. In robot or observers they fail it.
 """
 
 from ravenjax.bundled import resources

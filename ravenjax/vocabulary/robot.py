@@ -4,8 +4,6 @@ Needs no JAX. The code of a robot (its tick, its sections of a campaign file, it
 imported from its package only when it is needed.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import importlib
@@ -69,13 +67,13 @@ class Robot:
         """Return a check by name. An unknown name gives a check that raises an alarm."""
         return self.checks.get(name, Check(name, "1", "built-in check", "flag"))
 
-    def with_checks(self, added: tuple[Check, ...]) -> Robot:
+    def with_checks(self, added: tuple[Check, ...]) -> "Robot":
         """Return the robot with users' checks before its built-in checks. If two checks trip in the
         same tick, the first of them is the cause.
         """
         return _extended(self, added) if added else self
 
-    def with_channels(self, site: str, channels: tuple[Channel, ...]) -> Robot:
+    def with_channels(self, site: str, channels: tuple[Channel, ...]) -> "Robot":
         """Return the robot with these channels at a site, for a site without fixed channels."""
         return _extended(self, (), site, channels) if channels else self
 
@@ -95,9 +93,7 @@ class Robot:
         return self.run_levels[level] if 0 <= level < len(self.run_levels) else str(level)
 
     def part(self, name: str) -> ModuleType:
-        """Import and return the module `name` of the robot's package. If the robot is a single
-        module, return this module.
-        """
+        """Import and return the module `name` of the robot's package, or its single module."""
         package = importlib.import_module(self.package)
         # Only packages have this attribute.
         if not hasattr(package, "__path__"):

@@ -1,8 +1,7 @@
 """Defines the fault sites of a robot: signals with channels into which faults are injected.
 
-A robot declares its sites in its own order. `ravenjax.faults` gets the signal of a site. The
-declaration has the path of each channel inside the signal. `ARM` in a path stands for the arm's
-index in `setup.arms`.
+A robot declares its sites in its own order. `ravenjax.faults` gets the signal of a site. Each
+channel has a path inside the signal. `ARM` in a path is an index in `setup.arms`.
 """
 
 import dataclasses

@@ -20,9 +20,7 @@ from ravenjax.robots.raven2.plant import robot
 from ravenjax.robots.raven2.setup import RavenSetup
 
 SETTLING = 1000
-"""Control cycles (1 ms) at the beginning of a log that are not compared, because the initial load
-of the cables is unknown.
-"""
+"""First cycles (1 ms) of a log, which are not compared: the load of the cables is unknown."""
 SHORTEST = 4 * SETTLING
 """Smallest number of cycles of a log that can be used for a fit and its test."""
 NORMAL_90 = 1.6449
@@ -76,11 +74,11 @@ class Calibration:
     @property
     def confounded(self) -> list[tuple[str, str, float]]:
         """Return pairs of unknowns that the log determines only jointly, with their correlation."""
+        # The covariance has the unit of spread_ratio: prior standard deviations.
         correlation = self.fit.covariance / np.outer(self.spread_ratio, self.spread_ratio)
-        pairs = zip(*np.triu_indices(len(self.unknowns), 1), strict=True)
         return [
             (self.unknowns[i].path, self.unknowns[j].path, float(correlation[i, j]))
-            for i, j in pairs
+            for i, j in zip(*np.triu_indices(len(self.unknowns), 1), strict=True)
             if abs(correlation[i, j]) >= CONFOUNDED
         ]
 
@@ -91,9 +89,7 @@ class Calibration:
         return [(one.path, steps) for one, steps in rows if abs(steps) >= UNLIKELY]
 
     def draws(self, number: int) -> np.ndarray:
-        """Return robots [number, k] drawn from the fit, in prior standard deviations from the prior
-        mean.
-        """
+        """Return random robots [number, k] from the fit, as steps in prior standard deviations."""
         return np.random.default_rng(0).multivariate_normal(
             self.fit.steps, self.fit.covariance, number
         )
@@ -123,9 +119,7 @@ class LoggedRobot:
 
     @property
     def halves(self) -> tuple[JointLog, JointLog]:
-        """Return the part for the fit and the part for the test. A replay of either part starts at
-        the beginning of the log.
-        """
+        """Return the parts for fit and test. Replays of both start at the beginning of the log."""
         whole = len(self.log.desired)
         return self.log.compared(SETTLING, whole // 2), self.log.compared(whole // 2, whole)
 
@@ -152,10 +146,10 @@ class LoggedRobot:
             )
         base = parameters.prior_robot(plant, unknowns)
         setup = self._setup(unknowns)
-        predict, smooth = (
-            replays.make_predictor(dataclasses.replace(setup, whole=whole), base, unknowns, first)
-            for whole in (True, False)
-        )
+        predict = replays.make_predictor(setup, base, unknowns, first)
+        # Rounding to whole counts hides small changes. The slopes need replays without rounding.
+        continuous = dataclasses.replace(setup, whole_counts=False)
+        smooth = replays.make_predictor(continuous, base, unknowns, first)
         best = fitting.fit_parameters(predict, first.measured, len(unknowns), smooth)
         return Calibration(tuple(unknowns), base, best)
 
@@ -165,27 +159,26 @@ class LoggedRobot:
         """Return the errors on `part` of the log: of the logged robot, of replays of `robots` (by
         name), and of a replay of the null model, whose motors are not connected to the arm.
         """
-        first = next(iter(robots.values()))
-        rotors = replace(position_loop.params(position_loop.bare_rotors(first.plant)), cables=0.0)
-        joints = self.replay(part, [*robots.values(), rotors])
-        desired, unknown = part.desired[part.cycles], np.isnan(part.measured)
+        first_robot = next(iter(robots.values()))
+        bare_rotors = position_loop.bare_rotors(first_robot.plant)
+        null_model = replace(position_loop.params(bare_rotors), cables=0.0)
+        motions = self.replay(part, [*robots.values(), null_model])
+        desired, measured = part.desired[part.cycles], part.measured
 
         def rms(errors: np.ndarray) -> np.ndarray:
-            squares = np.ma.masked_array(np.square(errors), unknown)
+            squares = np.ma.masked_array(np.square(errors), np.isnan(measured))
             return np.sqrt(squares.mean(axis=0).filled(np.nan))
 
         return [
-            FollowingError(model, rms(motion - desired), rms(motion - part.measured))
-            for model, motion in zip((LOG, *robots, ROTOR), (part.measured, *joints), strict=True)
+            FollowingError(model, following=rms(motion - desired), residual=rms(motion - measured))
+            for model, motion in zip((LOG, *robots, ROTOR), (measured, *motions), strict=True)
         ]
 
     def replay(self, part: JointLog, robots: Sequence[LoopParams]) -> np.ndarray:
-        """Replay the log with these robots. Return their joint positions [robots, samples, 7] at
-        the times of the log's samples, in rad and m.
-        """
-        return replays.replay_robots(
-            self._setup(parameters.select_unknowns((), ("delays",))), robots, part
-        )
+        """Return joint positions of replays [robots, samples, 7] at the log's times, rad and m."""
+        # The robots may have delays, so the replay must simulate delays.
+        delays = parameters.select_unknowns(joints=(), asks=("delays",))
+        return replays.replay_robots(self._setup(delays), robots, part)
 
     def _setup(self, unknowns: Sequence[Unknown]) -> ReplaySetup:
         return replays.setup_of(self.setup, self.arm, self.controller, unknowns)

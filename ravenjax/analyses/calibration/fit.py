@@ -31,9 +31,7 @@ ASSUMED_SAMPLES = 10.0
 # Decrease of the cost that justifies one of the steps FURTHER.
 WORTH = 1.0
 MIN_NOISE = 2.0 * transmission.ENCODER_RAD / np.array(transmission.TR)
-"""Smallest noise of each joint: two counts of its encoder, rad and m. A motor at rest may read one
-count more or less by chance.
-"""
+"""Smallest noise of each joint, rad and m: two encoder counts. A motor at rest varies by one."""
 # Relative decrease of the cost below which the fit ends.
 ENOUGH = 1e-3
 
@@ -126,23 +124,22 @@ def _cost_of_unknown_noise(
 
 
 def predict_in_batches(predict: Predictor, steps: np.ndarray, rows: int) -> np.ndarray:
-    """Return predictions for any number of parameter sets. All batches have `rows` rows, so that
-    the replay is compiled only once.
-    """
+    """Return predictions for parameter sets. All batches have `rows` rows, for one compilation."""
     parts = [steps[at : at + rows] for at in range(0, len(steps), rows)]
     filled = [np.vstack([part, np.repeat(part[:1], rows - len(part), axis=0)]) for part in parts]
     return np.concatenate([predict(part) for part in filled])[: len(steps)]
 
 
 def _unexplained(residual: np.ndarray, slopes: np.ndarray) -> np.ndarray:
-    """Return the part of the residual [n, 7] that no change of the parameters removes: the noise.
+    """Return the part of the residual [n, 7] that no change of the k parameters removes: the noise.
 
-    The joints have equal weights. The other part of the residual is still to be fitted. It is
-    strongly correlated in time, so as noise it would stop the fit too early.
+    `slopes` [k, n, 7]: derivatives of the joint positions. The joints have equal weights. The rest
+    of the residual is still to be fitted. This rest is strongly correlated in time. If it counted
+    as noise, the fit would stop too early.
     """
-    unit = np.maximum(np.sqrt((residual**2).mean(axis=0)), MIN_NOISE)
-    columns = (slopes / unit).reshape(len(slopes), -1).T
-    step, *_ = np.linalg.lstsq(columns, (residual / unit).ravel(), rcond=1e-6)
+    scale = np.maximum(np.sqrt((residual**2).mean(axis=0)), MIN_NOISE)
+    columns = (slopes / scale).reshape(len(slopes), -1).T
+    step, *_ = np.linalg.lstsq(columns, (residual / scale).ravel(), rcond=1e-6)
     return residual - np.tensordot(step, slopes, axes=1)
 
 

@@ -1,8 +1,8 @@
 """Reads a log of one robot arm: desired and measured joint positions in each control cycle.
 
 A table (.csv, .parquet) has one row per sample. Names of columns end in the name of a joint, from
-shoulder to grasp2. A log may leave joints out. If a table has several of these pairs of columns,
-the first pair is used.
+shoulder to grasp2. A log may leave joints out. A table needs one of these sets of columns; if it
+has several, the first is used.
 
 - `jpos_d_JOINT` and `jpos_JOINT`: desired and measured joint positions, rad or m.
 - `mpos_d_JOINT` and `mpos_JOINT`: desired and measured motor angles, rad.
@@ -13,18 +13,15 @@ A name may end in `_deg` (motors and angles), `_deg_s` or `_mm` (insertion). The
 column `time_s`, or in one with another unit. Without such a column, samples are `period_ms` apart.
 If there is a column `runlevel`, only the longest stretch in run level pedal-down is used.
 
-A bag of ROS 1 or ROS 2 is converted to such a table. The joint positions come from one of these
-topics.
+A bag of ROS 1 or 2 is converted to such a table. Joint positions come from one of these topics.
 
 - raven2's `raven_2/raven_state`: `jpos` and `jpos_d` have eight numbers per arm, of which the
   fourth is unused. raven2 multiplies all of them by 180/pi, even the insertion.
 - CRTK's `/arm1/measured_js` and `/arm1/setpoint_js` (arm1 is gold, arm2 green), rad and m. raven2
   publishes the measurements of each arm under the other arm's name (branch crtk,
-  src/raven/local_io.cpp). This module therefore pairs desired positions with the measured positions
-  that follow them.
+  src/raven/local_io.cpp). This module therefore uses, of both arms, the measured positions that
+  are nearer to the desired positions.
 """
-
-from __future__ import annotations
 
 import dataclasses
 import re
@@ -56,9 +53,7 @@ UNITS = {"deg_s": np.pi / 180.0, "deg": np.pi / 180.0, "mm": 1e-3, "": 1.0}
 *HOLD, BEYOND = np.array([*resources.read_tables(__file__, "joint_log.toml").values()]) * [
     1.0 if joint in SLIDING_JOINTS else UNITS["deg"] for joint in JOINTS
 ]
-"""Smallest and largest position of each joint of a Raven-II, and the accepted distance beyond
-these; rad and m.
-"""
+"""Smallest and largest positions of the joints, and the accepted distance beyond; rad and m."""
 SLOTS = np.array([0, 1, 2, 4, 5, 6, 7])
 """Positions of the joints among the eight numbers of an arm in raven_state. The fourth is unused.
 """
@@ -80,7 +75,7 @@ class JointLog(NamedTuple):
         """Return the joints (0 to 6) that the log has."""
         return np.flatnonzero(~np.isnan(self.measured).all(axis=0)).tolist()
 
-    def compared(self, begin: int, end: int) -> JointLog:
+    def compared(self, begin: int, end: int) -> "JointLog":
         """Return the log's cycles up to `end`, without the measurements before cycle `begin`.
 
         A replay simulates the cycles before `begin`, but is not compared with the log there.
@@ -176,9 +171,7 @@ def _pedal_down(samples: Samples) -> Samples:
 
 
 def _regular_times(samples: Samples, options: ReplayOptions) -> np.ndarray:
-    """Return the times of the samples [n], s. Raise UserError for implausible times and for a gap,
-    in which the motion is unknown.
-    """
+    """Return the times of the samples [n], s. Raise UserError for implausible times or a gap."""
     if (times := samples.times(options)) is None:
         return np.arange(len(samples.table)) / (options.rate_hz or np.nan)
     path, clock = samples.path, samples.clock
@@ -229,9 +222,7 @@ def _joints(
             )
         # If a motor is unknown, its joint and the following joints are unknown too.
         desired, measured = (
-            np.array(
-                transmission.joint_from_motor(arm, tool, Vec(angles.T), software), float
-            ).T.copy()
+            np.stack(transmission.joint_from_motor(arm, tool, Vec(angles.T), software), axis=1)
             for angles in (targets, motors)
         )
     home, missing = np.array(limits.HOME_JPOS), np.isnan(desired)
@@ -240,17 +231,15 @@ def _joints(
     unused = (missing & ~np.isnan(measured)).any(axis=0)
     if unused.any():
         names = ", ".join(JOINTS[joint] for joint in np.flatnonzero(unused))
-        samples.notes = (
-            *samples.notes,
-            f"{names}: not used, because no desired position is logged",
-        )
+        note = f"{names}: not used, because no desired position is logged"
+        samples.notes = (*samples.notes, note)
     return np.where(missing, home, desired), np.where(missing, np.nan, measured)
 
 
 def _require_possible(samples: Samples, name: str, joints: np.ndarray):
-    """Raise UserError for joint positions [n, 7] that no Raven-II can have.
+    """Raise UserError for joint positions [n, 7], rad and m, that no Raven-II can have.
 
-    The message names the unit that the column probably has.
+    name: "jpos_d" or "jpos". The message names the unit that the values probably have.
     """
     outside = (joints < HOLD[0] - BEYOND) | (joints > HOLD[1] + BEYOND)
     if not outside.any():
@@ -261,16 +250,18 @@ def _require_possible(samples: Samples, name: str, joints: np.ndarray):
     unit, other, factor = ("m", "mm", 1e-3) if slides else ("rad", "deg", UNITS["deg"])
     low, high = (end[joint] for end in HOLD)
     column, advice = f"{name}_{word}", ""
-    units = (
+    # Try the other unit than that of the column's name. Its values may be possible.
+    alternatives = (
         (column, f"{column}_{other}", other, factor),
         (f"{column}_{other}", column, unit, 1 / factor),
     )
-    for read, meant, probable, scale in units:
-        likely = joints[:, joint] * scale
-        inside = likely.min() >= low - BEYOND[joint] and likely.max() <= high + BEYOND[joint]
-        if inside and read in samples.table:
-            change = f"convert {samples.topic}" if samples.topic else f"name the column {meant}"
-            advice = f". If these are {probable.replace('deg', 'degrees')}, {change}"
+    for name_in_log, right_name, right_unit, scale in alternatives:
+        converted = joints[:, joint] * scale
+        inside = converted.min() >= low - BEYOND[joint] and converted.max() <= high + BEYOND[joint]
+        if inside and name_in_log in samples.table:
+            topic = samples.topic
+            change = f"convert {topic}" if topic else f"name the column {right_name}"
+            advice = f". If these are {right_unit.replace('deg', 'degrees')}, {change}"
     raise UserError(
         f"{samples.path}: {samples.place(row)}: {name} of {word} is {value:.6g} {unit}, expected"
         f" {low:.3g} to {high:.3g} {unit}{advice}"
@@ -292,41 +283,46 @@ def _quantity(samples: Samples, name: str) -> np.ndarray | None:
 def _read_bag(path: Path, arm: ArmName, options: ReplayOptions) -> Samples:
     """Return a bag's columns jpos_d_JOINT and jpos_JOINT, and runlevel from raven_state."""
     with source.open_bag(path, options) as bag:
-        kinds = bag.kinds.items()
-        if state := next((topic for topic, kind in kinds if kind.endswith("/raven_state")), ""):
-            states = bag.read(state)
-            slots = SLOTS + 8 * ARMS.index(arm)
-            desired, measured = (
-                np.array([getattr(one, name)[slots] for one in states.messages], float) * PER_STATE
-                for name in ("jpos_d", "jpos")
-            )
-            samples = _samples(path, states, states.time_ns[0], desired, measured)
-            samples.table["runlevel"] = [int(one.runlevel) for one in states.messages]
-            return samples
-        # raven2 publishes the measured joints of each arm under the name of the other arm.
-        several = (arm,) if options.topics else ARMS
+        for topic, kind in bag.kinds.items():
+            if kind.endswith("/raven_state"):
+                return _read_raven_state(path, arm, bag.read(topic))
+        # raven2 publishes the measured joints of each arm under the name of the other arm, so the
+        # topics of both arms are read.
+        arms = (arm,) if options.topics else ARMS
         setpoint = bag.topic(arm, "setpoint_js")
-        measured_of = [topic for one in several if (topic := bag.topic(one, "measured_js"))]
-        if setpoint is None or not measured_of:
+        measured = [topic for one in arms if (topic := bag.topic(one, "measured_js"))]
+        if setpoint is None or not measured:
             raise bag.missing(arm, "setpoint_js", "measured_js")
-        wanted, *followers = map(bag.read, (setpoint, *measured_of))
-    setpoints = bags.read_joints(path, wanted)
-    begin = wanted.time_ns[0]
-    times = _regular_times(_samples(path, wanted, begin, setpoints, setpoints), options)
-    # (mean distance from the setpoint, samples) of each topic of measured joints.
-    found = []
-    for measured in followers:
-        joints = bags.read_joints(path, measured)
+        setpoints, *candidates = map(bag.read, (setpoint, *measured))
+    desired = bags.read_joints(path, setpoints)
+    begin = setpoints.time_ns[0]
+    times = _regular_times(_samples(path, setpoints, begin, desired, desired), options)
+    distances, found = [], []
+    for messages in candidates:
+        joints = bags.read_joints(path, messages)
         # Times are checked before anything is interpolated.
-        at = _regular_times(_samples(path, measured, begin, joints, joints), options)
+        at = _regular_times(_samples(path, messages, begin, joints, joints), options)
         common = (at >= times[0]) & (at <= times[-1])
-        desired = np.stack([np.interp(at, times, column) for column in setpoints.T], axis=1)
-        pair = _samples(path, measured, begin, desired, joints)
-        pair = dataclasses.replace(
-            pair, table=pair.table[common], time_s=at[common], notes=(*wanted.notes, *pair.notes)
-        )
-        found.append((float(np.nanmean(np.abs(desired - joints)[common])), pair))
-    return min(found, key=lambda pair: pair[0])[1]
+        desired_then = np.stack([np.interp(at, times, column) for column in desired.T], axis=1)
+        samples = _samples(path, messages, begin, desired_then, joints)
+        samples.table, samples.time_s = samples.table.loc[common], at[common]
+        samples.notes = (*setpoints.notes, *samples.notes)
+        distances.append(np.nanmean(np.abs(desired_then - joints)[common]))
+        found.append(samples)
+    # The arm that received the desired positions is the one that stays closest to them.
+    return found[int(np.argmin(distances))]
+
+
+def _read_raven_state(path: Path, arm: ArmName, states: bags.TopicMessages) -> Samples:
+    # Returns the same table as _read_bag, from raven2's messages raven_state.
+    slots = SLOTS + 8 * ARMS.index(arm)
+    desired, measured = (
+        np.array([getattr(state, name)[slots] for state in states.messages], float) * PER_STATE
+        for name in ("jpos_d", "jpos")
+    )
+    samples = _samples(path, states, states.time_ns[0], desired, measured)
+    samples.table["runlevel"] = [int(state.runlevel) for state in states.messages]
+    return samples
 
 
 def _samples(

@@ -1,8 +1,6 @@
-"""Defines the robot parameters that a calibration can estimate from a log, with their prior
-distributions.
+"""Defines the robot parameters that a calibration can estimate from a log, and their priors.
 
-The module also writes a calibrated robot as a TOML file. A campaign reads the file by `[parameters]
-from`.
+The module also writes a calibrated robot as a TOML file. A campaign reads it by [parameters] from.
 """
 
 import operator
@@ -33,13 +31,10 @@ LONGEST_DELAY_MS = 6
 
 
 class Unknown(NamedTuple):
-    """One parameter that is estimated from a log. Its prior is normal; for a ratio, the prior of
-    the logarithm is normal.
-    """
+    """A parameter to estimate from a log. Its prior, or that of a ratio's logarithm, is normal."""
 
     name: str
-    # Fields of LoopParams, separated by dots: plant.actuators.coulomb. A ratio changes all of them
-    # by the same factor.
+    # Fields of LoopParams, separated by dots: plant.actuators.coulomb. A ratio is a factor on all.
     fields: tuple[str, ...]
     joint: int | None  # index of the joint, for fields with seven values; None for one value
     # Standard deviation of the prior, in the field's unit; for a ratio, of its logarithm.
@@ -77,9 +72,7 @@ def select_unknowns(joints: Sequence[int], asks: Sequence[str] = ASKS) -> tuple[
 
 
 def prior_robot(plant: robot.PlantParams, wanted: Sequence[Unknown]) -> LoopParams:
-    """Return a robot with the prior parameters. If the command delay is estimated, it has
-    USUAL_DELAY_MS, else none.
-    """
+    """Return a robot with the prior parameters. A command delay that is not in `wanted` is 0."""
     delayed = any(COMMAND_DELAY in one.fields for one in wanted)
     return replace(position_loop.params(plant), command_delay=USUAL_DELAY_MS if delayed else 0.0)
 
@@ -90,12 +83,11 @@ def prior_values(base: LoopParams, wanted: Sequence[Unknown]) -> np.ndarray:
 
 
 def apply_steps(base: LoopParams, wanted: Sequence[Unknown], steps: Any) -> LoopParams:
-    """Return the robot `base` with each unknown changed by `steps` [k], in prior standard
-    deviations. JAX may trace this function.
-    """
-    moved = values_by_path(base, wanted, steps[None])
+    """Return `base` with each unknown changed by `steps` [k], in prior standard deviations."""
+    # JAX may trace this function. values_by_path takes the steps of n robots. Here n is 1.
+    moved = {path: values[0] for path, values in values_by_path(base, wanted, steps[None]).items()}
     leaves = paths.path_leaves(base, RavenSetup())
-    return tree.fill_tree(base, [moved[path][0] if path in moved else x for path, x in leaves])
+    return tree.fill_tree(base, [moved.get(path, value) for path, value in leaves])
 
 
 def values_by_path(
@@ -105,7 +97,8 @@ def values_by_path(
 
     `steps`: [n, k], changes of the k unknowns for n robots, in prior standard deviations.
     """
-    exp, moved = jnp.exp if isinstance(steps, jax.Array) else np.exp, {}
+    exp = jnp.exp if isinstance(steps, jax.Array) else np.exp
+    moved = {}
     for one, change in zip(wanted, steps.T, strict=True):
         for field in one.fields:
             path = field if one.joint is None else f"{field}.{JOINTS[one.joint]}"

@@ -2,8 +2,7 @@
 
 A cycle consists of motor encoders, a PID controller of motor angles, the DAC, motors and arm.
 Replays of recorded robots use this simulation. The controller is that of the software raven2. It
-truncates DAC commands to whole numbers. The low-pass filter of a modified raven2 of 2015 is
-optional.
+truncates DAC commands to whole numbers. The low-pass filter of a raven2 of 2015 is optional.
 """
 
 from collections.abc import Callable
@@ -89,11 +88,14 @@ def bare_rotors(params: robot.PlantParams) -> robot.PlantParams:
 
 
 def start_state(
-    setup: RavenSetup, controller: Controller, plant: robot.PlantState, whole: bool = True
+    setup: RavenSetup, controller: Controller, plant: robot.PlantState, whole_counts: bool = True
 ) -> LoopState:
-    """Return the state of a robot at rest, with zero integrals in the controller."""
+    """Return the state of a robot at rest, with zero integrals in the controller.
+
+    `whole_counts`: as in `read_encoders`. Only a filter needs more than the latest reading.
+    """
     zero = Vec(jnp.asarray(0.0, setup.precision.real) for _ in range(JOINTS))
-    past = (read_encoders(setup, plant, whole),) * READINGS
+    past = (read_encoders(setup, plant, whole_counts),) * READINGS
     return LoopState(
         plant=plant,
         readings=past if controller.filtered else past[:1],
@@ -103,19 +105,18 @@ def start_state(
     )
 
 
-def read_encoders(setup: RavenSetup, plant: robot.PlantState, whole: bool) -> Vec:
-    """Return motor angles in rad: in whole encoder counts if `whole`, else exact."""
+def read_encoders(setup: RavenSetup, plant: robot.PlantState, whole_counts: bool) -> Vec:
+    """Return motor angles in rad: in whole encoder counts if `whole_counts`, else exact."""
     dtype = setup.precision.real
+    # An angle is the sum of the count at the reference, count_ref, and the motion since then.
     turned = Vec(robot.drives.angle_in_radians(motor, dtype) for motor in plant.motors)
     counts = Vec(
         (motor.count + ref).astype(dtype)
         for motor, ref in zip(plant.motors, plant.count_ref, strict=True)
     )
-    if whole:
+    if whole_counts:
         return counts * transmission.ENCODER_RAD
-    return turned + plant.count_ref.map(
-        lambda count: count.astype(dtype) * transmission.ENCODER_RAD
-    )
+    return turned + plant.count_ref.map(lambda ref: ref.astype(dtype) * transmission.ENCODER_RAD)
 
 
 def advance_cycle(
@@ -126,16 +127,16 @@ def advance_cycle(
     state: LoopState,
     desired: Callable[[Scalar], Vec],
     written: Callable[[Vec], Vec] | None = None,
-    whole: bool = True,
+    whole_counts: bool = True,
 ) -> tuple[LoopState, robot.PlantOutput, Cycle]:
     """Compute one control cycle of 1 ms.
 
     `desired`: returns the desired motor angles (rad) for the measured angle of the insertion motor.
-    `written`: returns DAC counts that replace those of the controller. `whole`: encoders and DAC
-    use whole counts.
+    `written`: returns DAC counts that replace those of the controller. `whole_counts`: encoders and
+    DAC use whole counts.
     """
     tool = setup.tools[setup.arms.index(arm)]
-    new = read_encoders(setup, state.plant, whole)
+    new = read_encoders(setup, state.plant, whole_counts)
     angle, before = (
         (_low_passed(new, state), state.outputs[0])
         if controller.filtered
@@ -152,12 +153,11 @@ def advance_cycle(
         lift = gravity_torques(setup, arm, jpos)
         torque = Vec((*(Vec(torque[:3]) + lift), *torque[3:]))
     counts = torque * transmission.COUNTS_PER_NM * transmission.tau_signs(arm, tool, setup.software)
-    counts = counts.map(jnp.trunc) if whole else counts
+    counts = counts.map(jnp.trunc) if whole_counts else counts
     counts = counts if written is None else written(counts)
-    signal = robot.PlantSignal(
-        _arriving(params.command_delay, counts, state.commands), jnp.int32(0)
-    )
-    signal = replace(signal, cable_scale=Vec.full(JOINTS, params.cables))
+    arriving = _arriving(params.command_delay, counts, state.commands)
+    cable_scale = Vec.full(JOINTS, params.cables)
+    signal = robot.PlantSignal(arriving, jnp.int32(0), cable_scale=cable_scale)
     plant, out = robot.step(setup, arm, params.plant, state.plant, signal)
     after = LoopState(
         plant=plant,
@@ -170,8 +170,7 @@ def advance_cycle(
 
 
 def _low_passed(new: Vec, state: LoopState) -> Vec:
-    # Applies the velocity filter: a weighted sum of the new value and of earlier inputs and
-    # outputs.
+    # Applies the velocity filter: a weighted sum of new value, earlier inputs and earlier outputs.
     gains = (*LOW_PASS_INPUT[1:], *LOW_PASS_OUTPUT)
     total = new * LOW_PASS_INPUT[0]
     for gain, past in zip(gains, (*state.readings, *state.outputs), strict=True):

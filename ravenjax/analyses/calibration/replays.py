@@ -18,13 +18,7 @@ from ravenjax.analyses.calibration import parameters, position_loop
 from ravenjax.analyses.calibration.fit import Predictor
 from ravenjax.analyses.calibration.joint_log import JointLog
 from ravenjax.analyses.calibration.parameters import Unknown
-from ravenjax.analyses.calibration.position_loop import (
-    JOINTS,
-    RAVEN2,
-    Controller,
-    LoopParams,
-    LoopState,
-)
+from ravenjax.analyses.calibration.position_loop import Controller, LoopParams, LoopState
 from ravenjax.engines import selection
 from ravenjax.engines.interface import Block, TickProgram
 from ravenjax.numbers import paths
@@ -42,11 +36,11 @@ ENGINE = "simd"
 class ReplaySetup(RavenSetup):
     """Settings that select the code of a replay of one arm."""
 
-    controller: Controller = RAVEN2
+    controller: Controller = position_loop.RAVEN2
     # True if the controller may have received the log's desired joints with a delay.
     shifted: bool = False
     # True: encoders and DAC use whole counts. Without whole counts, a replay has a derivative.
-    whole: bool = True
+    whole_counts: bool = True
 
 
 @record
@@ -66,7 +60,7 @@ def init(setup: ReplaySetup, params: ReplayParams) -> LoopState:
     shown = _joints_of_motors(setup, plant, False)
     plant = robot.init(setup, arm, params.loop.plant, links * 2.0 - shown)
     plant = replace(plant, brakes=replace(plant.brakes, engaged=jnp.int32(0)))
-    return position_loop.start_state(setup, setup.controller, plant, whole=setup.whole)
+    return position_loop.start_state(setup, setup.controller, plant, setup.whole_counts)
 
 
 def advance(
@@ -92,20 +86,20 @@ def advance(
         return transmission.motor_from_joint(arm, tool, row, insertion, setup.software)
 
     state, _, _ = position_loop.advance_cycle(
-        setup, arm, setup.controller, params.loop, state, desired, whole=setup.whole
+        setup, arm, setup.controller, params.loop, state, desired, whole_counts=setup.whole_counts
     )
-    return state, tuple(_joints_of_motors(setup, state.plant, setup.whole)), ()
+    return state, tuple(_joints_of_motors(setup, state.plant, setup.whole_counts)), ()
 
 
-def _joints_of_motors(setup: ReplaySetup, plant: robot.PlantState, whole: bool) -> Vec:
+def _joints_of_motors(setup: ReplaySetup, plant: robot.PlantState, whole_counts: bool) -> Vec:
     """Return joint positions computed from the motors' encoders, rad and m."""
-    motors = position_loop.read_encoders(setup, plant, whole)
+    motors = position_loop.read_encoders(setup, plant, whole_counts)
     return transmission.joint_from_motor(setup.arms[0], setup.tools[0], motors, setup.software)
 
 
 def series_length(setup: ReplaySetup) -> int:
     """Return the number of output values per cycle, one per joint."""
-    return JOINTS
+    return position_loop.JOINTS
 
 
 def outcomes(setup: ReplaySetup, params: ReplayParams, state: LoopState) -> dict[str, Any]:
@@ -139,9 +133,7 @@ def make_predictor(
 
 
 def replay_robots(setup: ReplaySetup, several: Sequence[LoopParams], log: JointLog) -> np.ndarray:
-    """Replay a log with several robots. Return joint positions [robots, n, 7] at the times of the
-    log's n measurements, rad and m.
-    """
+    """Replay a log with several robots. Return joints [robots, n, 7] at n samples, rad and m."""
     every = [dict(paths.path_leaves(one, setup)) for one in several]
     columns = {path: np.array([float(one[path]) for one in every]) for path in every[0]}
     varied = {path: column for path, column in columns.items() if (column != column[0]).any()}
@@ -171,12 +163,15 @@ def _replays(
         columns = {f"loop.{path}": np.asarray(values[path], np.float32) for path in varied}
 
         def replay_block(start: int) -> np.ndarray:
-            # Replays some parameter sets. Returns joints [rows, n, 7] at the log's samples.
+            # Replays the parameter sets from number `start`, one in each lane of the kernel.
+            # Returns joints [rows, n, 7] at the times of the log's n samples.
             rows = min(kernel.lanes, count - start)
+            # Lanes that are left over repeat the last set.
             lanes = np.minimum(start + np.arange(kernel.size(rows)), count - 1)
             of_block = {path: column[lanes] for path, column in columns.items()}
-            result = kernel.run(Block(of_block, (), None), motion)
-            return np.moveaxis(result.reference[log.cycles, :, :rows], -1, 0).astype(np.float64)
+            # The output of `advance` in each cycle [cycles, 7, lanes].
+            joints = kernel.run(Block(of_block, (), None), motion).reference
+            return np.moveaxis(joints[log.cycles, :, :rows], -1, 0).astype(np.float64)
 
         return np.concatenate(threads.map_in_threads(replay_block, range(0, count, kernel.lanes)))
 

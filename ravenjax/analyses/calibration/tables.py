@@ -17,9 +17,7 @@ UNITS = ("deg", "deg", "mm", "deg", "deg", "deg", "deg")
 LOG, ROBOT = "same", "cue"
 """Names of colours."""
 MAX_SPREAD_RATIO = 0.5
-"""A log determines a parameter if its standard deviation after the fit is at most this share of
-its prior standard deviation.
-"""
+"""Largest standard deviation, as a share of the prior one, of a parameter that counts as known."""
 
 
 PARAMETER_COLUMNS = ("parameter", "prior", "fitted", "5 %", "95 %", "spread left")
@@ -29,8 +27,7 @@ PARAMETER_COLUMNS = ("parameter", "prior", "fitted", "5 %", "95 %", "spread left
 def by_joint(
     rows: Sequence[FollowingError], joints: Sequence[int]
 ) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return headings, and one row per joint: the root mean square following error of the log and
-    of each model.
+    """Return headings, and one row per joint: the rms following error of log and models.
 
     A model's cell also contains the ratio of its error to the log's error, and the distance of the
     model from the log.

@@ -36,9 +36,7 @@ REACTION_MS = 250
 HORIZON_MS = 300
 """Duration of the bisection's runs after the action, ms. Most harm occurs sooner."""
 GRID = 8
-"""Number of ticks that are tried for each fault and action before the bisection. They lie between
-the fault's first effect and the harm.
-"""
+"""Ticks between a fault's first effect and the harm that are tried before the bisection."""
 
 
 class FaultActions(NamedTuple):
@@ -121,12 +119,13 @@ class Actor(PlannedCampaign):
     ) -> np.ndarray:
         """Return whether harm occurs despite the action, bool [pairs]. Arguments: see `run`.
 
-        Harm is an unintended motion beyond the limit, even while the robot coasts to a stop, and
-        any harm that the campaign defines. A failed run counts as harm.
+        Harm is an unintended motion, a harm that the campaign defines, or a failed run. If the
+        limit counts, a motion beyond the limit while the robot coasts to a stop is harm, too.
         """
         if not len(at):
             return np.zeros(0, bool)
         outcomes = self.run(pairs, at, horizon, alone)
+        # This time also stands for harms that the campaign defines.
         harms = (outcomes["unintended_first_ms"] >= 0) | (outcomes["failed_ms"] >= 0)
         if not self.config.limit_counts:
             return harms
@@ -158,7 +157,7 @@ class Actor(PlannedCampaign):
 
         def bisect(horizon: int | None):
             # Halves each interval until the last tick that prevents the harm is known. The action
-            # prevents the harm at tick `low` and not at tick `high`.
+            # prevents the harm at tick `low` and not at tick `high`. horizon: see `run`.
             while (active := high - low > 1).any():
                 report(f"{int(active.sum())} runs with an action")
                 middle = ((low + high) // 2)[active]
@@ -182,8 +181,8 @@ def find_deadlines(
 ) -> pd.DataFrame:
     """Return the deadlines of the harmful faults of a result folder, as `read_deadlines` does.
 
-    group: only the faults of this group. Faults that do not harm when they are run again are left
-    out. report: is called with a line about the progress. Raise UserError, and StoreError as
+    group: only the faults of this group. Faults that do not harm again are left out. report: is
+    called with a line about the progress. Raise UserError, and StoreError as
     `manifest.read_manifest`.
     """
     record = manifest.read_manifest(folder)

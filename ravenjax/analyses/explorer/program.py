@@ -1,23 +1,23 @@
 """Compiles a campaign's tick to WebAssembly, and describes as JSON how a page runs it.
 
-Numbers are in single precision or are 32-bit integers. Binaries and motions are little-endian words
-in base64. `static/engine.js` reads the object of `describe_program`, with these keys:
+Numbers are float32 or int32. Binaries and motions are little-endian words in base64. The script
+`static/engine.js` reads the object of `describe_program`, with these keys:
 
-- arms, ticks, tick_ms, cue (haptic set of the verdict), slots (faults of a run), observe_ms
-- parameters: those that the page can change, in the order of a run's inputs
-- channels: where faults act; the code of a fault is the channel's index in this list, from 1
-- effects: code; a network effect also has the channel at which it is injected, the effect there and
-  its value
-- triggers, fields (types of a fault's numbers), forever (length of an endless window)
-- motion, motions: the campaign's own, "" for a recording; float32 columns one after the other
-- programs: outcomes, replay, and acted (outcomes with one more fault slot, for an action). Each is
-  a module with the positions of its numbers in memory, in bytes. It imports
-  env.__linear_memory only. width: robots side by side in a vector. series: numbers that a golden
-  run stores in each tick, and a faulty run reads. outputs, of replay: words written in each tick
-  after the series.
-- actions: number of each action that `acted` can take; empty for a robot without actions
-- harm_limit_mm: limit of motion after a stop, which is harm, too; null if the campaign defines harm
-- verdict: the names of outcomes, and the response of each check
+- arms, ticks, tick_ms, observe_ms: of the campaign; cue: number of the verdict's haptic set
+- parameters: list of the parameters that the page can change, in the order of a run's inputs
+- channels: list of places where faults act; the code of a fault is its index here, from 1
+- effects: effect -> code; a network effect also names its channel and its value there
+- slots: number of faults of a run; triggers: trigger -> code; fields: number of a fault -> type
+- forever: length in ticks of an endless fault window
+- motion: name of the campaign's motion, "" for a recording
+- motions: name of a motion -> its float32 columns, one after the other
+- programs: `outcomes` computes outcomes, `replay` also time series, and `acted` outcomes with an
+  action in one more fault slot. Each program has a binary that imports only its memory, and these
+  numbers: positions of its numbers in memory (bytes); width, robots side by side in a vector;
+  series, numbers of a tick that a golden run stores and a faulty run reads; outputs, of `replay`
+- actions: action -> number, for `acted`; empty for a robot without actions
+- harm_limit_mm: a larger motion after a stop is harm, too; null if the campaign defines harm itself
+- verdict: names of outcomes, and the response of each check
 - examples: the first fault of each group
 - worker: text of `static/worker.js`, which a page starts from a Blob
 """
@@ -75,18 +75,18 @@ def question_plan(config: CampaignConfig) -> Plan:
             " [[group.fault]] to one of its groups; a page offers its site and effects"
         )
     # All runs get the random key 0: a page draws the lengths of packets once, not for each run.
-    varied = ready.varied | {key: 0 * ready.varied[key] for key in ready.keys}
+    varied = ready.varied | {key: np.zeros_like(ready.varied[key]) for key in ready.keys}
     # Full paths of the numbers that are inputs already.
-    covered = set()
+    input_paths = set()
     for path in varied:
-        covered.update(paths.named_numbers(program.params, program.setup, path))
+        input_paths.update(paths.named_numbers(program.params, program.setup, path))
     for full_path, value in paths.path_leaves(program.params, program.setup):
         # A page changes a parameter of all arms together.
         path = paths.without_arm(full_path, program.setup.arms)
         is_offered = any(f"{path}.".startswith(f"{start}.") for start in WORDS["parameters"])
-        if not is_offered or full_path in covered:
+        if not is_offered or full_path in input_paths:
             continue
-        covered.update(paths.named_numbers(program.params, program.setup, path))
+        input_paths.update(paths.named_numbers(program.params, program.setup, path))
         dtype = program.setup.precision.real if np.asarray(value).dtype.kind == "f" else np.int32
         varied[path] = np.full(ready.runs, value, dtype)
     # The page ends runs by itself, so the program needs only the triggers that a page offers.
@@ -199,14 +199,15 @@ def list_motions(ready: Plan) -> dict[str, Any]:
 
 
 def _motion_columns(ready: Plan, name: str) -> tuple[np.ndarray, ...] | None:
-    """Return the columns of another generated motion; None if the robot starts elsewhere in it."""
+    """Return the columns of generated motion `name`; None if the robot would start elsewhere."""
     config, program = ready.config, ready.program
     operator = config.operator.model_copy(update={"motion": name})  # pyright: ignore[reportAttributeAccessIssue]
     other = config.model_copy(update={"operator": operator})
+    # No parameter varies between runs here: {}.
     prepared = config.robot.part("campaign").prepare(
         other, {}, program.setup.injection, program.setup.precision
     )
-    # The start of the robot is a constant of the compiled program.
+    # The compiled program contains the robot's position at the start of the campaign's motion.
     campaign_params = dict(paths.path_leaves(program.params, program.setup))
     other_params = dict(paths.path_leaves(prepared.params, program.setup))
     for path, value in campaign_params.items():

@@ -73,16 +73,15 @@ def calibrate_monitor(
 ) -> Calibrated:
     """Simulate fault-free operations, calibrate the monitor, and write both into the folder `out`.
 
-    `hours`: total hours of operation, of all operators and robots; None: as many as the target
-    needs. Finished operators stay on disk, and the same call continues. Raise UserError and
-    StoreError.
+    `hours`: total hours of operation, of all operators and robots; None: as the target needs.
+    Finished operators stay on disk; the same call continues. Raise UserError and StoreError.
     """
     terms = split_scores(choose_candidates(request.config.robot, request.signals or SIGNALS))
     units = calibration.units_within(request.target, request.robots, hours)
     design = OperationDesign(
         motions=tuple(request.motions) or varying_motions(request.config),
         robots=request.robots,
-        # As the target calculates, after rounding to hours.
+        # The target has this length in hours. Both must be equal, even after rounding.
         length_s=request.target.length_h * 3600,
         seed=request.seed,
     )

@@ -1,8 +1,7 @@
 """Computes the scales and the threshold of a monitor from scores of fault-free operations.
 
 Some operators determine the scale of each score, some the threshold, and some test the monitor. The
-number of an operator determines this use. Additional operators therefore do not change the use of
-earlier operators.
+number of an operator determines this use. So more operators do not change earlier uses.
 """
 
 import math
@@ -77,9 +76,7 @@ def assign_uses(unit: np.ndarray) -> Uses:
 
 
 def count_units(threshold_units: int) -> int:
-    """Return the smallest number of operators of which `threshold_units` determine the threshold
-    and at least one tests the monitor.
-    """
+    """Return the fewest operators of which `threshold_units` set the threshold and one tests it."""
     rounds, rest = divmod(threshold_units, THRESHOLD_OPERATORS)
     units = rounds * ROUND_SIZE
     if rest:
@@ -96,11 +93,11 @@ def require_hours(hours: float) -> None:
 
 
 def units_within(target: FalseAlarmTarget, robots: int, hours: float | None) -> int:
-    """Return the number of operators to simulate: as many as fit into `hours`, or RESERVE times the
-    number that the target needs if `hours` is None.
+    """Return the number of operators (the units) to simulate: as many as fit into `hours`. If
+    `hours` is None, RESERVE times min_clusters operators determine the threshold.
 
-    robots: operations of each operator. Raise UserError if the hours are too few; the message
-    states the number of hours that are needed.
+    robots: operations of each operator. min_clusters: number of operators with which the threshold
+    keeps the target. Raise UserError, with the hours that are needed, if the hours are too few.
     """
     if hours is None:
         return count_units(int(np.ceil(RESERVE * target.min_clusters)))

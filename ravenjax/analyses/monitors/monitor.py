@@ -1,7 +1,4 @@
-"""Defines a calibrated monitor as data: scores of signals, the scale of each score, and a
-threshold."""
-
-from __future__ import annotations
+"""Defines a calibrated monitor as data: scores of signals, their scales, and a threshold."""
 
 import dataclasses
 import re
@@ -49,7 +46,7 @@ class Segments:
         return f"{self.field}={','.join(f'{edge:.9g}' for edge in self.edges)}"
 
     @staticmethod
-    def parsed(text: str) -> Segments:
+    def parsed(text: str) -> "Segments":
         """Return the segments of a text such as "tick=1,5"; WHOLE for "". Raises ValueError."""
         if not text:
             return WHOLE
@@ -97,9 +94,7 @@ class Monitor:
 
 
 def split_scores(scores: Sequence[Score]) -> tuple[Score, ...]:
-    """Return a score with scale 1 for each channel of the scores. A channel that is in several
-    scores is returned once.
-    """
+    """Return a score with scale 1 for each channel of the scores, each channel once."""
     channels = [channel.scaled([1.0]) for score in scores for channel in score.channel_scores]
     return tuple({channel.name: channel for channel in channels}.values())
 

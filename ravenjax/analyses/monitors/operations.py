@@ -1,5 +1,4 @@
-"""Simulates many fault-free operations and returns the scores of candidate checks for each
-operation.
+"""Simulates many fault-free operations and returns the scores of candidate checks for each.
 
 Each operator has a different motion. Each operation of an operator has a different robot.
 
@@ -134,8 +133,7 @@ class OperationRunner:
         """Yield the scores of these operators in order. Several are computed in parallel. Closing
         the iterator cancels operators that have not begun.
         """
-        # Enough operators in parallel to fill the engine. One more thread plans the next operator
-        # while the others compute.
+        # Enough operators in parallel to fill the engine, and one thread that plans the next.
         lanes = self._kernel(self._first).branches
         operators = min(MAX_PARALLEL_OPERATORS, math.ceil(lanes / self.design.robots))
         threads = 1 + max(self._engine.threads, operators)

@@ -45,9 +45,7 @@ def list_missing(folder: Path, units: int) -> list[int]:
 
 
 def add_scores(folder: Path, operator: OperatorScores) -> None:
-    """Write the operations of an operator to a file, one row each. The file has a column `score0`,
-    `score1`, .. for each detector.
-    """
+    """Write the operations of an operator to a file, one row each. Columns: score0, score1, .."""
     table = pd.DataFrame({"hours": operator.hours})
     for number, scores in enumerate(operator.score.T):
         table[f"score{number}"] = scores
@@ -58,11 +56,10 @@ def add_scores(folder: Path, operator: OperatorScores) -> None:
 
 
 def read_scores(folder: Path, units: int | None = None) -> OperationScores:
-    """Return the scores of the operations in a folder; only of operators with numbers below
-    `units`, if it is given.
+    """Return the scores of a folder's operations; only of operators below `units`, if it is given.
 
-    score: float32 [operations, detectors]; NaN for a failed run. Raise StoreError if the folder
-    has no operations or a damaged file.
+    score: float32 [operations, detectors]; NaN for a failed run. Raise StoreError if the folder has
+    no operations or a damaged file.
     """
     paths = sorted((folder / PARTS).glob("operator-*.parquet"))
     if not paths:

@@ -9,8 +9,6 @@ quotient. NaN is read as 0. The module `code` writes a score as a Python file th
 use as a detector (`ravenjax.stages.detectors`).
 """
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from collections.abc import Iterator, Sequence
@@ -64,7 +62,7 @@ class Score:
         return _WORDS[self.kind].format(what=what, against=self.against)
 
     @property
-    def channel_scores(self) -> tuple[Score, ...]:
+    def channel_scores(self) -> "tuple[Score, ...]":
         """A separate score for each channel, with the channel's label in its name."""
         if len(self.labels) == 1:
             return (self,)
@@ -82,7 +80,7 @@ class Score:
             )
         )
 
-    def scaled(self, scales: Sequence[float]) -> Score:
+    def scaled(self, scales: Sequence[float]) -> "Score":
         """Return the score with other scales, one for each channel, above 0."""
         return dataclasses.replace(self, scales=tuple(float(scale) for scale in scales))
 

@@ -86,7 +86,7 @@ def read_monitor(folder: Path) -> tuple[Monitor, dict[str, Any]]:
     path = folder / RECORD
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
-        # A term in the file has a scale for each segment, but a score has one for each channel.
+        # The file has a scale for each segment, in `scales`. A Score itself needs a scale, here 1.
         terms = [table | {"scales": [1.0]} for table in content["term"]]
         scales = [tuple(map(_float32, table["scales"])) for table in content["term"]]
         monitor = Monitor(
@@ -169,8 +169,7 @@ def compute_test_vector(config: CampaignConfig, monitor: Monitor, seed: int) -> 
     """Return a monitor's inputs and scores in each millisecond of a run, to test its C code.
 
     The table has one row per millisecond of the first arm of `config`'s robot. Columns: ms, live,
-    the monitor's inputs, score (0 while not live), alarm. The run has a fault if the robot has the
-    site of FAULT.
+    the monitor's inputs, score (0 while not live), alarm. FAULT acts if the robot has its site.
     """
     with TemporaryDirectory() as folder, consent.trust_folders(Path(folder)):
         file = Path(folder) / "monitor.py"
@@ -183,10 +182,11 @@ def compute_test_vector(config: CampaignConfig, monitor: Monitor, seed: int) -> 
         tracer = planned.backend.tracer(program, 1)
         *_, signals = tracer.run(golden, faulty, planned.plan.columns)
     signals = program.loop.name_signals(program.setup, signals)
-    # The campaign has one arm and one detector, whose file stores its inputs in its state.
+    # The campaign has one arm and one detector, so both indices are 0.
     detectors = signals["detectors"]
     detector_state = detectors.own[0][0]
-    score = np.asarray(detectors.detectors[0].recent[0], np.float32)
+    (last_score,) = detectors.detectors[0].recent
+    score = np.asarray(last_score, np.float32)
     armed_after = program.params.detectors.armed_after
     live = np.asarray(signals["live"]).astype(bool) & (np.arange(len(score)) >= armed_after)
     inputs = {
@@ -202,7 +202,7 @@ def _test_vector_campaign(
     config: CampaignConfig, monitor: Monitor, seed: int, file: Path
 ) -> CampaignConfig:
     """Return a campaign with one short run of one arm, whose signals become the test vector. Its
-    only detector is the monitor, in the Python file `file`.
+    only detector is the monitor, in the Python file `file`. A fault gives large scores.
     """
     content, robot = config.model_dump(mode="json"), config.robot
     group: dict[str, Any] = {"name": "vector"}
@@ -224,7 +224,7 @@ def _test_vector_campaign(
         for path, value in content["parameters"].items()
         if config.parameters[path].kind == "fixed" and not any(arm in path for arm in other_arms)
     }
-    # Only a detector that waits for several scores stores its last score, which is recorded.
+    # A detector stores its last score only if `consecutive` is above 1. The score is read there.
     detector = {"name": "monitor", "file": str(file), "consecutive": 2}
     raw["detector"] = [detector | {"threshold": [monitor.threshold]}]
     return validate_tables(raw)

@@ -83,7 +83,7 @@ class Brackets:
     @property
     def monotone(self) -> np.ndarray:
         """Whether all values of the scan after the first harmful one are harmful; bool [cells]."""
-        # Harm begins at one change, or at the first value without a change.
+        # ALWAYS: the first value is harmful, so no change may follow. Else harm begins at a change.
         monotone = [
             len(changes) <= (0 if state == ALWAYS else 1)
             for state, changes in zip(self.state, self.changes, strict=True)
@@ -169,8 +169,7 @@ def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) 
     case, sign = np.array(cells).T
 
     def points(cell: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        # Returns the points of cells [n] with fault values of these sizes [n]: case [n] and values
-        # [n, 1].
+        # Returns points of cells [n] with fault values of sizes [n]: case [n] and values [n, 1].
         return case[cell], (sign[cell] * size)[:, None]
 
     def harm(cell: np.ndarray, size: np.ndarray) -> np.ndarray:
@@ -236,11 +235,11 @@ def _along(cells: Sequence[dict[str, Any]]) -> str | None:
 def draw(numbers: dict[str, Any]) -> list[Chart]:
     """Return charts of the boundary, from the results of `find`.
 
-    There is a chart for each value of the first list, and a curve for each other case.
+    The axis `along` is a list of the file. Of other lists, each value of the first has a chart, and
+    each combination of the rest has a curve. With only one other list, its values have curves.
     """
     cells, along = numbers["cells"], numbers["along"]
     names = [name for name in cells[0]["cell"] if name != along]
-    # One other list gives the curves of a single chart.
     panel_name = names[0] if len(names) > 1 else None
     records_by_value: dict[Any, list[dict[str, Any]]] = {}
     for record in cells:

@@ -164,8 +164,9 @@ class Evaluator:
         return np.stack(values, axis=1)
 
     def _plan_rows(self, rows: pd.DataFrame) -> Plan:
-        """Return the template's plan with other rows. Runs that share a golden run are adjacent."""
+        """Return the search's plan with other rows. Runs that share a golden run are adjacent."""
         base, columns = self._plan, table.varied_parameters(rows)
+        # Keys of random numbers depend on the run id.
         for path, purpose in base.keys.items():
             columns[path] = run_id.stream_keys(rows["run_id"].to_numpy(), purpose)
         varied = {path: columns[path].astype(values.dtype) for path, values in base.varied.items()}

@@ -1,8 +1,6 @@
-"""Measures which inputs determine an outcome, for each case (searches of kinds "sobol" and
-"morris").
+"""Measures which inputs determine an outcome, in each case (kinds "sobol" and "morris").
 
-The figure shows Sobol's indices, or the mean and the standard deviation of Morris's elementary
-effects.
+The figure shows Sobol's indices, or mean and standard deviation of Morris's elementary effects.
 """
 
 import math
@@ -114,7 +112,7 @@ def draw(numbers: dict[str, Any]) -> list[Chart]:
     charts = []
     for record in numbers["results"]:
         if record["indices"] is not None:
-            # Without lists in the file, the case has no description.
+            # A search file without lists has only one case, whose description is "".
             title = f"{record['outcome']}\n{describe_case(record['case'])}".rstrip("\n")
             charts.append(make_chart(title, names, record["indices"]))
     return charts[:MAX_PANELS]

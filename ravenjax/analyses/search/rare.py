@@ -2,8 +2,7 @@
 
 The inputs of runs have the distributions of the search file. Each combination of the file's lists
 is estimated separately. Subset simulation and plain Monte Carlo sample the same unit cube. If plain
-Monte Carlo finds the event often enough, both methods must agree. Otherwise plain Monte Carlo gives
-an upper bound.
+Monte Carlo finds the event often enough, both methods must agree. Else it gives a bound.
 
 The figure shows how likely each value of the event's column is, by both methods.
 """
@@ -81,6 +80,7 @@ def _limit_state(
 
     def g(points: np.ndarray) -> np.ndarray:
         cases = np.full(len(points), case)
+        # Margins have the opposite sign: the event happened if the margin is at least 0.
         margins = evaluator(cases, template.values(cases, points))[:, 0]
         distances.append(np.where(np.isfinite(margins), -margins, INVALID_DISTANCE))
         return distances[-1]

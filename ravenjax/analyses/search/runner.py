@@ -39,9 +39,7 @@ KINDS: dict[str, tuple[Any, str]] = {
     "morris": (indices, "indices.md.j2"),
     "rare": (rare, "rare.md.j2"),
 }
-"""For each kind of search: its module, with functions `expected_runs`, `find` and `draw`, and the
-template of its report.
-"""
+"""For each kind: module with `expected_runs`, `find` and `draw`, and template of the report."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,8 +58,7 @@ def run_search(
     overrides: Sequence[str] = (),
     on_progress: OnProgress | None = None,
 ) -> SearchResult:
-    """Run a search and write its results into the folder `out`, or continue a search there that
-    was interrupted.
+    """Run a search and write its results into the folder `out`, or continue the search there.
 
     `file`: a search file, the name of a bundled search, or a loaded search. `out`: folder, by
     default results/NAME. `overrides`: changes of a file, as `key.path=value`. Raise UserError and
@@ -124,8 +121,7 @@ def _search_folder(
 
 
 def _open_folder(out: Path, identity: dict[str, Any]) -> dict[str, Any]:
-    """Begin or continue a search in the folder `out`. Return the content of its search.json; {} if
-    the folder has none.
+    """Begin or continue a search in the folder `out`. Return its search.json; {} if there is none.
 
     `identity`: everything on which the result depends. Raise UserError if the folder contains
     another search, and StoreError if it cannot be written to.
@@ -153,8 +149,7 @@ def _open_folder(out: Path, identity: dict[str, Any]) -> dict[str, Any]:
 
 
 def _write_search(out: Path, record: dict[str, Any]) -> list[str]:
-    # Writes figure, text, page and search.json. Returns the findings, which are the items of the
-    # text's lists, for the terminal.
+    # Writes figure, text, page and search.json. Returns the findings: items of the text's lists.
     kind, template = KINDS[record["kind"]]
     figure = f"{record['kind']}.svg"
     save_panels(out / figure, kind.draw(record["result"]))

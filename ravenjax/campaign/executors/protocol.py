@@ -8,8 +8,6 @@ it the bytes of finished parts. Therefore no worker needs access to the folder, 
 cannot damage the folder, and all disk errors occur in one process.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 from collections import deque
@@ -26,9 +24,7 @@ from ravenjax.campaign.progress import Progress
 from ravenjax.engines.interface import Engine
 
 Pack = Callable[[Mapping[str, Any]], Any]
-"""Function that converts the columns of a chunk to what is stored, such as the bytes of a file. It
-is called in the process that computes the chunk.
-"""
+"""Converts the columns of a chunk to what is stored, in the process that computes the chunk."""
 
 WRITERS = 12
 """Largest number of chunks that executor `local` packs and delivers in parallel."""
@@ -93,7 +89,7 @@ class BackgroundQueue:
         self._max_calls = threads + WAITING_CALLS
         self._pending: deque[Future[Any]] = deque()
 
-    def __enter__(self) -> BackgroundQueue:
+    def __enter__(self) -> "BackgroundQueue":
         return self
 
     def __exit__(self, *_: object) -> None:

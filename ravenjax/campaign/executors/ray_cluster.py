@@ -10,8 +10,6 @@ long is replaced as well. If a chunk still fails, the executor delivers all othe
 the failed chunk. The same command, started again, computes only this chunk.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import re
@@ -49,7 +47,7 @@ ANSWER_S = 10.0
 _PASSED_ON = ("XLA_FLAGS", "JAX_PLATFORMS", "JAX_ENABLE_X64", "RAVENJAX_CACHE")
 """Environment variables that affect results or speed. Each task gets the user's values."""
 
-_workers: dict[str, Worker] = {}
+_workers: "dict[str, Worker]" = {}
 """In a Ray worker process: the compiled Worker of the current campaign, by key."""
 
 

@@ -2,9 +2,8 @@
 
 The expansion is deterministic. A group's random draws depend only on the campaign's seed and on the
 group's name and design. They do not depend on other groups, on chunk size or on storage order. The
-`run_id` of a row is a hash of its content and of all settings of the campaign. Equal runs therefore
-have equal ids, in whatever row. Whole columns are computed, because a campaign may have millions of
-runs.
+`run_id` of a row is a hash of its content and of all settings of the campaign. Equal runs have
+equal ids in any row. A campaign may have millions of runs, so whole columns are computed.
 """
 
 import hashlib
@@ -145,6 +144,7 @@ def _pieces(config: CampaignConfig, group: Group, moments: Moments) -> Iterator[
     rng = np.random.default_rng([config.campaign.seed, zlib.crc32(group.name.encode())])
     for faults, axes_in_file in faults_and_axes(config, group):
         axes = moments.convert_phases(axes_in_file, group.name)
+        # repeat: number of each run's repeat. places: position of each run on each axis.
         runs, repeat, places = sampling.sample_runs(group, axes, rng)
         slots = [
             fill_slot(config.robot, fault, _select_slot(axes, f), _select_slot(places, f))
@@ -215,20 +215,20 @@ def _select_slot(table: dict[Key, Any], slot: int) -> dict[str, Any]:
 def _arrange_table(config: CampaignConfig, table: pd.DataFrame) -> pd.DataFrame:
     # Returns the fault table in the order that a stop rule needs, with new `index` and `pair`. The
     # first rows of each group must be a random sample of the group. A draw is one point of the
-    # group's design. Its repeats and crossed variants have the same fault. Their rows become
-    # adjacent, are computed together and count once. Draws of a random, lhs or sobol design keep
-    # their order. Draws of a grid, zip or list are shuffled with the campaign's seed.
+    # group's design. Its repeats and crossed variants become adjacent, and count once. With 2
+    # repeats and 2 crossed values, rows of the draws 0 0 1 1 0 0 1 1 become 0 0 0 0 1 1 1 1. Draws
+    # of a grid, zip or list are also shuffled. Other draws are random already.
     order = np.arange(len(table))
     pair = table["pair"].to_numpy()
-    # Other rows differ from such a row only in crossed parameters.
-    has_new_fault = pair == order
+    # True for the first of the rows that differ only in crossed parameters.
+    is_first_variant = pair == order
     sizes = table["group"].array.value_counts()
     start = 0
     for group in config.group:
         rows = order[start : start + sizes[group.name]]
-        # Number, from 0, of the fault of each row that has a new fault.
-        fault_number = np.cumsum(has_new_fault[rows]) - 1
-        draw = fault_number[pair[rows] - start] // group.repeats
+        # Number of each first variant, from 0. The repeats of a draw follow each other.
+        variant_number = np.cumsum(is_first_variant[rows]) - 1
+        draw = variant_number[pair[rows] - start] // group.repeats
         draw_count = len(rows) // rows_of_a_draw(config, group)
         new_position = np.arange(draw_count)
         if group.design not in SAMPLED:

@@ -40,7 +40,8 @@ class Moments:
     def _find_ms(self, moment: Moment, where: str) -> int:
         # Returns the millisecond of the operation at a share of the milliseconds of a phase.
         axis = self._phase_axis(moment.phase, where)
-        count = sum(end - begin for begin, end in axis.values[1:])
+        _, *stretches = axis.values
+        count = sum(end - begin for begin, end in stretches)
         number = round(moment.share * (count - 1))
         # `Axis.at` takes quantiles. In the middle of the millisecond, rounding is harmless.
         return int(axis.at(np.array((number + 0.5) / count)))

@@ -44,7 +44,7 @@ def sample_runs(group: Group, axes: Mapping[Key, Axis], rng: np.random.Generator
     """Return the runs of `group`. Random draws depend only on `rng` and the order of the axes."""
     samples = count_samples(group, axes)
     runs = samples * group.repeats
-    # Number of the sample, and of the repeat, of each run.
+    # Number of the sample, and of the repeat, of each run. A scalar applies to all runs.
     sample, repeat = np.arange(runs), np.zeros((), np.int64)
     if group.repeats > 1:
         sample, repeat = np.divmod(sample, group.repeats)
@@ -95,8 +95,8 @@ def _draw_points(design: str, rows: int, dimensions: int, rng: np.random.Generat
         # SciPy warns of any number of points that is not a power of two.
         return qmc.Sobol(dimensions, rng=rng).random(1 << (rows - 1).bit_length())[:rows]
     spawned = rng.spawn(1)[0]
-    # Sobol points, as whole numbers of 30 bits: a random first point, and directions that are
-    # scrambled by random triangular matrices of bits.
+    # Sobol points as 30-bit numbers, with SciPy's scrambling "LMS+shift": random lower triangular
+    # matrices multiply the bits of each direction, highest first. The first point is random.
     size, dtype = (dimensions, 30), np.uint32
     bit_values = dtype(1) << np.arange(30, dtype=dtype)
     first = spawned.integers(2, size=size, dtype=dtype) @ bit_values

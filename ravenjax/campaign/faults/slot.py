@@ -1,5 +1,4 @@
-"""Makes the columns of one fault slot of the fault table, in a normal form: equal faults have equal
-columns.
+"""Makes the columns of a slot of the fault table in a normal form: equal faults have equal columns.
 
 Fields that an effect does not use are NaN or 0. A network effect has the channel on which it acts.
 Times are whole numbers of at least 0. Drawn values are rounded if the channel is an integer.
@@ -58,7 +57,7 @@ def fill_slot(
         name: codes_of(name, axes[name].values)[places[name]] for name in words if name != "site"
     }
     effect = codes["effect"]
-    # A network effect determines its channel.
+    # A network effect determines its channel, whatever the key `channel` has.
     for name in axes["effect"].listed:
         if network := effects.NETWORK_EFFECTS.get(name):
             has_effect = effect == words["effect"].index(name)
@@ -66,13 +65,13 @@ def fill_slot(
             codes["channel"] = np.where(has_effect, channel, codes["channel"])
     value = axes["value"].at(places["value"])
     if not axes["value"].listed:
-        # A value that is drawn for an integer channel is rounded to an integer.
-        rounded = np.zeros((len(words["channel"]), len(words["effect"])), bool)
+        # Bool [channels, effects], by index in `words`: a drawn value is rounded to an integer.
+        needs_rounding = np.zeros((len(words["channel"]), len(words["effect"])), bool)
         for channel, name in itertools.product(site.channels, axes["effect"].listed):
             row, column = words["channel"].index(channel.name), words["effect"].index(name)
-            rounded[row, column] = legal_values(channel, name).rounded
-        whole = axes["value"].at(places["value"], whole=True)
-        value = np.where(rounded[codes["channel"], effect], whole, value)
+            needs_rounding[row, column] = legal_values(channel, name).rounded
+        rounded_value = axes["value"].at(places["value"], whole=1)
+        value = np.where(needs_rounding[codes["channel"], effect], rounded_value, value)
     value = np.where(np.isin(words["effect"], effects.WITHOUT_VALUE)[effect], np.nan, value)
     periodic = np.isin(words["effect"], effects.WITH_PERIOD)[effect]
     times = {}
@@ -88,7 +87,7 @@ def _fill_times(
 ) -> np.ndarray:
     # Returns the column `name` of TIMES: multiples of `step`, at least `step` for a period or a
     # duration, else at least 0. periodic: whether the effect has a period, else the period is 0.
-    # Only the word END in a file means UNTIL_END, not a drawn number that equals it.
+    # The word END in a file is UNTIL_END here, but a drawn number that equals it is not.
     drawn = axis.at(places, whole=step)
     least = step if name in ("period_ms", "duration_ms") else 0
     times = np.maximum(drawn // step * step, least)

@@ -30,7 +30,7 @@ def first_active_ticks(faults: Faults, ticks: int) -> np.ndarray:
     return np.clip(first, 0, ticks).min(axis=1, initial=ticks).astype(np.int32)
 
 
-def last_observed_ticks(
+def observation_ends(
     faults: Faults, ticks: int, observe: int | None, clocks: Clocks | None = None
 ) -> np.ndarray:
     """Return the first tick in which each run is no longer observed, int32 [runs].

@@ -33,8 +33,7 @@ def count_slots(table: pd.DataFrame) -> int:
 
 
 def table_injection(table: pd.DataFrame, robot: Robot) -> Injection:
-    """Return the sites, channels, effects and triggers that occur in the table, in the robot's
-    order.
+    """Return the sites, channels, effects and triggers in the table, in the robot's order.
 
     They select the code that injects faults. Network effects are replaced by plain effects.
     """

@@ -1,7 +1,6 @@
 """Defines how a key of a campaign file varies: one value, a list of values, or a distribution.
 
-A list may also be written `{ list = [..] }`. Its items are then separate values of the key, not the
-numbers of one vector.
+A list may also be written `{ list = [..] }`. Its items are then separate values, not one vector.
 """
 
 import dataclasses
@@ -79,6 +78,7 @@ class Axis:
             return values[0]
         if self.kind == PHASE:
             return {PHASE: values[0]}
+        # A list is written as [1, 2], or as { list = [1, 2] } if it is explicit.
         return values if self.kind == LIST and not self.explicit else {self.kind: values}
 
     @property
@@ -123,7 +123,7 @@ class Axis:
 
     def at(self, places: np.ndarray, whole: int = 0) -> np.ndarray:
         """Return the numbers at `places`, float64 of the same shape. places: indices of listed
-        values, or quantiles in [0, 1) of a distribution. whole: round drawn numbers to multiples of
+        values, or quantiles [0, 1) of a distribution. whole: round drawn numbers to multiples of
         this integer.
 
         Listed values are not rounded.
@@ -132,12 +132,14 @@ class Axis:
             numbers = [UNTIL_END if value == END else value for value in self.values]
             return np.asarray(numbers, np.float64)[places]
         if self.kind == PHASE:
-            begins, ends = np.array(self.values[1:], np.int64).T
+            _, *stretches = self.values
+            begins, ends = np.array(stretches, np.int64).T
             # Number of milliseconds of the phase up to the end of each stretch.
             counts = np.cumsum(ends - begins)
             number = np.minimum((places * counts[-1]).astype(np.int64), counts[-1] - 1)
             stretch = np.searchsorted(counts, number, side="right")
-            return ((ends - counts)[stretch] + number).astype(np.float64)
+            # The stretch has `counts - number` milliseconds from this one to its end.
+            return (ends[stretch] - (counts[stretch] - number)).astype(np.float64)
         # Numbers are drawn in units of `whole`, rounded, and converted back.
         unit = max(whole, 1)
         low, high = (value / unit for value in self.values)
@@ -145,7 +147,8 @@ class Axis:
             # This import is slow.
             from scipy.special import ndtri
 
-            numbers = low + high * ndtri(np.clip(places, 1e-12, 1.0 - 1e-12))
+            mean, deviation = low, high
+            numbers = mean + deviation * ndtri(np.clip(places, 1e-12, 1.0 - 1e-12))
         elif self.kind == "loguniform":
             numbers = np.exp(math.log(low) + places * (math.log(high) - math.log(low)))
         elif whole:
@@ -222,15 +225,15 @@ class KeyDefinition(NamedTuple):
         if kind == "loguniform" and first <= 0:
             raise ValueError(f"loguniform = [low, high]: both must be above 0, got {first!r}")
         axis = Axis(kind, (first, second))
-        # A normal distribution is truncated at `least`, so only its upper end is checked.
-        least = -self.largest if kind == "normal" else self.least
-        if not least <= axis.extent[0] <= axis.extent[1] <= self.largest:
+        # A normal distribution may draw numbers below `least`, which become `least`.
+        lowest = -self.largest if kind == "normal" else self.least
+        if not lowest <= axis.extent[0] <= axis.extent[1] <= self.largest:
             raise ValueError(f"got {kind} = {format_value(list(raw))}, expected {self.expected}")
         if self.whole and not axis.fits_whole_numbers:
             low, high = axis.extent
             raise ValueError(
                 f"got {kind} = {format_value(list(raw))}, expected {self.expected}: write whole"
-                f" ends, such as {math.floor(low)} and {math.ceil(high)}"
+                f" numbers as limits, such as {math.floor(low)} and {math.ceil(high)}"
             )
         return axis
 
@@ -242,9 +245,10 @@ class KeyDefinition(NamedTuple):
             for form in self.forms
         }
         table = {**_TABLES["table"], "properties": properties}
-        forms = ", ".join(f"{{{form} = {FORMS[form]}}}" for form in self.forms)
+        # Such as "{choice = [value, value, ..]}".
+        examples = ", ".join(f"{{{form} = {FORMS[form]}}}" for form in self.forms)
         return {
-            "description": f"{self.expected}, a list of these, or one of {forms}",
+            "description": f"{self.expected}, a list of these, or one of {examples}",
             "anyOf": [self.schema, values, table],
         }
 
@@ -297,7 +301,7 @@ def word_axis(what: str, known: Iterable[str] | None = None) -> KeyDefinition:
     def parse(raw) -> str:
         # Returns a word, which must be one of the known words.
         if not isinstance(raw, str):
-            raise ValueError(f"got {format_value(raw)}, expected {expected}, a list or a choice")
+            raise ValueError(f"got {format_value(raw)}, expected {expected} or a list of names")
         if known is not None and raw not in known:
             raise ValueError(describe_unknown_name(what, raw, known))
         return raw
@@ -318,11 +322,14 @@ def _parse_start(raw) -> Axis:
     # Returns the axis of the start of a fault: times, or positions in a phase of the operation. The
     # module `moments` later converts phases to milliseconds, which depend on the operator's motion.
     if not _names_phase(raw):
+        # Such as 500, [500, 700] or { uniform = [0, 900] }.
         return _MOMENTS.parse_axis(raw)
     if set(raw) == {PHASE} and isinstance(raw[PHASE], str):
+        # { phase = "fast" } is a random millisecond of the phase.
         return Axis(PHASE, (raw[PHASE],))
     shares = raw.get(SHARE)
     if isinstance(shares, list | tuple) and shares:
+        # { phase = "fast", share = [0.2, 0.8] }
         return Axis(LIST, tuple(_parse_moment({**raw, SHARE: share}) for share in shares))
     return fixed_axis(_parse_moment(raw))
 

@@ -4,8 +4,6 @@ The check imports the modules of the robot's tick, which is slow. Parameters are
 when the campaign is planned, not when its file is read.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 import re
@@ -104,7 +102,7 @@ def parameter_channel(robot: Robot, known: list[str], name: str) -> tuple[Channe
     return Channel(name, (), "int32" if row.whole else "float", row.unit, limits), ""
 
 
-def find_invalid_values(config: CampaignConfig) -> Iterator[Complaint]:
+def find_invalid_values(config: "CampaignConfig") -> Iterator[Complaint]:
     """Yield (key, message) of each parameter value that is out of range. Paths are not checked."""
     first_keys: dict[str, Key] = {}
     added = config.own_ranges
@@ -124,8 +122,8 @@ def find_invalid_values(config: CampaignConfig) -> Iterator[Complaint]:
             yield first_keys[other], message
 
 
-def find_invalid_paths(config: CampaignConfig, known: Iterable[str]) -> Iterator[Complaint]:
-    """Yield (key, message) of each unknown path, and of each list that looks like a vector."""
+def find_invalid_paths(config: "CampaignConfig", known: Iterable[str]) -> Iterator[Complaint]:
+    """Yield (key, message) of each unknown path, and of each list that seems to mean a vector."""
     known = list(known)
     for key, table in config.parameter_tables():
         for path, axis in table.items():
@@ -133,7 +131,7 @@ def find_invalid_paths(config: CampaignConfig, known: Iterable[str]) -> Iterator
                 yield (*key, path), message
 
 
-def _tables_beside(config: CampaignConfig, key: Key) -> Iterator[dict[str, Axis]]:
+def _tables_beside(config: "CampaignConfig", key: Key) -> Iterator[dict[str, Axis]]:
     # Yields the tables of parameters that apply together with the table `cross` at `key`.
     yield config.parameters
     for number, group in enumerate(config.group):
@@ -142,7 +140,7 @@ def _tables_beside(config: CampaignConfig, key: Key) -> Iterator[dict[str, Axis]
             yield group.parameters
 
 
-def _find_path_error(config: CampaignConfig, path: str, axis: Axis, known: list[str]) -> str:
+def _find_path_error(config: "CampaignConfig", path: str, axis: Axis, known: list[str]) -> str:
     # Returns an error message if a path is unknown, or if a list looks like a vector; else "".
     # known: all paths that the campaign may vary.
     robot = config.robot
@@ -182,7 +180,7 @@ def out_of_range(axis: Axis, row: Quantity) -> str:
 
 
 def paths_overlap(robot: Robot, path: str, other: str) -> bool:
-    """Return whether two different paths of parameters name the same number, at least one."""
+    """Return whether two different paths of parameters have at least one number in common."""
     joints_and_axes = paths.path_words(robot.joints)
 
     def split_path(path: str) -> list[list[str]]:

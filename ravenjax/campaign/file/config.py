@@ -1,9 +1,7 @@
-"""Defines the pydantic model of a whole campaign file, and values from several sections.
+"""Defines the pydantic model of a whole campaign file. Properties combine several sections.
 
 A robot may add sections. `loading` reads a file, and `semantics` checks rules for several sections.
 """
-
-from __future__ import annotations
 
 import math
 from collections.abc import Iterator
@@ -67,9 +65,8 @@ class CampaignConfig(Section):
         """The file from which the campaign was read."""
         return self._source
 
-    def with_files(self, folder: Path) -> CampaignConfig:
-        """Return a copy in which paths of Python files, which are relative to `folder`, are
-        absolute.
+    def with_files(self, folder: Path) -> "CampaignConfig":
+        """Return a copy with absolute paths of Python files, which are relative to `folder`.
 
         Raise UserError for a file that cannot be used.
         """
@@ -123,7 +120,7 @@ class CampaignConfig(Section):
         return robot.with_checks(self.own_checks).with_channels(PARAMETER, channels)
 
     def _faulty_parameters(self) -> Iterator[tuple[int, int, str]]:
-        """Yield (group, slot, parameter) of each fault at site `parameter`."""
+        """Yield (group, slot, path) of each fault at site `parameter`, which robots may lack."""
         for g, group in enumerate(self.group):
             if self.changeable and any(fault.site == PARAMETER for fault in group.fault):
                 for run in group.run or (Run(),):
@@ -256,6 +253,7 @@ class CampaignConfig(Section):
         ]
         own = {"stops": stops, "checks": checks, "harms": [harm.use for harm in self.harm]}
         campaign = self.campaign.model_dump(mode="json", exclude=ignored, exclude_defaults=True)
+        # Run ids contain these two settings even if they have their defaults.
         outcomes = {"jump": "code", "cue": 0} | self.outcomes.model_dump(exclude_defaults=True)
         return {
             "campaign": campaign,

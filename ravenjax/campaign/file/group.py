@@ -43,8 +43,7 @@ PATHS = ("parameters", "cross")
 def flatten_table(table: Any, prefix: str = "") -> Any:
     """Join the nested keys of a table of parameters into dotted paths.
 
-    Distributions stay tables. prefix: beginning of all paths. Anything else than a table is
-    returned unchanged.
+    Distributions stay tables. prefix: beginning of all paths. Other values are returned unchanged.
     """
     if not isinstance(table, Mapping):
         return table
@@ -77,9 +76,9 @@ _MISSPELT = 0.7
 
 
 def _is_distribution(table: dict[str, Any]) -> bool:
-    # Returns whether a table is a distribution, perhaps with a misspelt name or without a list. A
-    # misspelt distribution is refused later, with a good message. _MISSPELT must be so large that
-    # names of joints are no distributions: `wrist` resembles `list`.
+    # Returns whether a table is a distribution: it has the name of a distribution, or it has a list
+    # and a misspelt name. Mistakes are refused later, with a good message. _MISSPELT must be so
+    # large that names of joints are no distributions: `wrist` resembles `list`.
     if len(table) != 1:
         return False
     ((key, value),) = table.items()

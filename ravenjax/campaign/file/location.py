@@ -30,8 +30,7 @@ def find_campaign_file(path: str | Path, folder: str, what: str, listing: str = 
     """Return the file that `path` names: a path, a file in ./`folder`, or a bundled file.
 
     The ending `.toml` may be left out. what: kind of file, such as "campaign". listing: command
-    that lists the bundled files; if it is "", the error lists them. Raise UserError if there is no
-    file.
+    that lists the bundled files; if "", the error lists them. Raise UserError if there is no file.
     """
     name = require_path(what, path, f"a {what} file or the name of a bundled {what}")
     # A path such as "." has no last part, so no ending can be added.
@@ -151,7 +150,7 @@ class Where:
     lines: dict[str, int]  # line of each key, from `key_lines`
     replaced: Sequence[Key]  # keys of overrides
     # For each group after the expansion of hazards, the number of its group in the file.
-    written: Sequence[int] = ()
+    number_in_file: Sequence[int] = ()
     names: Sequence[str] = ()  # name of each group after the expansion
     groups: Sequence[Any] = ()  # the groups of the file
 
@@ -172,8 +171,8 @@ class Where:
         # Returns a complaint with a key that is in the file. For a fault of the hazard library,
         # this is a key of the group that names the hazard.
         match key:
-            case ("group", int(expanded_number), *rest) if expanded_number < len(self.written):
-                number_in_file = self.written[expanded_number]
+            case ("group", int(number), *rest) if number < len(self.number_in_file):
+                number_in_file = self.number_in_file[number]
             case _:
                 return key, message
         group = self.groups[number_in_file]
@@ -182,16 +181,18 @@ class Where:
         # The group may replace a key of the hazard's fault.
         if rest[-1] in group:
             return ("group", number_in_file, rest[-1]), message
-        hazard = self.names[expanded_number].rpartition("/")[2]
+        hazard = self.names[number].rpartition("/")[2]
         message = f"{hazard}, {format_key(tuple(rest))}: {message}"
         return ("group", number_in_file, "hazards"), message
 
     def _describe_place(self, key: Key) -> str:
         # Returns where a key was written: `--set`, or file and line; "" for tables from Python.
         text, override_keys = format_key(key), [format_key(key) for key in self.replaced]
+        is_in_override = any(text.startswith(other) for other in override_keys)
         # An override of an inner key may create a table that the file does not have.
-        inner_keys = () if text in self.lines else (f"{text}.", f"{text}[")
-        if any(text.startswith(other) or other.startswith(inner_keys) for other in override_keys):
+        inner_keys = (f"{text}.", f"{text}[")
+        is_created = any(other.startswith(inner_keys) for other in override_keys)
+        if is_in_override or (is_created and text not in self.lines):
             return "--set: "
         if self.source is None:
             return ""

@@ -43,8 +43,7 @@ def part_source(name: str, file: Path, sha256: str | None, what: str) -> OwnSour
     """Return the code of a user's file.
 
     A changed file is read again. what: "check" or "detector". Raise UserError if the file cannot be
-    used, if the user has not agreed to run it (`consent`), or if its content does not match
-    `sha256`.
+    used, without the user's consent to run it, or if its content does not match `sha256`.
     """
     key = name, file.absolute(), what
     require_utf8(str(key[1]))
@@ -63,8 +62,8 @@ def part_source(name: str, file: Path, sha256: str | None, what: str) -> OwnSour
 def locate_part(
     table: AnySection, folder: Path, what: str, name: str, key: str = "file", sha256: str = "sha256"
 ) -> AnySection:
-    """Return a table with the absolute path of its file, which is in `folder`, and its hash. key,
-    sha256: names of the keys for the path and the hash.
+    """Return a table with the absolute path of its file, which is in `folder`, and its hash. what:
+    "check" or "detector". name: its name. key, sha256: keys of the table for the path and the hash.
     """
     file: Path | None = getattr(table, key)
     if file is None:

@@ -70,7 +70,7 @@ class Section(BaseModel, metaclass=_SectionClass):
 
 def toml_value(value: Any) -> Any:
     """Convert a value to types of TOML: arrays, tuples, ranges to lists. Omit keys that are None.
-    Other values are returned unchanged. A later check refuses them.
+    Values of unknown types are returned unchanged. A later check refuses them.
     """
     if isinstance(value, Section):
         return value.model_dump(mode="json", exclude_unset=True)

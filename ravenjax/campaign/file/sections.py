@@ -4,8 +4,6 @@ They are [campaign], [haptics], [[detector]], [[check]], [outcomes] and [stop]. 
 keys, units and ranges. The module `group` defines groups of runs.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from pathlib import Path
@@ -66,7 +64,7 @@ class CampaignSection(Section):
     @field_validator("duration_s")
     @classmethod
     def _whole_ms(cls, duration: float) -> float:
-        # `semantics` checks that a run has whole ticks.
+        # A tick may last several milliseconds. `semantics` then checks that a run has whole ticks.
         ticks = round(duration * 1000.0)
         if ticks < 1 or abs(duration * 1000.0 - ticks) > 1e-6 * ticks:
             raise ValueError(
@@ -122,7 +120,7 @@ class Haptics(Section):
     """grid: every combination of the lists; zip: one set for each position in the lists"""
 
     @model_validator(mode="after")
-    def _check_lists(self) -> Haptics:
+    def _check_lists(self) -> "Haptics":
         # Checks that the lists of settings can be combined, and the number of haptic sets.
         lengths = {name: len(values) for name, values in self._lists().items() if len(values) > 1}
         if self.combine == "zip" and len(set(lengths.values())) > 1:
@@ -190,7 +188,7 @@ class Detector(Section):
     """scores above which an alarm is raised; all are evaluated in the same run"""
 
     @model_validator(mode="after")
-    def _fits(self) -> Detector:
+    def _fits(self) -> "Detector":
         # Checks that the keys of a detector can be used together.
         if (self.kind is None) == (self.file is None):
             got = "neither" if self.file is None else "both"
@@ -340,7 +338,7 @@ class Stop(Section):
     in which they narrow the intervals most"""
 
     @model_validator(mode="after")
-    def _check_looks(self) -> Stop:
+    def _check_looks(self) -> "Stop":
         # Checks that the shares of the looks increase, and that each rate is named once.
         increases = list(self.looks) == sorted(set(self.looks))
         if not increases or not 0.0 < self.looks[0] <= self.looks[-1] <= 1.0:

@@ -78,9 +78,10 @@ def _find_broken_ticks(times: Iterable[Any], tick_ms: int) -> Iterator[str]:
 
 
 def _find_group_errors(config: CampaignConfig, group: Group) -> Iterator[Complaint]:
-    # Yields mistakes of a group: sites and channels that the robot lacks, and lengths of lists.
-    # The keys are relative to the group.
+    # Yields mistakes of a group: sites and channels that the robot lacks, and lengths of lists. The
+    # keys are relative to the group.
     runs = [(("run", r), group.faults_of(run)) for r, run in enumerate(group.run)]
+    # A group without tables [[group.run]] has its own faults.
     for key, faults in runs or [((), group.fault)]:
         for f, fault in enumerate(faults):
             errors = list(_find_fault_errors(config, group, fault))
@@ -157,7 +158,7 @@ def _find_site_errors(
     names = [channel.name for channel in site.channels]
     channels = fault.channels(site).listed
     if channels == ("",):
-        # A network effect determines its channel.
+        # Only a network effect needs no channel, because it determines the channel.
         if len(network) < len(fault.effect.listed):
             listing = ", ".join(names) or site.where
             yield "channel", f"missing: site {site.name} has {listing}; write one, a list, or '*'"
@@ -236,7 +237,7 @@ def _find_value_error(
         if not axis.fits_whole_numbers:
             return (
                 f"got {axis.kind} = {list(axis.values)}, but {channel.name} is a whole number"
-                f" ({channel.unit}): write whole ends, such as {math.floor(low)} and"
+                f" ({channel.unit}): write whole numbers as limits, such as {math.floor(low)} and"
                 f" {math.ceil(high)}"
             )
         value = math.trunc(value)
@@ -252,6 +253,7 @@ def last_start(config: CampaignConfig, fault: Fault) -> int:
     """Return the largest `start_ms`, in ms or packets, at which a fault still acts in the run."""
     if fault.trigger.listed != ("packet",):
         return config.campaign.duration_ms - 1
+    # The cycles per packet are a mean of the campaign, or this parameter. The other of both is 1.
     axis = config.parameters.get(config.robot.packet_cycles)
     least_cycles = 1 if axis is None else min(axis.listed or axis.values)
     return math.ceil(config.campaign.ticks / max(config.cycles_a_packet, least_cycles)) - 1

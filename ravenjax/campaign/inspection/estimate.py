@@ -49,6 +49,11 @@ class CostFactors(NamedTuple):
     substeps: int = 1  # integration steps per tick
     reacts: bool = False  # whether the operator reacts to faults
 
+    @property
+    def shares_series(self) -> bool:
+        """Whether a golden run has so many runs that its series is stored once, not per lane."""
+        return self.golden_runs <= max(1, self.runs // SHARED)
+
 
 class CostEstimate(NamedTuple):
     """Expected time and memory."""
@@ -81,10 +86,11 @@ def estimate_cost(work: CostFactors, engine: str, speed: float) -> CostEstimate:
     """Return the expected cost of `work` on an engine; speed: value of `measure_speed`."""
     ticks = (work.runs + work.golden_runs) * work.ticks
     if engine == "cuda":
+        # The speed of a GPU was measured with ticks that take ns_arm on a core.
         compute_s = ticks * tick_ns(work) / _MODEL.ns_arm / _MODEL.cuda_ticks_per_s
     else:
         compute_s = ticks * tick_ns(work) * 1e-9 * _MODEL.slower.get(engine, 1.0) / speed
-    copies = 2 if work.golden_runs > work.runs // SHARED and work.golden_runs > 1 else 1
+    copies = 1 if work.shares_series else 2
     series = copies * work.golden_runs * work.ticks * _MODEL.series_bytes * work.arms / 2**20
     most = _MODEL.most_series_mib * (2 if engine == "cuda" else 1)
     plan = work.runs * (_MODEL.run_bytes + _MODEL.slot_bytes * work.slots) / 2**20
@@ -99,12 +105,11 @@ def estimate_cost(work: CostFactors, engine: str, speed: float) -> CostEstimate:
 
 def tick_ns(work: CostFactors) -> float:
     """Return the core time for one tick of one run, ns."""
-    shared = work.golden_runs * SHARED <= max(work.runs, SHARED) and not work.reacts
     ns = _MODEL.ns_arm + _MODEL.ns_further_arm * (work.arms - 1)
     sites_ns, substeps_ns = _MODEL.ns_site * max(0, work.sites - 1), _MODEL.ns_substep
     ns += (sites_ns + substeps_ns * (work.substeps - 1)) * work.arms
     ns += _MODEL.ns_cue * max(0, work.cues - 1) + _MODEL.ns_threshold * work.thresholds
-    return ns if shared else ns * _MODEL.unshared
+    return ns if work.shares_series and not work.reacts else ns * _MODEL.unshared
 
 
 def format_estimate(seconds: float) -> str:

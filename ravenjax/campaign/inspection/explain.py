@@ -68,7 +68,7 @@ class Explainer(PlannedCampaign):
     def explain(
         self, rows: Sequence[int] | np.ndarray, on_progress: OnProgress | None = None
     ) -> Explained:
-        """Compute these rows of the fault table again.
+        """Compute these rows of the fault table again, and return their results and seam times.
 
         Raises UserError for no rows, or for more than MOST.
         """
@@ -80,6 +80,7 @@ class Explainer(PlannedCampaign):
                 "select one group with --group, or the worst runs with --worst"
             )
         some = self._plan.take(np.asarray(rows))
+        # Number only the golden runs of these rows, from 0.
         golden_runs = np.unique(some.golden, return_inverse=True)[1]
         some = dataclasses.replace(some, golden=golden_runs.astype(np.int32))
         progress = Progress(self.engine, some.runs, some.runs, some.program.ticks, on_progress)
@@ -88,6 +89,7 @@ class Explainer(PlannedCampaign):
         own, golden = work.tables([range(some.runs)])
         progress.status.done = some.runs
         progress.tell("done")
+        # Outcomes that explain_program adds are no columns of the result table.
         added = [name for name in own if name == HARM or name.startswith(PREFIXES)]
         observed = {name: own.pop(name) for name in added}
         results = pd.DataFrame(outcomes.result_columns(self.config, some.rows, own, golden))

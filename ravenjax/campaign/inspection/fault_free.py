@@ -46,8 +46,7 @@ def extend_fault_free(
     on_progress: OnProgress | None = None,
     command: Sequence[str] = (),
 ) -> float:
-    """Compute fault-free runs for the result in `folder` until they contain `hours` hours with the
-    pedal down; return these hours.
+    """Compute fault-free runs for a result until they have `hours` in pedal-down; return these.
 
     Hours of earlier calls count, hours of golden runs do not. on_motion: called with the hours so
     far and the next folder. Raise UserError and StoreError for what the user can correct. Finished
@@ -131,11 +130,12 @@ def fault_free_campaigns(tables: Nested, seconds: int) -> Iterator[tuple[str, Ne
     tables: tables of the original campaign.
     """
     # A parameter with a distribution needs several runs, each with another drawn robot.
-    runs = DRAWN * any(
+    has_distribution = any(
         isinstance(value, dict)
         for table in ("parameters", "cross")
         for value in tables.get(table, {}).values()
     )
+    runs = DRAWN if has_distribution else 0
     motion, seed = tables["operator"].get("motion") or "suture", int(tables["operator"]["seed"])
     while True:
         seed = (seed + 1) % 2**31
@@ -153,7 +153,7 @@ def fault_free_tables(tables: Nested, runs: int, **settings: Any) -> Nested:
     group = {"name": "fault_free"} | ({"design": "random", "runs": runs} if runs else {})
     return {
         **tables,
-        **dict.fromkeys(tables.keys() & {"reaction"}),
+        **({"reaction": None} if "reaction" in tables else {}),
         "stop": None,
         "group": [group],
         "campaign": tables["campaign"] | {"limit": None} | settings,

@@ -37,9 +37,7 @@ def campaign_schema(robot: Robot) -> Schema:
 
 
 def of_model(robot: Robot, model: type[BaseModel]) -> Schema:
-    """Return the JSON Schema of a file that `model` checks, with the robot's sites, arms, phases
-    and parameters as allowed words.
-    """
+    """Return the JSON Schema of a file that `model` checks, with the robot's names as words."""
     whole = {"$schema": DIALECT, **model.model_json_schema()}
     tidy_schema(whole)
     definitions = whole.setdefault("$defs", {})
@@ -64,7 +62,7 @@ def of_model(robot: Robot, model: type[BaseModel]) -> Schema:
 
 
 def tidy_schema(node: Any) -> None:
-    """Remove pydantic's titles, and `minLength` where a value may also be no text, in place."""
+    """Remove pydantic's titles, and `minLength` where a value need not be a text, in place."""
     for table in _tables(node):
         if isinstance(table.get("title"), str):
             del table["title"]
@@ -120,8 +118,10 @@ def _parameters(robot: Robot, any_path: Schema) -> Schema:
     table = _node(tree, any_path)
     text = "in [parameters]: a file with a population, from which robots are drawn"
     table["properties"][KEY] = {"description": text, "type": "string"}
-    first, rest = "|".join(map(re.escape, (*tree, KEY))), any_path["pattern"].partition("(\\.")
-    return table | {"propertyNames": {"pattern": f"^({first}){rest[1]}{rest[2]}|^{_OWN}$"}}
+    # A path's pattern is ^(WORD)(\.(WORD))*$. Here only its first word is replaced.
+    first_word = "|".join(map(re.escape, (*tree, KEY)))
+    _, *more_words = any_path["pattern"].partition(r"(\.")
+    return table | {"propertyNames": {"pattern": f"^({first_word}){''.join(more_words)}|^{_OWN}$"}}
 
 
 _OWN = r"((detectors|checks|control|operator)\.own|checks\.threshold)(\.[A-Za-z][A-Za-z0-9_]*)+"
@@ -129,8 +129,8 @@ _OWN = r"((detectors|checks|control|operator)\.own|checks\.threshold)(\.[A-Za-z]
 
 
 def _node(tree: Schema, any_path: Schema) -> Schema:
-    """Return the schema of a value in a table of parameters: a number if the path ends here, else
-    a table with the next words of the path.
+    """Return the schema of a value in a table of parameters: a number or a table if a path ends
+    here, else a table with the next words of paths. tree: subtrees by word; "" marks an end.
     """
     if "" in tree:
         return {"description": "; ".join(tree[""]), **_REST}
@@ -156,7 +156,8 @@ _REST: Schema = {"anyOf": [{"$ref": "#/$defs/ParameterValue"}, {"$ref": "#/$defs
 def _allow_hazards_in_groups(schema_of_file: Schema, names: list[str]):
     """Let a group name hazards of the library instead of faults, in place.
 
-    Such a group may contain only the keys in `expansion.KEYS`.
+    Such a group has the key "hazards", and only keys in `expansion.KEYS`. OVERRIDES are keys of
+    faults that it may set for its hazards, and that other groups must not have.
     """
     definitions = schema_of_file["$defs"]
     group, fault = definitions["Group"], definitions["Fault"]["properties"]

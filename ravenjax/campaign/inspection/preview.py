@@ -165,8 +165,7 @@ def _of_folder(
 ) -> tuple[estimate.CostEstimate, str, str]:
     """Return (expected cost, basis of this expectation, description of the folder's content).
 
-    If the folder contains a part of the same campaign, the run time follows from the speed of the
-    last start.
+    If the folder contains a part of the same campaign, its last speed gives the run time.
     """
     if not (folder / manifest.FILE).exists():
         return cost, estimate.BASIS, "no result yet"

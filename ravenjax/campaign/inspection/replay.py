@@ -87,6 +87,7 @@ class Replayer(PlannedCampaign):
     def replay(self, run: Any) -> Replay:
         """Compute one run again; see `index` for `run`. Raises UserError."""
         row, program = self.index(run), self.plan.program
+        # The golden run has the run's parameters, but no faults.
         varied, harmless = self.plan.lanes([row], self._lanes, harmless=True)
         _, faults = self.plan.lanes([row], self._lanes)
         end, tick_ms = int(self.plan.ends[row]), self.plan.tick_ms
@@ -105,6 +106,7 @@ class Replayer(PlannedCampaign):
         series = read_series(self.config.robot, program, signals, reference)
         own_row = self.plan.rows.iloc[row : row + 1]
         columns = outcomes.result_columns(self.config, own_row, own, fault_free)
+        # Series have a value per tick, and are repeated to a value per millisecond.
         return Replay(
             row=pd.DataFrame(columns).iloc[0],
             series=memory_windows.take_rows(series, np.arange(end * tick_ms) // tick_ms),

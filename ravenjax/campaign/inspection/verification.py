@@ -78,8 +78,7 @@ def verify_folder(
     """Check a result folder and compute `sample` of its runs again, drawn with `seed`; 0: none.
 
     engine: "auto" means the engine that computed the folder; for a folder from a GPU, the fastest
-    engine of this machine. Raise StoreError if the folder contains no result, and UserError for an
-    unavailable engine.
+    engine here. Raise StoreError if there is no result, and UserError for an unavailable engine.
     """
     if sample < 0:
         raise UserError(f"--sample {sample}: expected a number of runs, or 0 to compute none again")

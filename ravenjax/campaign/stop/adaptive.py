@@ -52,7 +52,7 @@ def run_adaptively(
     looks: list[Look] = []
     # Number of draws of each group that were computed, and that the next look needs.
     computed = np.zeros(len(draws), np.int64)
-    counts = rule.first_sizes()
+    counts = rule.sizes()[0]
     while True:
         spans = [
             range(group.rows_of(first).stop, group.rows_of(last).stop)
@@ -108,13 +108,15 @@ def count_cases(
     rates: Sequence[str],
     rules: Rules,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Count the events `rates` in the first taken[group] draws of each group. Return (number of
-    draws with each event [rates, groups], number of valid draws [groups]). A row is valid if it has
-    an outcome and its fault changed a bit. The first valid row of a draw decides whether its events
-    happened. A draw without a valid row does not count.
+    """Return the number of draws with each of the events `rates` [rates, groups], and the number of
+    valid draws [groups]. Only the first taken[group] draws of each group are counted.
+
+    A row is valid if it has an outcome and its fault changed a bit. The first valid row of a draw
+    decides whether its events happened. A draw without a valid row does not count.
     """
     table = results.arrow(["index", "activated", *events.event_columns(rates, rules)])
     valid_sql = f"{events.VALID_SQL} AND activated"
+    # The first row of `happened` says whether a run is valid, the others are events.
     happened = np.zeros((1 + len(rates), draws[-1].rows_of(draws[-1].number).stop), bool)
     happened[:, table["index"].to_numpy()] = events.events_happened(table, rates, rules, valid_sql)
     case_counts = np.zeros((len(rates), len(draws)), np.int64)

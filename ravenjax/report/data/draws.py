@@ -25,13 +25,14 @@ def drawn_groups(config: Mapping[str, Any]) -> frozenset[str] | None:
 
 
 def _has_drawn_fault(group: Mapping[str, Any]) -> bool:
-    # Returns whether a value of a fault, or its effect, is drawn at random, or set for each run.
+    # Returns whether a value of a fault is drawn at random, or its effect draws random numbers.
+    # Entries of [[group.run]] enumerate their faults.
     if group.get("run"):
         return False
     samples_lists = group.get("design") in SAMPLED
     for fault in group.get("fault", ()):
         effect = fault.get("effect", "")
-        # The effect, or every effect of a list, draws random numbers in each run.
+        # A list of effects counts if all of them draw random numbers.
         if all(word in RANDOM for word in ([effect] if isinstance(effect, str) else effect)):
             return True
         if any(_is_drawn(value, samples_lists) for value in fault.values()):
@@ -42,7 +43,7 @@ def _has_drawn_fault(group: Mapping[str, Any]) -> bool:
 def _is_drawn(value, samples_lists: bool) -> bool:
     # samples_lists: the design draws from lists of values, instead of using each value.
     if isinstance(value, Mapping):
-        # A list is the only form of a value table that enumerates.
+        # { uniform = [0, 9] } is drawn in any design, { list = [1, 2] } as [1, 2] below.
         return samples_lists or "list" not in value
     return samples_lists and (
         value == "all" or (isinstance(value, list | tuple) and len(value) > 1)

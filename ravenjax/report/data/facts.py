@@ -160,14 +160,16 @@ def beyond_sql(name: str, limit: float, types: Mapping[str, str]) -> str:
 
 
 def _number_faults(table: ResultTable, types: Mapping[str, str], end_ms: int) -> bool:
-    # Creates the table `numbers`, a number for equal faults. Returns whether all faults differ.
+    # Returns whether all faults differ. If not, creates the table `numbers` with the columns `row`
+    # and `distinct`. `distinct` is the first row with the same inputs as the run, or as a run of
+    # the same pair. The template has three lines of SQL: whether an effect draws random numbers, a
+    # hash of a run's inputs, and the same hash if each run with such an effect is distinct.
     names = ["operator"] + [name for name in types if name.startswith(("param:", "fault"))]
     inputs = {name: kind for name, kind in types.items() if name in names}
     draws, key, key_of_copies = wording.fill_template(
         "inputs.sql.j2", types=inputs, columns=types, end_ms=end_ms, random=RANDOM, quote=quote_name
     )
     (drawn,) = table.row(f"SELECT coalesce(bool_or({draws}), false) FROM {RESULTS}")
-    # An effect that draws random numbers differs in every run, so each run is distinct.
     keyed = f"(SELECT row, pair, {key_of_copies if drawn else key} AS input FROM {RESULTS})"
     is_unique = "count(*) = count(DISTINCT input) AND bool_and(pair = row)"
     (unique,) = table.row(f"SELECT {is_unique} FROM {keyed}")

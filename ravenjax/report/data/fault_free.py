@@ -47,7 +47,7 @@ class Motions(NamedTuple):
         return self.count_motions(f"{quote_name(column)} >= 0")
 
     def first_rate(self, event: str, first_ms: str) -> AlarmRate | None:
-        """Return the rate of first alarms per hour in pedal-down until the alarm; None: no time.
+        """Return first alarms, divided by the hours in pedal-down before them; None without hours.
 
         `event`: a condition over columns of the motions. `first_ms`: an expression for the time of
         the event; NULL where the time is unknown, and then all of the motion's time counts.
@@ -93,7 +93,7 @@ def make_fault_free_table(
     alarms = [name for name in names if _ALARM.fullmatch(name)]
     columns = [*map(quote_name, golden), f"{end} AS length_ms"]
     columns += [f"NULL::INTEGER AS {quote_name(name)}" for name in alarms]
-    # If runs ended a shared golden run early, keep its longest part.
+    # If `end` is a column, runs of one golden run have different ends. Keep the longest.
     if end in names:
         shared = [name for name in names if name.startswith("param:")]
         shared += {"operator", "seed"}.intersection(names)
@@ -102,7 +102,7 @@ def make_fault_free_table(
     table.run(f"CREATE TABLE {TABLE} AS SELECT DISTINCT {', '.join(columns)} FROM {source}")
     for path, manifest in beside.motions:
         available = {column.name for column in schema.table_columns(manifest.shape)}
-        columns = [_beside(name, available) for name in golden]
+        columns = [_golden_column_sql(name, available) for name in golden]
         columns += [str(manifest.duration_ms), *map(quote_name, alarms)]
         rows = query.of_files(query.whole_parts(path))
         valid = f"SELECT DISTINCT {', '.join(columns)} FROM {rows} WHERE failed = ''"
@@ -112,10 +112,10 @@ def make_fault_free_table(
     return Motions(table, count, hours, 1 + len(beside.motions), beside)
 
 
-def _beside(name: str, available: set[str]) -> str:
-    # Returns SQL for a `golden_` column from a fault-free run's own column.
+def _golden_column_sql(name: str, available: set[str]) -> str:
+    # Returns SQL for a `golden_` column, from the column of a fault-free run without this prefix.
     measured = name.removeprefix("golden_")
     if name not in available and measured in available:
         return quote_name(measured)
-    # Nobody reacts in these runs, so only the time of a reaction is unknown.
+    # Only the time of a reaction is in neither column. It is -1, because nobody reacts.
     return quote_name(name) if name in available else "-1"

@@ -35,52 +35,53 @@ def pair_faults(distinct: np.ndarray, sampled: bool) -> Units | None:
     return units.group_units(distinct) if sampled else None
 
 
-def pair_rate(hit: np.ndarray, among: Units | None) -> Rate:
+def pair_rate(hit: np.ndarray, faults: Units | None) -> Rate:
     """Return the share of true values in `hit` (bool [pairs]) with a confidence interval.
 
     The interval is Wilson's if each pair has its own fault, otherwise a bootstrap over faults.
+    `faults`: the fault of each pair; None if they were enumerated, and there is no interval.
     """
-    if among is None:
+    if faults is None:
         return share_of_cells(int(hit.sum()), len(hit))
-    if among.count == len(hit):
+    if faults.count == len(hit):
         return wilson_interval(int(hit.sum()), len(hit))
-    return units.rate_band(hit, among, resamples=_resamples(among.count))
+    return units.rate_band(hit, faults, resamples=_resamples(faults.count))
 
 
-def compare_rates(after: np.ndarray, before: np.ndarray, among: Units | None) -> PairedRates:
+def compare_rates(after: np.ndarray, before: np.ndarray, faults: Units | None) -> PairedRates:
     """Return the rates of an event in the runs of each side of some pairs, and their difference.
 
-    after, before: whether the event occurred, bool [pairs]. among: the fault of each pair. If every
-    pair has a different fault, or if no pair differs, the interval of the difference is Bonett and
-    Price's. Otherwise faults are resampled.
+    after, before: whether the event occurred, bool [pairs]. faults: see `pair_rate`. If each pair
+    has its own fault, or if no pair differs, the interval of the difference is Bonett and Price's.
+    Else faults are resampled.
     """
     difference = after.astype(float) - before
     lost, gained = int((before & ~after).sum()), int((after & ~before).sum())
-    if among is None:
+    if faults is None:
         change, p = Estimate(_mean(difference)), math.nan
-    elif among.count == len(after):
+    elif faults.count == len(after):
         change = paired.difference_of_counts(gained, lost, len(after))
         p = paired.mcnemar_test(gained, lost)
     else:
-        p = paired.exchange_p(after, before, among.unit)
-        unchanged = not difference.any() and among.count >= units.MIN_UNITS
+        p = paired.exchange_p(after, before, faults.unit)
+        unchanged = not difference.any() and faults.count >= units.MIN_UNITS
         change = (
-            paired.difference_of_counts(0, 0, among.count)
+            paired.difference_of_counts(0, 0, faults.count)
             if unchanged
-            else _resampled(difference, among)
+            else _resampled(difference, faults)
         )
-    return PairedRates(pair_rate(before, among), pair_rate(after, among), change, lost, gained, p)
+    return PairedRates(pair_rate(before, faults), pair_rate(after, faults), change, lost, gained, p)
 
 
-def mean_difference(after: np.ndarray, before: np.ndarray, among: Units | None) -> Estimate:
+def mean_difference(after: np.ndarray, before: np.ndarray, faults: Units | None) -> Estimate:
     """Return the mean of `after` minus `before`, with an interval if there are several pairs."""
-    if among is None or len(after) < 2:
+    if faults is None or len(after) < 2:
         return Estimate(_mean(after - before))
-    return _resampled(after - before, among)
+    return _resampled(after - before, faults)
 
 
-def _resampled(difference: np.ndarray, among: Units) -> Estimate:
-    band = units.ratio_band(difference, 1.0, among, resamples=_resamples(among.count))
+def _resampled(difference: np.ndarray, faults: Units) -> Estimate:
+    band = units.ratio_band(difference, 1.0, faults, resamples=_resamples(faults.count))
     return Estimate(_mean(difference), float(band.low), float(band.high))
 
 

@@ -5,8 +5,6 @@ number of rows. These rows are chosen by a hash of the row number, so the same t
 the same rows. The page states whether all rows were used.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable, Collection
 from pathlib import Path
@@ -57,7 +55,7 @@ class Runs:
         self._answers: dict[Any, Any] = {}
 
     @staticmethod
-    def open(folder: Path, manifest: Manifest) -> Runs:
+    def open(folder: Path, manifest: Manifest) -> "Runs":
         """Open the runs of a result folder. Raises StoreError as `query.open_folder` does."""
         table = query.open_folder(folder)
         try:
@@ -67,7 +65,7 @@ class Runs:
             raise
 
     @staticmethod
-    def of(frame: pd.DataFrame, manifest: Manifest) -> Runs:
+    def of(frame: pd.DataFrame, manifest: Manifest) -> "Runs":
         """Return the runs of a result table in memory. A row's number is its position."""
         table = query.open_empty()
         run_facts.register_table(table, frame)
@@ -77,7 +75,7 @@ class Runs:
         """Release memory and disk space."""
         self.table.close()
 
-    def once(self, question: Callable[[Runs], _Answer]) -> _Answer:
+    def once(self, question: "Callable[[Runs], _Answer]") -> _Answer:
         """Return `question(self)`, computed once, because several sections need the result."""
         if question not in self._answers:
             self._answers[question] = question(self)
@@ -171,9 +169,11 @@ class Runs:
     def drawn(self, columns: str, where: str, most: int, by: str = "row") -> pd.DataFrame:
         """Return joined rows of `results` and `facts`, in order, that fulfil the condition `where`.
 
-        Of more than `most` rows, about `most` are drawn; rows with equal `by`, a column, together.
+        Of more than `most` rows, about `most` are drawn. Rows with the same value in column `by`
+        are kept or left out together.
         """
         share = min(1.0, most / max(1, self.count(where)))
+        # Equal numbers have equal hashes, so the draw is the same at each call.
         return self.table.frame(
             f"SELECT {columns} FROM {RESULTS} JOIN (SELECT * FROM {FACTS} WHERE {where}) AS {FACTS}"
             f" USING (row) WHERE hash({quote_name(by)} + 1) % {2**32} < {int(2**32 * share)}"
@@ -205,6 +205,7 @@ def _more(manifest: Manifest):
     for n, check in enumerate(checks):
         columns[f"own{n}_ms"] = events.check_ms_sql(check.name)
     if checks:
+        # Without a separate column, the column `response` is of the built-in checks.
         is_separate = manifest.rules.built_in != "response"
         columns["built_in_told_ms"] = "built_in_told_ms" if is_separate else "told_ms"
     if manifest.shape.observes:

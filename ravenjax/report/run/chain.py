@@ -161,8 +161,8 @@ def chain_table(
     """Return the chains of many runs as a table, with a row for each run and signal that differs.
 
     Rows are sorted by run, then in the robot's order. arm is "" if the signal belongs to no arm.
-    differs_in and leaves_in name the number that was first. A time is -1 for never; left_ms, from
-    leaves_ms to harm_ms, is NaN if either is missing.
+    differs_in and leaves_in name the channel of the signal that was first. A time is -1 for never.
+    left_ms, the remaining time from leaves_ms to harm_ms, is NaN if either is missing.
     """
     harm = np.full(len(results), -1)
     for hazard, column in HARMS.items():

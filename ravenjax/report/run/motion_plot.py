@@ -70,8 +70,10 @@ def _draw_course(course: TipCourse) -> list[Chart]:
                 ("gap", "series7", course.gaps),
             ):
                 marks += [Curve(label, tint, np.array(span), floor, floor, top) for span in spans]
-            height, times = np.array([low, high]), (np.full(2, spike) for spike in course.spikes)
-            marks += [Curve("jump", "series3", time, height, dashed=True) for time in times]
+            # A jump is a vertical line over the whole height.
+            height = np.array([low, high])
+            jumps = (np.full(2, spike) for spike in course.spikes)
+            marks += [Curve("jump", "series3", jump, height, dashed=True) for jump in jumps]
             x_axis = ChartAxis("time in the recording, s", begin, end)
             y_axis = ChartAxis("", low, high)
             charts.append(Chart(f"{course.arm} {title}", x_axis, y_axis, tuple(marks), height=100))

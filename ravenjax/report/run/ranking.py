@@ -72,9 +72,10 @@ COMPARED_COLUMNS = TEXT_COLUMNS + _NUMBERS
 
 
 def faulty_rows(folder: Path, group: str | None) -> list[int]:
-    """Return the row numbers of valid runs with a fault; none if no fault evades the checks.
+    """Return the row numbers of valid runs with a fault.
 
-    group: name of one group, or None for all groups.
+    The list is empty if no fault evades the checks, because there is nothing to explain. group:
+    name of one group, or None for all groups.
 
     Raises UserError for an unknown group or without such runs; errors of `query.open_folder`.
     """

@@ -1,8 +1,7 @@
 """Collects the sections of the report.
 
 Each section is a module of this package and a template. The module computes the numbers and
-figures, and has the contents of its sections in SECTIONS, by name. sections.toml has the titles and
-the order of the sections.
+figures, and has the contents of its sections in SECTIONS, by name. sections.toml: titles and order.
 """
 
 import importlib

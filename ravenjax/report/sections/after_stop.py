@@ -1,6 +1,4 @@
-"""Section "After a stop": how long each check took to stop the robot, and how far the tip moved
-until it stood still.
-"""
+"""Section "After a stop": how long each check took to stop the robot, and how far the tip moved."""
 
 from typing import NamedTuple
 
@@ -45,10 +43,11 @@ def _count_stops(runs: Runs, by: str) -> list[StopRow]:
     # before the stop, and how many after it.
     stop = f"{FACTS}.response_ms"
     moved = f"unintended_ms >= 0 AND unintended_ms <= {stop}"
-    off = run_facts.beyond_sql("unintended_off_mm", runs.manifest.limit_mm, runs.types)
+    is_beyond = run_facts.beyond_sql("unintended_off_mm", runs.manifest.limit_mm, runs.types)
+    # In the order of the rates in StopRow.
     conditions = (
         moved,
-        f"NOT ({moved}) AND {off}",
+        f"NOT ({moved}) AND {is_beyond}",
         f"warned_ms >= 0 AND warned_ms < {stop}",
         f"warned_ms >= {stop}",
         "warned_ms < 0",
@@ -66,9 +65,9 @@ def _count_stops(runs: Runs, by: str) -> list[StopRow]:
             n,
             Quantiles(*took),
             Quantiles(*off_mm),
-            *(tables.fault_share(runs, k, n, groups) for k in hits),
+            *(tables.fault_share(runs, k, n, groups) for k in events),
         )
-        for cause, groups, n, took, off_mm, *hits in counts
+        for cause, groups, n, took, off_mm, *events in counts
     ]
 
 

@@ -1,6 +1,4 @@
-"""First page of the report: which faults evade the checks, how soon people can notice them, and
-what a haptic cue changes.
-"""
+"""First page of the report: faults that evade, how soon people notice, and what a cue changes."""
 
 import math
 from collections.abc import Sequence
@@ -98,32 +96,34 @@ def class_rows(runs: Runs, kind: str = "") -> list[ClassRow]:
 
     Without a column, the only row is for all faults.
     """
-    off = run_facts.beyond_sql("unintended_off_mm", runs.manifest.limit_mm, runs.types)
+    is_beyond = run_facts.beyond_sql("unintended_off_mm", runs.manifest.limit_mm, runs.types)
+    # The first report of each unintended motion: delay from the fault, lag from the motion.
     delays, lags = (
         runs.delays(detectors.knowledge_sql(runs), start, runs.end, UNINTENDED, kind or None)
         for start in ("active_ms", "unintended_ms")
     )
+    # `class_counts` puts the value of `kind`, the groups and the number of faults before these.
     columns = (
         *(f"count(*) FILTER ({event})" for event in ("evaded", "unintended", "loss")),
         tables.quantiles_sql("unintended_mm"),
-        f"count(*) FILTER ({off} AND NOT unintended)",
+        f"count(*) FILTER ({is_beyond} AND NOT unintended)",
         "max(unintended_off_mm)",
     )
     by = f"{FACTS}.{quote_name(kind)}::VARCHAR" if kind else "''"
     rows = []
-    for name, groups, n, *hits, mm, not_live, farthest in tables.class_counts(runs, by, columns):
+    for name, groups, n, *counts, mm, not_live, far_mm in tables.class_counts(runs, by, columns):
         half_ms = latency.incidence_curve(delays.get(name, NO_DELAYS)).quantile_interval(0.5)
         before = latency.rate_before(lags.get(name, NO_DELAYS))
         if not runs.sampled(groups):
             half_ms, before = tables.without_interval(half_ms), tables.without_interval(before)
-        evaded, unintended, loss = (tables.fault_share(runs, k, n, groups) for k in hits)
+        evaded, unintended, loss = (tables.fault_share(runs, k, n, groups) for k in counts)
         rates = evaded, unintended, loss, before
-        rows.append(ClassRow(name, *rates, half_ms, Quantiles(*mm), not_live, farthest))
+        rows.append(ClassRow(name, *rates, half_ms, Quantiles(*mm), not_live, far_mm))
     return sorted(rows, key=lambda row: [*map(tables.rate_order, (row.evaded, row.unintended))])
 
 
 def cue_effects(runs: Runs) -> Changed:
-    """Return the effect of the haptic cue in a campaign."""
+    """Return the effect of the cue, and of a better haptic set without a false cue, if any."""
     manifest = runs.manifest
     condition = "sample AND faulty AND evaded"
     any_rows = runs.count(condition) and runs.motions.count
@@ -148,7 +148,7 @@ def _announced(runs: Runs, k: int, condition: str) -> Announced:
 
 
 def _changed_groups(runs: Runs):
-    # Returns group -> paths of the parameters that only this group changes.
+    # Returns group -> paths of the parameters that the group itself sets.
     paths = {
         group["name"]: dict.fromkeys(
             path for table in (group, *group.get("run", ())) for path in table.get("parameters", ())
@@ -159,6 +159,7 @@ def _changed_groups(runs: Runs):
 
 
 def _content(runs: Runs, _: Path):
+    # Returns the variables of the template answers.html.j2.
     return {
         "class_words": CLASSES,
         "most_classes": MOST_CLASSES,
@@ -171,7 +172,7 @@ def _content(runs: Runs, _: Path):
         },
         "changed": cue_effects(runs),
         "your_robot": runs.once(robots.robot_rates),
-        "far": next(iter(class_rows(runs)), None),
+        "all_faults": next(iter(class_rows(runs)), None),
         "golden_halts": golden_halts(runs),
         "changed_groups": _changed_groups(runs),
     }

@@ -123,11 +123,13 @@ def _content(runs: Runs, folder: Path):
 
 def _explain_worst_runs(runs: Runs, ticks: pd.DataFrame):
     # Returns the chains of the explained runs with the largest tip excursions, evading runs first.
-    manifest, extent = runs.manifest, "coalesce(greatest(unintended_mm, loss_mm), 0)"
+    manifest, excursion_mm = runs.manifest, "coalesce(greatest(unintended_mm, loss_mm), 0)"
+    facts = f"(SELECT row, evaded FROM {FACTS} WHERE sample AND faulty)"
+    # NaN comes last.
+    order = f"evaded DESC, isnan({excursion_mm}), {excursion_mm} DESC, row"
     rows = runs.table.rows(
-        f"SELECT row FROM {RESULTS} JOIN (SELECT row, evaded FROM {FACTS} WHERE sample AND faulty)"
-        f" USING (row) WHERE row IN (SELECT unnest(?)) ORDER BY evaded DESC, isnan({extent}),"
-        f" {extent} DESC, row LIMIT {SHOWN_CHAINS}",
+        f"SELECT row FROM {RESULTS} JOIN {facts} USING (row) WHERE row IN (SELECT unnest(?))"
+        f" ORDER BY {order} LIMIT {SHOWN_CHAINS}",
         [ticks["index"].tolist()],
     )
     by_row = ticks.set_index("index", drop=False)
@@ -207,18 +209,19 @@ def summarize_chains(runs: Runs, ticks: pd.DataFrame) -> Propagation:
     # Time from leaving the normal range to harm, ms [seams, runs]; 0: not visible before harm.
     leaves = np.array([seam.leaves for seam in seams]).reshape(len(seams), len(harm))
     leads = np.where((leaves >= 0) & (leaves < harm), harm - leaves, 0)
-    best = leads.max(axis=0, initial=-1)  # the earliest seam to show a run has the longest lead
+    # The first seam in which a fault is visible has the longest lead; 0 or -1: none before harm.
+    longest = leads.max(axis=0, initial=-1)
     firsts = leads.argmax(axis=0) if len(seams) else np.zeros(len(faults), int)
     carriers = []
     for index, (seam, lead) in enumerate(zip(seams, leads, strict=True)):
         carries, shows = rate((seam.differs >= 0) & (seam.differs <= harm)), rate(lead > 0)
-        first = rate((firsts == index) & (best > 0))
+        first = rate((firsts == index) & (longest > 0))
         names = seam.name, seam.layer, seam.meaning, seam.has_range
         if carries.k:
             carriers.append(Carrier(*names, carries, shows, median(lead), first))
     counts = len(faults), len(facts)
     groups = complete, sorted(lacking)
-    return Propagation(*counts, *groups, noun, carriers, rate(best <= 0), median(best))
+    return Propagation(*counts, *groups, noun, carriers, rate(longest <= 0), median(longest))
 
 
 def _join_arms(rows: pd.DataFrame, manifest: Manifest):

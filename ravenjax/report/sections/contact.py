@@ -39,9 +39,12 @@ def contact_rows(runs: Runs) -> list[ContactRow]:
 
 
 def _rows_by(runs: Runs, by: str) -> list[ContactRow]:
-    # Returns a row for each value of `by` (SQL); faults count if golden runs have a smaller force.
-    parts = ("peak_n", "vessel_peak_n", "instruments_peak_n")
-    names = [f"contact_{part}" for part in parts[: 1 + len(runs.manifest.shape.arms)]]
+    # Returns a row for each value of `by` (SQL). Faults count if their force is larger than that of
+    # the golden run.
+    names = ["contact_peak_n", "contact_vessel_peak_n"]
+    # Instruments can touch each other only if there are two.
+    if len(runs.manifest.shape.arms) > 1:
+        names.append("contact_instruments_peak_n")
     columns = (
         tables.quantiles_sql(names[0]),
         tables.quantiles_sql("contact_impulse_n_s"),
@@ -53,9 +56,10 @@ def _rows_by(runs: Runs, by: str) -> list[ContactRow]:
         counts, forces_n = numbers[::2], numbers[1::2]
         harder, vessel, *instruments = (tables.fault_share(runs, k, n, groups) for k in counts)
         sizes = Quantiles(*peak), Quantiles(*impulse)
-        row = ContactRow(name, n, *sizes, harder, vessel, forces_n[1])
+        _, vessel_n, *instruments_n = forces_n
+        row = ContactRow(name, n, *sizes, harder, vessel, vessel_n)
         if instruments:
-            row = row._replace(instruments=instruments[0], instruments_n=forces_n[2])
+            row = row._replace(instruments=instruments[0], instruments_n=instruments_n[0])
         rows.append(row)
     return rows
 

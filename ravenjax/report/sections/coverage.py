@@ -33,9 +33,7 @@ EVERYTHING = "all checks and detectors"
 TOGETHER: dict[str, list[Kind]] = resources.read_tables(__file__, "coverage.toml")
 """Sets of kinds of sources whose detections are also counted together."""
 VALID = f"plain AND faulty AND {FACTS}.activated AND NOT {FACTS}.failed"
-"""SQL condition of the runs that count: a fault changed a bit, the outcome is valid, and the
-operator does not react to the cue.
-"""
+"""SQL condition: a fault changed a bit, the outcome is valid, and the operator does not react."""
 ACTION = "stop"
 """The action whose deadlines are used, see `ravenjax deadline`."""
 _LATEST = np.iinfo(np.int32).max
@@ -63,8 +61,9 @@ class Coverage(NamedTuple):
     does: str
     detected: Rate  # share of the harmful faults that are detected
     before: Rate  # share that is detected before the harm
-    in_time: Rate | None  # share that is detected by the deadline of a stop; None: no deadlines
     alone: int  # number of faults that no other source reports
+    # Share that is detected by the deadline of a stop; None: no deadlines.
+    in_time: Rate | None = None
 
 
 class SmallestSets(NamedTuple):
@@ -96,8 +95,8 @@ class CoverageTable(NamedTuple):
         return [_smallest(self.harmful, self.sources, *item) for item in self.latest.items()]
 
     def list_runs(self, name: str, runs: Runs) -> list[tuple[str, ...]]:
-        """Return a table row for each harmful fault: run, site, fault, times of harm and detection,
-        and which of them was first.
+        """Return for each harmful fault: run, site, fault, times of harm and detection, their
+        order.
 
         `name`: of a source, or of a set of sources. Raise UserError for an unknown name.
         """
@@ -129,11 +128,13 @@ def list_sources(runs: Runs) -> list[Source]:
     for name in runs.manifest.shape.checks:
         check = runs.manifest.robot.check(name)
         kind: Kind = "user's check" if check.own else "built-in check"
+        # A check `follows` if it also trips after another check stopped the robot.
         reports = check.action != "limit" and not check.follows
         sources.append(Source(name, kind, check.does, events.check_ms_sql(name), reports))
     for alarms in runs.once(list_alarms):
         if alarms.column == "warned_ms":
             sources.append(Source(alarms.name, "cue", "pulls at the hand", alarms.column, False))
+        # The column of all checks together is left out, because each check is a source already.
         elif alarms.column != "told_ms":
             name = f"{alarms.name} above {alarms.threshold:g}"
             sources.append(Source(name, "detector", "raises an alarm", alarms.column, alarms.quiet))
@@ -193,7 +194,8 @@ def measure_coverage(runs: Runs, deadlines: pd.DataFrame | None = None) -> Cover
 
 
 def _together(sources: Sequence[Source]):
-    # Returns the sets of sources that are counted together, without sets that equal EVERYTHING.
+    # Returns the sets of sources that are counted together, without sets that equal EVERYTHING. The
+    # cue counts in sets with cues, although it only informs the operator.
     teams = {
         name: [one for one in sources if one.kind in kinds and (one.reports or one.kind == "cue")]
         for name, kinds in TOGETHER.items()
@@ -218,14 +220,13 @@ def _rows(
     # Yields the coverage of each source and each set of sources, for all sites and for each site.
     sites = {EVERY_SITE: np.full(len(harmful), True)}
     sites |= {site: (harmful["site"] == site).to_numpy() for site in sorted(set(harmful["site"]))}
+    # latest: see CoverageTable.
     reporting = [one for one in sources if one.reports]
     teams = {one.name: [one] for one in sources} | _together(sources)
-    does = {one.name: one.does for one in sources}
+    effects = {one.name: one.does for one in sources}
     for site, here in sites.items():
-        faults = harmful["distinct"].to_numpy()[here]
-        among = pair_intervals.pair_faults(
-            faults, runs.sampled(set(harmful["group"].to_numpy()[here]))
-        )
+        is_sampled = runs.sampled(set(harmful["group"].to_numpy()[here]))
+        faults = pair_intervals.pair_faults(harmful["distinct"].to_numpy()[here], is_sampled)
         for name, team in teams.items():
             ms = _first_ms(harmful, team)[here]
             # For a single site, sources that detect nothing are left out.
@@ -233,12 +234,11 @@ def _rows(
                 continue
             others = _first_ms(harmful, [one for one in reporting if one not in team])[here]
             rates = {
-                criterion: pair_intervals.pair_rate((ms >= 0) & (ms <= limit[here]), among)
+                criterion: pair_intervals.pair_rate((ms >= 0) & (ms <= limit[here]), faults)
                 for criterion, limit in latest.items()
             }
             alone = int(((ms >= 0) & (others < 0)).sum())
-            three = rates["detected"], rates["before"], rates.get("in_time")
-            yield Coverage(site, name, does.get(name, ""), *three, alone)
+            yield Coverage(site, name, effects.get(name, ""), alone=alone, **rates)
 
 
 def _smallest(

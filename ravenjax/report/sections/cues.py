@@ -1,11 +1,12 @@
 """Section "Haptic sweep": missed hazards and false cues of haptic sets, and the best threshold.
 
-A hazard is an unintended motion here. The cue missed the hazard if the run had no cue, or if the
-golden run had one by then. A false cue is the first of a fault-free motion. Faults count once.
+In this section a hazard is an unintended motion. A cue missed the hazard if it did not come, or if
+it also came in the golden run by then. Each fault counts with one run. Of each fault-free motion
+only the first cue counts, as a false cue.
 
 If the confidence intervals of missed hazards and false cues leave only one best threshold
-(`stats.alarms.choice`), the report names this threshold. Otherwise the report names all thresholds
-that may be best, and the hours of fault-free motion that would decide between more of them.
+(`stats.alarms.choice`), the report names it. Otherwise the report names all thresholds that may be
+best, and the hours of fault-free motion that would probably exclude some of them.
 """
 
 import math
@@ -99,12 +100,21 @@ def cue_rows(runs: Runs) -> list[CueRow]:
         hazards, false = times.before.n, free.count_with_event(f"golden_cue{k}_first_ms")
         medians = ", ".join(f"coalesce(median(cue{k}_{what}::DOUBLE), 'nan')" for what in FELT)
         came = f"{UNINTENDED} AND ({after_onset(f'warned{k}_ms')}) >= 0"
+        force, felt_ms, pulses = runs.table.row(f"SELECT {medians} FROM {runs.matching(came)}")
         row = CueRow(
-            *(k, cue, tables.fault_share(runs, hazards - times.alarmed, hazards)),
-            *(tables.wilson_share(false, free.count), free.cue_rate(k)),
-            *(tables.fault_share(runs, felt[k], harmless), False),
-            *(times.half_ms, times.before, times.lead_ms),
-            *runs.table.row(f"SELECT {medians} FROM {runs.matching(came)}"),
+            number=k,
+            cue=cue,
+            missed=tables.fault_share(runs, hazards - times.alarmed, hazards),
+            false=tables.wilson_share(false, free.count),
+            per_hour=free.cue_rate(k),
+            harmless=tables.fault_share(runs, felt[k], harmless),
+            best=False,
+            delay_ms=times.half_ms,
+            before=times.before,
+            lead_ms=times.lead_ms,
+            force=force,
+            felt_ms=felt_ms,
+            pulses=pulses,
         )
         result.append(row)
     best = unbeaten_choices([row.missed.value for row in result], [row.hourly for row in result])
@@ -121,16 +131,17 @@ def choose_cues(runs: Runs, rows: Sequence[CueRow]) -> list[Choice]:
     if not usable:
         return []
     alarms, hours = _alarm_counts(runs, usable), runs.motions.hours
+    choices = [_best_below_limit(usable, alarms, limit) for limit in FALSE_PER_HOUR]
     # With a single threshold, every cost chooses this threshold.
-    differ = len({row.cue.threshold_mm for row in usable}) > 1
-    by_weight = [_cheapest(usable, alarms, weight, hours) for weight in WEIGHTS if differ]
-    return [*by_weight, *(_rare(usable, alarms, most) for most in FALSE_PER_HOUR)]
+    if len({row.cue.threshold_mm for row in usable}) == 1:
+        return choices
+    return [*(_cheapest(usable, alarms, weight, hours) for weight in WEIGHTS), *choices]
 
 
 def hours_to_offer(choices: Sequence[Choice]) -> float:
     """Return the hours of fault-free motion that would decide the open choices; 0 if none would.
 
-    These are the hours for all limits of false cues, or else those for the next cost.
+    These are the hours for all limits of false cues, or else the fewest hours for one of the costs.
     """
     decidable = [one for one in choices if math.isfinite(one.hours)]
     limits = [one.hours for one in decidable if one.rule.startswith(_LIMIT.partition("{")[0])]
@@ -140,39 +151,46 @@ def hours_to_offer(choices: Sequence[Choice]) -> float:
 def _alarm_counts(runs: Runs, rows: Sequence[CueRow]) -> AlarmCounts:
     # Counts missed hazards and false cues of the haptic sets, for the choice of a threshold.
     came = [f"({after_onset(f'warned{row.number}_ms')} >= 0)::INTEGER" for row in rows]
-    # Count joint patterns: a set's own misses do not show which hazards only another set catches.
+    # A pattern such as "011" has a digit per set: 1 if its cue came. Patterns show which hazards
+    # one set misses and another set detects.
     patterns = runs.table.rows(
         f"SELECT concat({', '.join(came)}), count(*) FROM {FACTS} WHERE {UNINTENDED} GROUP BY ALL"
     )
-    missed = np.array([[letter == "0" for letter in pattern] for pattern, _ in patterns])
+    missed = np.array([[digit == "0" for digit in pattern] for pattern, _ in patterns])
     count = np.array([n for _, n in patterns])
     rates = [row.per_hour for row in rows if row.per_hour is not None]
     return AlarmCounts(
-        count @ missed,
-        (missed * count[:, None]).T @ ~missed,
-        int(count.sum()),
-        np.array([rate.count for rate in rates]),
-        np.array([rate.hours for rate in rates]),
-        runs.sampled(),
+        missed=count @ missed,
+        only=(missed * count[:, None]).T @ ~missed,
+        hazards=int(count.sum()),
+        count=np.array([rate.count for rate in rates]),
+        hours=np.array([rate.hours for rate in rates]),
+        sampled=runs.sampled(),
     )
 
 
 def _cheapest(rows: Sequence[CueRow], alarms: AlarmCounts, weight: float, hours: float) -> Choice:
-    # Chooses the set of least cost, if a missed motion costs `weight` false cues.
-    def possible(times: float):
-        return choice.cheapest_alarms(alarms, weight, times)
+    # Chooses the set of least cost, if a missed motion costs `weight` false cues. `hours`: hours of
+    # fault-free motion.
+    def possible(factor: float):
+        # Returns the sets that may be best after `factor` times as many hours.
+        return choice.cheapest_alarms(alarms, weight, factor)
 
     cost = [weight * row.missed.value + row.hourly for row in rows]
     more_hours = hours * choice.hours_to_decide(possible)
-    now, rule = possible(1.0), _WEIGHT.format(f"{weight:,}")
-    found = _choice(rule, rows, cost, now, now, more_hours, possible(math.inf))
+    now, in_the_end = possible(1.0), possible(math.inf)
+    rule = _WEIGHT.format(f"{weight:,}")
+    # Every set keeps this rule, which has no limit, so there is no least threshold.
+    found = _choice(rule, rows, cost, now, now, more_hours, in_the_end)
     return found._replace(least_mm=math.nan)
 
 
-def _rare(rows: Sequence[CueRow], alarms: AlarmCounts, most: float) -> Choice:
-    # Chooses the set that misses fewest motions with at most `most` false cues an hour.
+def _best_below_limit(rows: Sequence[CueRow], alarms: AlarmCounts, most: float) -> Choice:
+    # Chooses the set that misses fewest motions with at most `most` false cues an hour. possible,
+    # within, in_the_end: see `_choice`.
     possible, within = choice.rarest_alarms(alarms, most)
     undecided = alarms.count[possible & ~within]
+    # More motion without a false cue shows that the next set keeps the limit.
     more_hours = hours_to_bound(most, int(undecided.min())) if len(undecided) else math.nan
     in_the_end, _ = choice.rarest_alarms(alarms, most, math.inf)
     cost, rule = [row.missed.value for row in rows], _LIMIT.format(f"{most:g}")
@@ -188,10 +206,11 @@ def _choice(
     hours: float,
     in_the_end: np.ndarray,
 ) -> Choice:
-    """Return the choice under one rule, with bool [sets] for each question.
+    """Return the choice under one rule. It is undecided if sets of several thresholds may be best.
 
-    possible: sets that may be best. certain: sets that certainly keep the rule. in_the_end: sets
-    that may be best even after endless fault-free motion. hours: motion that rules out more sets.
+    Bool [sets], possible: sets that may be best. certain: sets that certainly keep the rule.
+    in_the_end: sets that may be best even after endless fault-free motion. cost: of each set, for
+    the choice among sets of one threshold. hours: fault-free motion that would rule out more sets.
     """
     certain_best = np.flatnonzero(possible & certain).tolist()
     thresholds, remainder = (
@@ -218,9 +237,10 @@ def _words(thresholds: Sequence[float]) -> str:
 
 
 def cue_tradeoff(rows: Sequence[CueRow]) -> Chart | None:
-    """Return a chart of missed hazards over false cues per hour, a mark per set; None without both.
+    """Return a chart of missed hazards over false cues per hour, with a mark for each haptic set.
 
-    A line joins the sets for which no other set has both fewer misses and fewer false cues.
+    The chart is None without unintended or fault-free motion. A line joins the sets for which no
+    other set has both fewer misses and fewer false cues.
     """
     shown = [(row, row.per_hour) for row in rows if row.missed.n and row.per_hour is not None]
     if not shown:
@@ -236,18 +256,19 @@ def cue_tradeoff(rows: Sequence[CueRow]) -> Chart | None:
         pairs = [pair for pair in shown if pair[0].best == is_best]
         if pairs:
             marks.append(_marks(pairs, name, colour))
-    hourly = max(one.per_hour for _, one in shown) or max(one.high for _, one in shown) or 1.0
-    missed = max(float(np.fmax(row.missed.value, row.missed.high)) for row, _ in shown) or 0.01
-    x_axis = ChartAxis("false cues per hour of fault-free motion", 0.0, 1.1 * hourly)
-    y_title, most = "unintended motions without a cue", min(1.0, 1.05 * missed)
-    y_axis = ChartAxis(y_title, 0.0, most, share=True)
+    most_hourly = max(one.per_hour for _, one in shown) or max(one.high for _, one in shown) or 1.0
+    most_missed = max(float(np.fmax(row.missed.value, row.missed.high)) for row, _ in shown) or 0.01
+    x_axis = ChartAxis("false cues per hour of fault-free motion", 0.0, 1.1 * most_hourly)
+    y_end = min(1.0, 1.05 * most_missed)
+    y_axis = ChartAxis("unintended motions without a cue", 0.0, y_end, share=True)
     return Chart("Missed hazards, false cues", x_axis, y_axis, tuple(marks))
 
 
 def _marks(pairs: Sequence[tuple[CueRow, AlarmRate]], name: str, colour: str) -> Dots:
-    # Returns marks for some haptic sets: false cues per hour, missed hazards, intervals.
+    # Returns marks for some haptic sets: false cues per hour, missed hazards, intervals. The last
+    # three fields of both rates are the value and the ends of its interval.
     missed = np.array([row.missed[-3:] for row, _ in pairs]).T
-    hourly = np.array([one[-3:] for _, one in pairs]).T
+    hourly = np.array([rate[-3:] for _, rate in pairs]).T
     # Sets that differ only in gains have the same mark, which gets only one label.
     thresholds = [row.cue.threshold_mm for row, _ in pairs]
     texts = tuple(f"{mm:g} mm" * (mm not in thresholds[:k]) for k, mm in enumerate(thresholds))

@@ -77,7 +77,7 @@ def summarize_deadlines(runs: Runs, table: pd.DataFrame) -> DeadlineSummary:
     ]
     by_run = joined.drop_duplicates("run")
     drawn, noun = robots.drawn_units(runs, by_run)
-    # The median time is the negative of the latest negative time.
+    # _latest_time returns the number that half of the values reach: the negative of the median.
     visible = _latest_time(-by_run["visible_ms"].fillna(np.inf).to_numpy(), HALF, drawn)
     return DeadlineSummary(len(by_run), len(faults) - len(by_run), noun, visible.negated, rows)
 
@@ -117,6 +117,7 @@ def deadline_sentences(summary: DeadlineSummary) -> list[str]:
 
 def deadline_tables(summary: DeadlineSummary) -> Iterator[tuple[str, list[tuple[str, ...]]]]:
     """Yield the title of each table, and its rows, of which the first has the headings."""
+    # The rows of all faults have kind "" and name "".
     yield "Deadlines", wording.fill_table("deadline_actions.txt.j2", rows=summary.of("")[""])
     for kind in ("site", "group"):
         names = summary.of(kind)
@@ -133,6 +134,7 @@ def deadline_chart(table: pd.DataFrame) -> Chart:
     most = float(table["deadline_ms"].to_numpy().max(initial=2))
     curves = []
     for place, (action, rows) in enumerate(table.groupby("action", sort=False)):
+        # Below 0, no action after the effect helps. An action at the deadline still helps.
         deadlines = np.sort(rows["deadline_ms"].to_numpy(float))
         times_ms = np.unique(np.concatenate([[0.0], deadlines[deadlines >= 0] + 1]))
         share = 1 - np.searchsorted(deadlines, times_ms) / len(deadlines)

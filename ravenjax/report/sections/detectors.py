@@ -23,7 +23,7 @@ from ravenjax.stats.alarms.false_alarms import AlarmRate
 from ravenjax.stats.alarms.roc import CurveBand
 from ravenjax.stats.intervals import Estimate, Rate
 
-CHECKS, ALL_CHECKS, CUE = "built-in checks", "all checks, your own too", "haptic cue"
+CHECKS, ALL_CHECKS, CUE = "built-in checks", "all checks, including your own", "haptic cue"
 GRID = np.unique(np.concatenate([np.linspace(0, 0.1, 41), np.linspace(0.1, 1, 91)]))
 """Abscissas of the curves, denser at low rates of alarms, because detectors are used there."""
 DRAWS = 1_000_000
@@ -70,7 +70,7 @@ class ThresholdAlarms(NamedTuple):
     column: str  # a column of facts
     free: int | None  # fault-free motions with an alarm; None: unknown
     false: AlarmRate | None  # first false alarms per hour of fault-free motion; None: unknown
-    quiet: bool
+    quiet: bool  # lowest threshold without a false alarm on fault-free motion
 
 
 class DetectorRow(NamedTuple):
@@ -98,13 +98,14 @@ def list_alarms(runs: Runs) -> list[ThresholdAlarms]:
             rate = motions.first_rate(events[k], f"detector{d}_threshold{k}_first_ms")
             column, is_quiet = f"alarm{d}_{k}_ms", threshold == quiet
             result.append(ThresholdAlarms(detector.name, threshold, column, count, rate, is_quiet))
+    # The false alarms of checks are unknown.
     checks = CHECKS if manifest.rules.built_in == "response" else ALL_CHECKS
-    result.append(ThresholdAlarms(checks, math.nan, "told_ms", None, None, False))
+    result.append(ThresholdAlarms(checks, math.nan, "told_ms", None, None, quiet=False))
     if manifest.cues:
         cues = motions.count_with_event(f"golden_cue{manifest.verdict_cue}_first_ms")
         name = f"{CUE}, {manifest.cues[manifest.verdict_cue].threshold_mm:g} mm"
         rate = motions.cue_rate(manifest.verdict_cue)
-        result.append(ThresholdAlarms(name, math.nan, "warned_ms", cues, rate, cues == 0))
+        result.append(ThresholdAlarms(name, math.nan, "warned_ms", cues, rate, quiet=cues == 0))
     return result
 
 
@@ -113,6 +114,7 @@ def knowledge_sql(runs: Runs) -> str:
 
     Reports come from the cue, checks, and detectors at the lowest threshold without false alarms.
     """
+    # Checks have unknown false alarms (`free` is None), and the cue no threshold (NaN).
     trusted = [
         f"({after_onset(alarms.column)})"
         for alarms in runs.once(list_alarms)
@@ -128,6 +130,7 @@ def detector_rows(runs: Runs) -> list[DetectorRow]:
     for number, name in enumerate(dict.fromkeys(alarms.name for alarms in measured)):
         shown = _shown([alarms for alarms in measured if alarms.name == name])
         kind, roc, recall = "", None, None
+        # The names of detectors come first. Checks and the cue have no score, so no curve.
         if number < len(detectors):
             (kind,) = wording.fill_template("detector_kind.txt.j2", detector=detectors[number])
             roc, recall = _bands(runs, number)
@@ -141,14 +144,22 @@ def threshold_rows(runs: Runs, found: Sequence[ThresholdAlarms]) -> list[Detecto
     kinds = ("unintended", "NOT unintended")
     conditions = [f"{kind} AND {alarms.column} >= 0" for alarms in found for kind in kinds]
     unintended, others, *counts = runs.counts([*kinds, *conditions], where="sample AND faulty")
+    # The counts alternate: faults with an alarm that have, and do not have, an unintended motion.
     result = []
     for alarms, caught, harmless in zip(found, counts[::2], counts[1::2], strict=True):
         times = tables.event_times(runs, after_onset(alarms.column))
-        counted = (caught, unintended), (harmless, others), (caught, caught + harmless)
-        recall, fallout, precision = (tables.fault_share(runs, k, n) for k, n in counted)
-        delays = times.half_ms, times.before, times.lead_ms
-        rates = recall, fallout, precision, alarms.false
-        row = DetectorThreshold(alarms.name, alarms.threshold, *rates, *delays, alarms.quiet)
+        row = DetectorThreshold(
+            detector=alarms.name,
+            threshold=alarms.threshold,
+            caught=tables.fault_share(runs, caught, unintended),
+            harmless=tables.fault_share(runs, harmless, others),
+            precision=tables.fault_share(runs, caught, caught + harmless),
+            false=alarms.false,
+            delay_ms=times.half_ms,
+            before=times.before,
+            lead_ms=times.lead_ms,
+            quiet=alarms.quiet,
+        )
         result.append(row)
     return result
 
@@ -171,20 +182,25 @@ def _bands(runs: Runs, number: int):
     # None) if all runs have the same outcome, or all have the same fault.
     from ravenjax.stats.alarms.roc import curve_bands
 
-    score = f"detector{number}_score"
-    sample = runs.drawn(f'{score} AS score, unintended, "distinct" AS cell', SCORED, MOST_DRAWN)
-    values, unintended, cell = (sample[name].to_numpy() for name in ("score", "unintended", "cell"))
-    if min(len(np.unique(unintended)), len(np.unique(cell))) < 2:
+    columns = f'detector{number}_score AS score, unintended, "distinct" AS fault'
+    sample = runs.drawn(columns, SCORED, MOST_DRAWN)
+    score, unintended, fault = (sample[name].to_numpy() for name in sample)
+    if min(len(np.unique(unintended)), len(np.unique(fault))) < 2:
         return None, None
-    resamples = int(np.clip(DRAWS // len(values), 100, 400))
-    bands = curve_bands(values, unintended, cell, grid=GRID, resamples=resamples)
+    resamples = int(np.clip(DRAWS // len(score), 100, 400))
+    bands = curve_bands(score, unintended, fault, grid=GRID, resamples=resamples)
+    # Enumerated faults have no interval.
     if runs.sampled():
         return bands
     return [CurveBand(x, *map(tables.without_interval, estimates)) for x, *estimates in bands]
 
 
 def curve_chart(rows: Sequence[DetectorRow], kind: str) -> Chart | None:
-    """Return the chart of this kind, see CHARTS; None if no detector has a curve."""
+    """Return the chart of this kind, see CHARTS; None if no detector has a curve.
+
+    A dot is a threshold, a large dot the lowest one without a false alarm. Checks and the cue have
+    no curve. They are diamonds.
+    """
     bands = [getattr(row, kind) for row in rows]
     areas = {number: band.area.value for number, band in enumerate(bands) if band is not None}
     if not areas:
@@ -196,6 +212,7 @@ def curve_chart(rows: Sequence[DetectorRow], kind: str) -> Chart | None:
         marks.append(Curve("chance", palette.SAME, ends, ends, dashed=True, in_legend=False))
     for number, row in enumerate(rows):
         colour, name, band = palette.series_colour(number), row.name, bands[number]
+        # A reader can show the other curves.
         visible = number in largest or band is None
         if band is not None:
             name = f"{row.name} ({band.area.value:.3f})"

@@ -93,7 +93,10 @@ class Sweep(NamedTuple):
 
 
 def summarize_sweep(runs: Runs) -> Sweep:
-    """Return the inputs that a campaign varies, and the outcomes of its faults."""
+    """Return the inputs that a campaign varies, and the outcomes of its faults.
+
+    Each distinct fault has one row (`sample`). Of very many, some are drawn.
+    """
     if runs.count("sample AND faulty"):
         measures, condition, unit = MEASURES, "sample AND faulty", "faults"
     else:
@@ -139,6 +142,7 @@ def all_maps(runs: Runs) -> list[dict[str, Any]]:
             continue
         block_sweep = sweep._replace(faults=faults)
         axes = _make_axes(block_sweep, runs.robot.joints)
+        # With a single input, a map has one row.
         pairs = list(itertools.combinations(axes, 2)) or [(axis, None) for axis in axes]
         if ranked := _rank_pairs([_count_pairs(block_sweep, *pair) for pair in pairs]):
             sampled = runs.sampled(groups.get(str(name)))
@@ -230,12 +234,13 @@ def compact_number(value: float) -> str:
 
 
 def _count_blocks(sweep: Sweep) -> list[PairCounts]:
-    """Return counts by site and effect and by each input of COMMON, the best input first."""
+    """Return counts by site and effect and by each input that all sites share, the best first."""
     block, hit = (sweep.faults[name].to_numpy() for name in ("block", sweep.measures[0].name))
     shares = {str(name): float(hit[block == name].mean()) for name in np.unique(block)}
     names = sorted(shares, key=lambda name: (-shares[name], name))
     if len(names) > MAX_ROWS + 1:
         block = np.where(np.isin(block, names[:MAX_ROWS]), block, OTHERS)
+    # The vertical axis has the sites and effects, the horizontal axis one of the inputs.
     up = _make_axis(PLACE, block, [*names, OTHERS], words=True)
     names = [name for name in sweep.titles if name in COMMON or name.startswith("param:")]
     axes = _make_axes(sweep._replace(titles={name: sweep.titles[name] for name in names}))
@@ -271,6 +276,8 @@ def explained_share(counts: PairCounts) -> float:
     The variances of all measures are added. The share is at most 1. It is negative if the cells
     explain less than as many random cells would, and -inf if each run has its own cell.
     """
+    # n: faults of each cell [up, across]. counts.k: those in which a measure came, [measures, up,
+    # across]. Sums of squared deviations: `overall` from the mean, `within` from the cells' means.
     n, total = counts.n, counts.n.sum()
     hits, freedom = counts.k.sum(axis=(1, 2)), total - (n > 0).sum()
     overall = (hits * (total - hits)).sum() / total
@@ -281,7 +288,7 @@ def explained_share(counts: PairCounts) -> float:
 
 
 def _make_map(sweep: Sweep, name: str, ranked: list[PairCounts], sampled: bool):
-    # Returns the map of the two inputs that explain the outcome best.
+    # Returns the map of the two inputs that explain the outcome best: the first of `ranked`.
     counts, pairs = ranked[0], []
     for pair in ranked[:2]:
         if math.isfinite(share := explained_share(pair)):
@@ -289,9 +296,10 @@ def _make_map(sweep: Sweep, name: str, ranked: list[PairCounts], sampled: bool):
             pairs.append({"inputs": inputs, "share": max(0.0, share)})
     rate_in: Callable[[int, int], Rate] = tables.wilson_share if sampled else share_of_cells
     n, rates, panels, up = len(sweep.faults), [], [], counts.up
-    axes = {"across": counts.across.title, "up": up.title, "columns": counts.across.labels}
+    titles = {"across": counts.across.title, "up": up.title, "columns": counts.across.labels}
     for measure, k in zip(sweep.measures, counts.k, strict=True):
         rates.append(measure._asdict() | {"rate": rate_in(int(k.sum()), n)})
+        # A measure that is the same in all runs has no panel.
         if 0 < k.sum() < n:
             cells = np.stack([k, counts.n], axis=2).tolist()
             rows = [
@@ -299,7 +307,7 @@ def _make_map(sweep: Sweep, name: str, ranked: list[PairCounts], sampled: bool):
                 for label, row in zip(up.labels, cells, strict=True)
             ]
             # Numbers increase upwards.
-            panels.append(rates[-1] | axes | {"rows": rows if up.words else rows[::-1]})
+            panels.append(rates[-1] | titles | {"rows": rows if up.words else rows[::-1]})
     content = {"name": name, "n": n, "unit": sweep.unit, "rates": rates}
     return content | {"panels": panels, "axes": pairs}
 

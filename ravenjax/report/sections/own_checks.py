@@ -41,16 +41,18 @@ def own_check_rows(runs: Runs) -> list[OwnCheckRow]:
         for number, trip in enumerate(trips)
     ]
     total, *counts = runs.counts(["true", *trips, *alone], where="sample AND faulty")
+    tripped, tripped_alone = counts[: len(checks)], counts[len(checks) :]
     sections = {f"{OWN}{check['name']}": check for check in runs.manifest.config.get("check", ())}
     result = []
     for number, alarms in enumerate(detectors.threshold_rows(runs, per_check)):
         section = sections.get(checks[number].name, {})
-        tripped, only_it = counts[number :: len(checks)]
         row = OwnCheckRow(
-            *(alarms.detector, str(section.get("at", "")), checks[number].does),
+            name=alarms.detector,
+            at=str(section.get("at", "")),
+            does=checks[number].does,
             threshold=_describe_threshold(runs, section, alarms.detector),
-            tripped=tables.fault_share(runs, tripped, total),
-            alone=tables.fault_share(runs, only_it, tripped),
+            tripped=tables.fault_share(runs, tripped[number], total),
+            alone=tables.fault_share(runs, tripped_alone[number], tripped[number]),
             alarms=alarms,
         )
         result.append(row)
@@ -58,7 +60,8 @@ def own_check_rows(runs: Runs) -> list[OwnCheckRow]:
 
 
 def _describe_threshold(runs: Runs, section: dict[str, Any], check: str) -> str:
-    # Describes the threshold of a check in words. A campaign may vary the threshold.
+    # Describes the threshold of a check in words. A campaign may vary the threshold. Rates are then
+    # over all thresholds together.
     name, value = f"param:checks.threshold.{check}", float(section.get("threshold", 1.0))
     lowest, highest = value, value
     if name in runs.names:
@@ -75,7 +78,7 @@ def _false_alarms(runs: Runs) -> Iterator[ThresholdAlarms]:
     # parameters of checks, because fault-free motions have only one value of each parameter.
     motions, shape = runs.motions, runs.manifest.shape
     varied = [quote_name(name) for name in runs.names if name.startswith("param:checks.")]
-    # The fault-free motion has every value that is constant in the whole campaign.
+    # A parameter with one value has this value in fault-free motions, too.
     values = ", ".join(["count(*)", *(f"count(DISTINCT {name})" for name in varied)])
     differs = max(runs.table.row(f"SELECT {values} FROM {RESULTS}")[1:], default=0) > 1
     for number, check in enumerate(shape.own_checks):

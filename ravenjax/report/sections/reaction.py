@@ -1,11 +1,10 @@
 """Sections "Reaction" and "Crossed parameters": compare runs of the same faults with and without
 the operator's reaction, and with each value of a crossed parameter.
 
-A pair is two runs that differ only in crossed parameters. In one of them the operator does not
-react, or the parameter has its first value. A fault has a pair for each value of the others.
+A pair is two runs that differ in one crossed parameter. In one run this parameter has its first
+value, or the operator does not react. The other crossed parameters are equal in both runs. If they
+have several values, a fault has one pair for each combination of these values.
 """
-
-from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Sequence
@@ -54,7 +53,7 @@ class Pairs(NamedTuple):
     with_: pd.DataFrame
     without: pd.DataFrame
 
-    def where(self, chosen: np.ndarray) -> Pairs:
+    def where(self, chosen: np.ndarray) -> "Pairs":
         """Return the pairs that `chosen` marks (bool [pairs])."""
         return Pairs(*(part.loc[chosen] for part in self))
 
@@ -143,21 +142,23 @@ def paired_runs(runs: pd.DataFrame, action: int, faulty: bool = True) -> Pairs:
     others = _crossed_names(runs)
     pair_columns = ["pair", *(name for name in others if not name.startswith("param:reaction."))]
     valid = runs.loc[~runs["failed"] & (runs["faulty"] == faulty)]
-    after, before = (valid.loc[valid["action"] == number] for number in (action, 0))
-    return _matched(after, before, pair_columns, others)
+    # Action 0: nobody reacts.
+    reacting, passive = (valid.loc[valid["action"] == number] for number in (action, 0))
+    return _matched(reacting, passive, pair_columns, others)
 
 
 def _matched(
-    chosen: pd.DataFrame, others_side: pd.DataFrame, shared: Sequence[str], varied: Sequence[str]
+    with_: pd.DataFrame, without: pd.DataFrame, keys: Sequence[str], varied: Sequence[str]
 ) -> Pairs:
-    """Return each run of `chosen` with its partner, the run of `others_side` with equal `shared`.
+    """Return each run of `with_` with its partner, the run of `without` with equal columns `keys`.
 
-    Runs with the same fault and the same values of `varied` are repetitions and count once.
+    `distinct` is the number of a fault. Runs with the same fault and the same values of the columns
+    `varied` are repetitions and count once.
     """
-    partners = others_side[shared].rename_axis("partner").reset_index().drop_duplicates(shared)
-    matched = chosen.rename_axis("row").reset_index().merge(partners, on=shared)
+    partners = without[keys].rename_axis("partner").reset_index().drop_duplicates(keys)
+    matched = with_.rename_axis("row").reset_index().merge(partners, on=keys)
     matched = matched.loc[~matched[[*varied, "distinct"]].duplicated()]
-    return Pairs(chosen.loc[matched["row"]], others_side.loc[matched["partner"]])
+    return Pairs(with_.loc[matched["row"]], without.loc[matched["partner"]])
 
 
 def compare_pairs(runs: pd.DataFrame, sampled: Sampled) -> list[Difference]:
@@ -177,7 +178,10 @@ def compare_pairs(runs: pd.DataFrame, sampled: Sampled) -> list[Difference]:
 
 
 def crossed_rows(runs: pd.DataFrame, sampled: Sampled) -> list[CrossedRow]:
-    """Return rates of runs without a reaction by the value of each crossed parameter, in order."""
+    """Return rates of runs without a reaction by the value of each crossed parameter, in order.
+
+    Runs of one pair have the same fault. Each value is compared with the pair's first value.
+    """
     counted = runs.loc[runs["plain"] & runs["faulty"] & ~runs["failed"]]
     crossed = [name for name in _crossed_names(runs) if not name.startswith("param:reaction.")]
     comparisons = []
@@ -190,14 +194,15 @@ def crossed_rows(runs: pd.DataFrame, sampled: Sampled) -> list[CrossedRow]:
         # The first value comes first, then the others in ascending order.
         for start, value in sorted(rows, key=lambda row: (row[0], row[0] != row[1], row[1])):
             with_first = counted.loc[first == start]
-            after, before = (with_first.loc[with_first[name] == one] for one in (value, start))
-            pairs = _matched(after, before, shared, crossed)
+            with_value, without = (with_first[with_first[name] == one] for one in (value, start))
+            pairs = _matched(with_value, without, shared, crossed)
+            # Pairs whose fault changed no bit in either run are only counted.
             acting = pairs.acting
-            pairs = pairs.where(acting)
-            faults = pairs.faults(sampled)
+            active_pairs = pairs.where(acting)
+            faults = active_pairs.faults(sampled)
             events = {}
             for event, words in EVENTS.items():
-                after, before = (side[event].to_numpy() for side in pairs)
+                after, before = (side[event].to_numpy() for side in active_pairs)
                 events[words] = intervals.compare_rates(after, before, faults)
             path, counts = name.removeprefix("param:"), (int(acting.sum()), int((~acting).sum()))
             comparisons.append(CrossedRow(path, start, value, *counts, events))
@@ -253,7 +258,7 @@ def _parts(pairs: Pairs):
 def _difference(
     action: str, among: str, pairs: Pairs, faults: Units | None, inactive: int
 ) -> Difference:
-    # Computes what the operator's reaction changes.
+    # Computes what the reaction changes. The last rate is that of reactions without need.
     after, before = (part["unintended"].to_numpy() for part in pairs)
     reacted = pairs.with_["reaction_ms"].to_numpy() >= 0
     return Difference(
@@ -294,6 +299,7 @@ def _content(runs: Runs, _: Path):
 def _crossed(runs: Runs, _: Path):
     config = runs.manifest.config
     crossed = [table.get("cross", ()) for table in (config, *config.get("group", ()))]
+    # Section "Reaction" compares the values of the reaction.
     if all(path.startswith("reaction.") for paths in crossed for path in paths):
         return None
     sample = runs.once(sample_runs)

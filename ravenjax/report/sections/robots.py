@@ -1,7 +1,7 @@
-"""Section "Robots": the rate that one more robot may have, if robots are drawn from a file.
+"""Section "Robots": the rate that a further robot may have, if robots are drawn from a file.
 
-All parameters of a robot are drawn together. The interval is a prediction interval for a robot that
-was not drawn. It shows how much robots differ, so more faults per robot narrow it little.
+All parameters of a robot are drawn together. The interval is a prediction interval for the rate of
+a robot that was not drawn. More faults per robot narrow it little, because robots differ.
 """
 
 from collections.abc import Mapping
@@ -64,7 +64,7 @@ def robot_sql(runs: Runs) -> str:
 def faults_with_units(runs: Runs, columns: str, where: str) -> pd.DataFrame:
     """Return a table of faults: row, group, `columns` of facts, and the number of the drawn unit.
 
-    A unit is a robot if robots were drawn whole, otherwise a row.
+    If each draw of the campaign is a whole robot, the unit is the robot, else the row.
     """
     robot = robot_sql(runs) or "row"
     return runs.table.frame(
@@ -85,7 +85,7 @@ def drawn_units(runs: Runs, faults: pd.DataFrame) -> tuple[Units | None, str]:
 
 
 def robot_columns(config: Mapping[str, Any]) -> list[str]:
-    """Return the columns of the parameters of a robot that a stored campaign draws whole."""
+    """Return the columns of parameters that a stored campaign draws together, as whole robots."""
     columns = []
     for table in (config, *config.get("group", ())):
         for path, value in table.get("parameters", {}).items():

@@ -50,8 +50,8 @@ def without_interval(value: _Interval) -> _Interval:
 def class_counts(
     runs: Runs, by: str, columns: Sequence[str], where: str = "true"
 ) -> list[tuple[Any, ...]]:
-    """Return one row for each value of `by`: the value, the groups of its faults, the number of
-    its distinct faults, and `columns`.
+    """Return one row for each value of `by`: the value, the groups of its faults, the number of its
+    distinct faults, and `columns`.
 
     The arguments are expressions over columns of results and facts.
     """
@@ -91,6 +91,7 @@ def event_times(runs: Runs, event: str, where: str = UNINTENDED) -> EventTimes:
     event: SQL for the time of the event in ms, -1 for never, over columns of facts. where: SQL
     condition of the faults, which have an unintended motion.
     """
+    # lag: event minus motion, so the lead is the negative lag. The key "" stands for all runs.
     delay, lag = (
         runs.delays(event, start, runs.end, where)[""] for start in ("active_ms", "unintended_ms")
     )
@@ -239,8 +240,7 @@ def rate_order(rate: Rate) -> tuple[bool, float]:
 
 
 def event_delays(runs: Runs, event: str) -> tuple[Delays, int]:
-    """Return the delay (ms) of an event after the first effect, for one run of each activated
-    fault.
+    """Return the delay (ms) of an event after the first effect, for a run of each activated fault.
 
     `event` is a column of facts. If the event never came, the delay is censored at the end of
     observation, a stop or the run's end. Also return the number of runs that are left out because
@@ -250,6 +250,7 @@ def event_delays(runs: Runs, event: str) -> tuple[Delays, int]:
     early = f"{event} >= 0 AND {event} < active_ms"
     stopped = f"CASE WHEN response = 'stopped' THEN response_ms ELSE {runs.end} END"
     end = f"greatest({stopped}, active_ms)"
+    # Without a grouping column, the only key is "".
     by_name = runs.delays(event, "active_ms", end, f"{condition} AND NOT ({early})")
     return by_name[""], runs.count(f"{condition} AND {early}")
 

@@ -1,6 +1,4 @@
-"""Section "Time to know": how soon after a fault's first effect the haptic cue comes and a check
-raises an alarm.
-"""
+"""Section "Time to know": how soon after a fault's first effect haptic cues and alarms come."""
 
 from ravenjax.document.chart import Chart, ChartAxis, Curve
 from ravenjax.document.palette import CUE, RESPONSE, SAME
@@ -13,11 +11,12 @@ FIRST_MS = 1.0
 
 
 def incidence_curves(runs: Runs) -> tuple[Chart | None, dict[str, int]]:
-    """Return a chart of the share of faults with a cue, and with an alarm, over time.
+    """Return a chart of the share of faults with a cue, with an alarm, and with any report, over
+    time. The last share is of faults with an unintended motion.
 
     Time is counted from the fault's first effect. One run of each fault counts. The chart is None
-    if neither ever came. Also return how many faults each curve leaves out because the event
-    came before the first effect.
+    if neither ever came. Also return how many faults each curve leaves out because the event came
+    before the first effect.
     """
     cue, early_cue = tables.event_delays(runs, "warned_ms")
     alarm_delays, early_alarms = tables.event_delays(runs, "told_ms")
@@ -26,7 +25,7 @@ def incidence_curves(runs: Runs) -> tuple[Chart | None, dict[str, int]]:
     for name, colour, delays in (
         ("haptic cue", CUE, incidence_curve(cue)),
         ("alarm or stop by a check", RESPONSE, incidence_curve(alarm_delays)),
-        ("first of all, for unintended motions", SAME, runs.once(answers.detection_answers).delay),
+        ("cue or alarm, unintended motions", SAME, runs.once(answers.detection_answers).delay),
     ):
         if delays.events:
             # Enumerated faults have no confidence band.

@@ -68,6 +68,6 @@ def test_no_fault_acts_before_and_none_where_a_run_is_cut(slots, cycles, down):
     of_time = [slot for slot in slots if slot["code"] and slot["trigger"] == TRIGGER_CODES["time"]]
     if len(of_time) == sum(slot["code"] for slot in slots):
         assert first == (ticks[0] if ticks else TICKS), "a time is known exactly"
-    end = span.last_observed_ticks(faults, TICKS, 3)[0]
+    end = span.observation_ends(faults, TICKS, 3)[0]
     assert end == TICKS or end == ticks[-1] + 1 + 3, "so long after the last tick in which one acts"
-    assert span.last_observed_ticks(faults, TICKS, None)[0] == TICKS
+    assert span.observation_ends(faults, TICKS, None)[0] == TICKS

@@ -1,5 +1,4 @@
-"""Defines the options of `ravenjax counterfactual`, and converts candidate checks into
-detectors."""
+"""Defines the options of `ravenjax counterfactual`. Converts candidate checks into detectors."""
 
 import itertools
 import math
@@ -130,7 +129,8 @@ def scale_candidates(scores: Sequence[Score], peaks: np.ndarray) -> list[Candida
     """Return a candidate for each score and each number of CONSECUTIVE_TICKS. The scale of a
     channel is the channel's largest value in fault-free motion.
 
-    `peaks`: these values, one for each candidate of `list_single_channels`, in the same order.
+    `peaks`: these values in the order of `list_single_channels`: for each channel, one value per
+    number of CONSECUTIVE_TICKS.
     """
     channel_peaks = np.maximum(peaks, SMALLEST_SCALE).reshape(-1, len(CONSECUTIVE_TICKS))
     candidates, first = [], 0

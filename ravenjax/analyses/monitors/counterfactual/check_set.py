@@ -178,11 +178,11 @@ def join_scores(motions: FreeMotion, indices: Sequence[int]) -> FreeMotion:
 def calibrate_margin(motions: FreeMotion, per_hour: float) -> Margin:
     """Return the smallest margin whose expected rate of false alarms is at most `per_hour`.
 
-    For n motions of r runs with k alarms in total, the margin is the smallest for which
-    (k + r) / (n + 1) is at most the target per motion. If motions are exchangeable, one more motion
-    then has at most that many alarms on average over calibrations, for any distribution of scores.
-    The rate with the margin of one calibration may be higher. If no margin keeps the target, the
-    result is the smallest margin with the lowest rate. This rate is then an estimate, not a bound.
+    The method is conformal risk control. For n motions of r runs with k alarms in total, the margin
+    is the smallest for which (k + r) / (n + 1) is at most the target per motion. If motions are
+    exchangeable, the expected number of alarms in a new motion is then at most the target. This
+    expectation is over calibrations too, so one calibration may have a higher rate. If no margin
+    keeps the target, the result is the smallest margin with the lowest rate, an estimate.
     """
     motion_count, runs = motions.peaks.shape
     hours = float(motions.hours.sum(axis=1).mean())
@@ -198,8 +198,8 @@ def false_alarm_rate(motions: FreeMotion, margin: float) -> AlarmRate:
     """Return the rate of false alarms at a margin, with the exact interval of a Poisson rate.
 
     A run counts at most one alarm. If a motion has several runs, the independent units are motions.
-    The upper end then counts motions with an alarm, in the hours of one run per motion. The lower
-    end counts the motions that the runs with an alarm would fill.
+    Both ends then count motions, in the hours of one run per motion. The upper end counts each
+    motion with an alarm. The lower end counts count // runs motions: at least so many have one.
     """
     runs = motions.peaks.shape[1]
     alarmed = motions.peaks > np.float32(margin)

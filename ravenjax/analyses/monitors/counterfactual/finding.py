@@ -62,8 +62,7 @@ class Counterfactual(NamedTuple):
     full_set: CheckSet  # all candidates together
     # Share of the faults that each random set of the same size covers.
     random_coverages: np.ndarray
-    # Share of the faults that are covered by a set that was selected without the fault's group;
-    # None if there is only one group.
+    # Share of faults that a set covers that was selected without their group; None for one group.
     new_group_coverage: Rate | None
     scale_hours: float  # hours of fault-free motion that determine the scales
 
@@ -210,8 +209,8 @@ class Confirmation(NamedTuple):
 
     @property
     def verdict(self) -> str:
-        """How the detected share compares with the share of the test half: "as", "more than" or
-        "less than", or "" if the difference has no interval.
+        """Comparison with the detected share in the test half of the first seed: "as" (as many),
+        "more than" or "less than"; "" if the difference has no interval.
         """
         if math.isnan(self.difference.low):
             return ""

@@ -42,17 +42,13 @@ SHORTEST_S, LONGEST_S = 5, 60
 MIN_MOTIONS = 12
 """Smallest number of motions, so that each use has at least three."""
 MAX_ALARMS = 0.2
-"""Largest expected number of alarms per run. Only one alarm of a run is counted, so more alarms
-would make the measured rate too small.
-"""
+"""Largest expected number of alarms per run. A run counts only one, so more would bias the rate."""
 _USES = ("test", "scales", "test", "calibration")
 """Uses of the motions, in turn: test of the false-alarm rate, scales, calibration of the margin."""
 
 
 class FreeMotion(NamedTuple):
-    """Scores of fault-free motions. Each motion has another operator, and one or several runs with
-    different robots.
-    """
+    """Scores of fault-free motions. Each has another operator and one or several robots."""
 
     peaks: np.ndarray  # float32 [motions, runs, candidates], largest score in the run
     # [motions, runs], time in which detectors are active; 0 for a run without a valid outcome.
@@ -92,7 +88,7 @@ def require_rate(per_hour: float, schedule: MotionSchedule) -> None:
         raise UserError(
             f"--false-alarms-per-hour {per_hour:g} is one alarm in {3600 / per_hour:.3g} s, but a"
             f" run of {schedule.seconds} s counts only one. Write {MAX_ALARMS / live_h:.3g} or"
-            f" less, or fewer --hours, which makes runs shorter (at least {SHORTEST_S} s)"
+            f" less. Or write fewer --hours, so that runs are shorter (at least {SHORTEST_S} s)"
         )
 
 
@@ -132,7 +128,7 @@ def run_motions(
     if not hours.sum() > 0:
         raise UserError(
             f"the robot is never live in {schedule.seconds} s of fault-free motion, or every run"
-            " failed, so false alarms cannot be counted. Check the campaign without faults"
+            " failed, so false alarms cannot be counted. Run a group without faults: see its report"
         )
     # Runs without hours may have scores that are not numbers. These scores count as 0.
     return FreeMotion(np.where((hours > 0)[..., None], scores, 0.0), hours)
@@ -146,8 +142,7 @@ class EvadingFaults(NamedTuple):
     # Int, the independent unit: the fault, or the robot if whole robots were drawn.
     unit: np.ndarray
     units_are_robots: bool
-    # int [runs, candidates, margins], time from the first alarm to the harm; below 0 if there is no
-    # alarm before the harm.
+    # int [runs, candidates, margins], time from first alarm to harm; below 0 without earlier alarm.
     lead_ms: np.ndarray
 
     @property
@@ -156,8 +151,7 @@ class EvadingFaults(NamedTuple):
         return len(self.unit)
 
     def halves(self, seed: int) -> tuple[np.ndarray, np.ndarray]:
-        """Divide the runs at random into a half for selection and a half for the test. Return both
-        as bool [runs].
+        """Divide the runs at random into halves for selection and for the test, both bool [runs].
 
         All runs of a unit are in the same half. If units are faults, each group is divided.
         """
@@ -171,8 +165,7 @@ class EvadingFaults(NamedTuple):
         for stratum in range(strata.max(initial=-1) + 1):
             shuffled = rng.permutation(np.unique(self.unit[strata == stratum]))
             selection |= (strata == stratum) & np.isin(self.unit, shuffled[start::2])
-            # In groups of odd size one half gets one unit more: the selection in the first such
-            # group, the test in the next.
+            # In groups of odd size one half gets one unit more: first the selection, then the test.
             start = (start + len(shuffled)) % 2
         return selection, ~selection
 

@@ -1,5 +1,4 @@
-"""Writes the results of `ravenjax counterfactual`: a table of candidate checks, a figure and a
-campaign.
+"""Writes the results of `ravenjax counterfactual`: a table of checks, a figure and a campaign.
 
 The campaign contains the selected checks. The figure shows the share of faults that are detected at
 least a given number of milliseconds before harm.

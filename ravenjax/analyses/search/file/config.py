@@ -1,7 +1,5 @@
 """Defines the section [search] of a search file as pydantic models, one for each kind of search."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -59,7 +57,7 @@ class Boundary(Section):
     )
 
     @model_validator(mode="after")
-    def _require_each_sign_once(self) -> Boundary:
+    def _require_each_sign_once(self) -> "Boundary":
         if len(set(self.signs)) < len(self.signs):
             raise ValueError(f"signs: got {list(self.signs)}, expected each sign once")
         return self
@@ -126,7 +124,7 @@ class Rare(Section):
     )
 
     @model_validator(mode="after")
-    def _require_equal_chains(self) -> Rare:
+    def _require_equal_chains(self) -> "Rare":
         # A level consists of runs / steps chains of equal length, and at least two.
         if self.runs % self.steps or self.runs // self.steps < 2:
             below = max(2, self.runs // self.steps) * self.steps

@@ -27,7 +27,7 @@ from ravenjax.store import schema
 _FORM = re.compile(r"^\s*(\w+)\s*(?:(>=|<=|=)\s*(.*?)\s*)?$")
 _TIMES = ("first_ms", "last_ms", "first_active_ms", "response_ms", "reaction_ms", "told_ms")
 """Endings of the names of columns that have -1 if the event never happened."""
-_GIVEN = re.compile(r"(run_id|index|group|seed|operator)$|fault\d+_|param:")
+_INPUTS = re.compile(r"(run_id|index|group|seed|operator)$|fault\d+_|param:")
 """Columns that are inputs of a run, not outcomes."""
 
 _WORDS = {"verdict": verdict.VERDICTS, "response": verdict.RESPONSES, "hazard": verdict.HAZARDS}
@@ -110,11 +110,13 @@ class Outcome:
         return np.where(numbers < 0, np.nan, numbers) if self._may_be_absent else numbers
 
     def complaints(self, shape: schema.Shape) -> list[str]:
-        """Return messages on mistakes, such as a column that tables of this shape do not have."""
+        """Return messages on mistakes, such as a column that tables of this shape do not have, from
+        the template `outcome_errors.j2`. Inputs of a run cannot be outcomes.
+        """
         dtypes = {
             column.name: column.dtype
             for column in schema.table_columns(shape)
-            if not _GIVEN.match(column.name)
+            if not _INPUTS.match(column.name)
         }
         return resources.render_text(
             Path(__file__).with_name("outcome_errors.j2"),

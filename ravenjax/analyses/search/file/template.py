@@ -44,7 +44,8 @@ def axis_name(key: Key) -> str:
 
 def find_search_errors(config: CampaignConfig, search: Search | None) -> list[Complaint]:
     """Return (key, message) of mistakes that only a search file can have."""
-    # Path in the file, name and distribution of each key that has a distribution.
+    # Path in the file, name and distribution of each key that has a distribution. The template
+    # contains the rules. It yields (path in the file, message) of each mistake.
     words, numbers = [], []
     for (slot, name), axis in template_axes(config).items():
         if not axis.drawn:
@@ -135,13 +136,14 @@ class Template:
 
         A coordinate is a quantile of the input's distribution, as in a sampled design.
         """
-        whole, values = self.whole[case], np.empty(unit.shape)
+        is_whole, values = self.whole[case], np.empty(unit.shape)
         for i, (slot, name) in enumerate(self.inputs):
             axis = self.axis(i)
             places = axis.places(unit[:, i])
             is_time = slot != PARAMETER and name != "value"
+            # Whole values are multiples of `step`: times in ms are whole ticks of the robot.
             step = self.config.robot.period_ms if is_time else 1
-            values[:, i] = np.where(whole[:, i], axis.at(places, whole=step), axis.at(places))
+            values[:, i] = np.where(is_whole[:, i], axis.at(places, whole=step), axis.at(places))
             if is_time and not axis.listed:
                 smallest = step if name in ("duration_ms", "period_ms") else 0
                 values[:, i] = np.maximum(values[:, i], smallest)
@@ -150,7 +152,7 @@ class Template:
     def campaign(self, case: np.ndarray, values: np.ndarray) -> CampaignConfig:
         """Return the campaign whose runs are these points: case [n], values [n, inputs]."""
         group = self.config.group[0]
-        # The values of all points, for each key that differs between points.
+        # The values of all points, for each key (slot, field) or (PARAMETER, path) that differs.
         columns = {key: [self._values[key][c] for c in case.tolist()] for key in self.lists}
         columns |= {key: values[:, i].tolist() for i, key in enumerate(self.inputs)}
         axes = {key: Axis("list", tuple(column)) for key, column in columns.items()}

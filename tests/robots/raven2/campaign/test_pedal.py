@@ -45,7 +45,7 @@ def windows_of(campaign=None, motion="clutched", **sections):
 
 
 def ends_of(ready, observe=1):
-    return span.last_observed_ticks(ready.faults, TICKS, observe, ready.clocks)
+    return span.observation_ends(ready.faults, TICKS, observe, ready.clocks)
 
 
 @pytest.mark.slow
