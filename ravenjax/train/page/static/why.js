@@ -36,10 +36,10 @@ export function reason({ link, phase, owner, view, level, live, pressed, down, i
   if (owner !== "page" && owner !== "nobody") return `${DRIVERS[owner] ?? owner} drives: wait, or take over while its pedal is up.`;
   if (level < 2) return "The robot is homing: wait.";
   if (pressed && !down) {
-    const again = `Let go of ${pedal}, then hold it again.`;
+    const lift = `Let go of ${pedal}, then hold it again.`;
     if (silences > 1 || rate < FEW_PER_S)
-      return `The connection stutters: ${rate < FEW_PER_S ? `${rate} of ${USUAL_PER_S} messages a second, ` : ""}${silences} silence${silences === 1 ? "" : "s"} in half a minute. ${again}`;
-    return since in SINCE ? `${SINCE[since]}. ${again}` : again;
+      return `The connection stutters: ${rate < FEW_PER_S ? `${rate} of ${USUAL_PER_S} messages a second, ` : ""}${silences} silence${silences === 1 ? "" : "s"} in half a minute. ${lift}`;
+    return since in SINCE ? `${SINCE[since]}. ${lift}` : lift;
   }
   if (view === "replay" && !down) return `Hold ${pedal}: the robot repeats the motion that you tried.`;
   if (!down && warned) return "The pedal is up: the robot holds still.";
