@@ -3,8 +3,6 @@
 The folder is checked before any run is computed. A campaign can be resumed after any interruption.
 """
 
-from __future__ import annotations
-
 import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -50,7 +48,7 @@ class ResultFolder:
         return self._manifest.model_copy(update={"parts": parts_in_order})
 
     @staticmethod
-    def open(path: Path, wanted: Manifest) -> ResultFolder:
+    def open(path: Path, wanted: Manifest) -> "ResultFolder":
         """Start or resume the campaign `wanted` in the folder `path`, which must be locked.
 
         Complete files of the same campaign are kept. Files that are damaged, of another campaign or
@@ -163,7 +161,7 @@ def read_complete_manifest(path: Path) -> Manifest:
     return record
 
 
-def read_all(path: str | Path, columns: Sequence[str] | None = None) -> pd.DataFrame:
+def read_all(path: str | Path, columns: Sequence[str] | None = None) -> "pd.DataFrame":
     """Return all finished rows of a result folder, ordered by `index`. Each file is checked.
 
     columns: columns to read; None: all. Raise StoreError if the folder has no results, a file is
@@ -197,7 +195,7 @@ class Results:
     shape: schema.Shape  # which repeated columns the table has
     path: Path  # result folder
 
-    def frame(self, columns: Sequence[str] | None = None) -> pd.DataFrame:
+    def frame(self, columns: Sequence[str] | None = None) -> "pd.DataFrame":
         """Return the table, or some of its columns. Raises StoreError as `read_all`."""
         return read_all(self.path, columns)
 

@@ -4,8 +4,6 @@ Reading a ring costs less time than a system call, which matters a thousand time
 are numbered, so a slow reader notices that the writer has overwritten rows.
 """
 
-from __future__ import annotations
-
 import json
 import multiprocessing
 from collections.abc import Iterator
@@ -34,7 +32,7 @@ class Ring:
         self._written = int(self._header[0])  # rows written by this process
 
     @staticmethod
-    def create(capacity: int, row_bytes: int) -> Ring:
+    def create(capacity: int, row_bytes: int) -> "Ring":
         """Create a ring. Other processes attach by its `name`."""
         size = _HEADER + capacity * row_bytes
         memory = shared_memory.SharedMemory(create=True, size=size)
@@ -44,7 +42,7 @@ class Ring:
         return Ring(memory, owner=True)
 
     @staticmethod
-    def attach(name: str) -> Ring:
+    def attach(name: str) -> "Ring":
         """Attach to a ring of this process or its parent. Only the creator removes it."""
         return Ring(shared_memory.SharedMemory(name=name), owner=False)
 
@@ -91,7 +89,7 @@ def parent_has_ended() -> bool:
     return parent is not None and not parent.is_alive()
 
 
-def put_json(ring: Ring, message: Json) -> None:
+def put_json(ring: "Ring", message: Json) -> None:
     """Append an event or a command. Raises ValueError if it is longer than a row."""
     text = _encode(message).encode()
     if len(text) >= ring.row_bytes:

@@ -6,8 +6,6 @@ written to a temporary folder, which is deleted at the end. Only the manifest's 
 after a check of their checksums.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re
@@ -39,7 +37,7 @@ class ResultTable(contextlib.ExitStack):
     This closes the connection and deletes temporary files.
     """
 
-    connection: duckdb.DuckDBPyConnection
+    connection: "duckdb.DuckDBPyConnection"
 
     def rows(self, sql: str, given: Sequence[Any] = ()) -> list[tuple[Any, ...]]:
         """Return the rows of a query. given: values for the question marks in `sql`."""
@@ -50,7 +48,7 @@ class ResultTable(contextlib.ExitStack):
         (only,) = self.rows(sql, given)
         return only
 
-    def frame(self, sql: str, given: Sequence[Any] = ()) -> pd.DataFrame:
+    def frame(self, sql: str, given: Sequence[Any] = ()) -> "pd.DataFrame":
         """Return the result of a query as a DataFrame. The result must be small."""
         return self.run(sql, given).df()
 
@@ -58,11 +56,11 @@ class ResultTable(contextlib.ExitStack):
         """Return the columns of a table or view, in order, and their SQL types."""
         return {row[0]: row[1] for row in self.rows(f"DESCRIBE {quote_name(name)}")}
 
-    def register(self, name: str, table: pa.Table) -> None:
+    def register(self, name: str, table: "pa.Table") -> None:
         """Make an Arrow table available to queries as `name`."""
         self.connection.register(name, table)
 
-    def run(self, sql: str, given: Sequence[Any] = ()) -> duckdb.DuckDBPyConnection:
+    def run(self, sql: str, given: Sequence[Any] = ()) -> "duckdb.DuckDBPyConnection":
         """Run one SQL statement. Raise StoreError if it fails."""
         import duckdb
 

@@ -8,8 +8,6 @@ In ROS 1 a header has a sequence number, which is 0, and there is no rcl_interfa
 time": its players omit such messages. In a bag of ROS 1, all times of a trace are one second later.
 """
 
-from __future__ import annotations
-
 import contextlib
 import re
 import shutil
@@ -55,7 +53,7 @@ class TopicMessages(NamedTuple):
     notes: tuple[str, ...]
 
 
-def read_topic(path: Path, reader: AnyReader, topic: str, stamped: bool) -> TopicMessages:
+def read_topic(path: Path, reader: "AnyReader", topic: str, stamped: bool) -> TopicMessages:
     """Read the messages of one topic. Raise UserError if there are none.
 
     Times are those of the message headers. They are times of arrival if `stamped` is False, or if
@@ -128,7 +126,7 @@ def is_bag(path: Path) -> bool:
 
 
 @contextlib.contextmanager
-def open_bag(path: Path) -> Iterator[AnyReader]:
+def open_bag(path: Path) -> "Iterator[AnyReader]":
     """Open a bag or MCAP file and read its definitions. Raise UserError for a damaged file."""
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
@@ -207,7 +205,7 @@ def write_bag(source: Path, ros: Ros, out: Path | None) -> WrittenBag:
         raise
 
 
-def _write(reader: AnyReader, ros: Ros, target: Path) -> WrittenBag:
+def _write(reader: "AnyReader", ros: Ros, target: Path) -> WrittenBag:
     # Copies all messages. ROS 1 needs its own header type, and times after 0.
     from rosbags import rosbag1, rosbag2
     from rosbags.typesys import Stores, get_typestore
@@ -241,7 +239,7 @@ def _write(reader: AnyReader, ros: Ros, target: Path) -> WrittenBag:
     return WrittenBag(target, len(connections), messages, seconds)
 
 
-def _shift(store: Typestore, data: bytes, kind: str, later: int) -> Any:
+def _shift(store: "Typestore", data: bytes, kind: str, later: int) -> Any:
     # Returns a serialized message with all time stamps `later` ns later.
     message: Any = store.deserialize_cdr(data, kind)
     for part in (message, *getattr(message, "transforms", ())):

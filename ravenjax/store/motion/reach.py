@@ -1,7 +1,5 @@
 """Computes which poses of a recording an arm can reach within its joint limits."""
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Callable
@@ -49,7 +47,7 @@ class Poses(NamedTuple):
     quat: np.ndarray  # [T, A, 4]
     opening_mrad: np.ndarray  # [T, A]
 
-    def part(self, begin: int, end: int) -> Poses:
+    def part(self, begin: int, end: int) -> "Poses":
         """Return the rows from `begin` to before `end`."""
         return Poses(self.arms, *(values[begin:end] for values in self[1:]))
 
@@ -68,7 +66,7 @@ class ArmReach(NamedTuple):
         return begin + int(np.argmax(bad)) if bad.any() else None
 
 
-def reach_poses(poses: Poses, bounds: Bounds) -> ArmReach:
+def reach_poses(poses: "Poses", bounds: Bounds) -> ArmReach:
     """Return the joint positions that reach each desired pose."""
     parts = [_arm_joints(poses, i, bounds) for i in range(len(poses.arms))]
     jpos, inside = (np.stack(part, axis=1) for part in zip(*parts, strict=True))
@@ -76,7 +74,7 @@ def reach_poses(poses: Poses, bounds: Bounds) -> ArmReach:
     return ArmReach(jpos, inside, steps >= LARGEST_STEP)
 
 
-def _arm_joints(poses: Poses, i: int, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
+def _arm_joints(poses: "Poses", i: int, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
     # Returns joint positions [T, 7], and whether they are within the limits [T]. Of several
     # solutions it takes the first within the limits.
     lower, upper = bounds.within()
@@ -90,7 +88,7 @@ def _arm_joints(poses: Poses, i: int, bounds: Bounds) -> tuple[np.ndarray, np.nd
     return np.concatenate(best), np.concatenate(inside)
 
 
-def unreached_reason(poses: Poses, row: int, bounds: Bounds) -> str:
+def unreached_reason(poses: "Poses", row: int, bounds: Bounds) -> str:
     """Return why the poses of a row cannot be reached, as text."""
     lower, upper = bounds.within()
     for i, arm in enumerate(poses.arms):
@@ -111,7 +109,7 @@ def unreached_reason(poses: Poses, row: int, bounds: Bounds) -> str:
     return f"a joint would step by more than {LARGEST_STEP:g} rad or m within a millisecond"
 
 
-def _candidates(poses: Poses, i: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _candidates(poses: "Poses", i: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the solutions of inverse kinematics for n <= BLOCK_ROWS rows of one arm: joint
     positions [n, 8, 7], and whether each is valid [n, 8].
     """

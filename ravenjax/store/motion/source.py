@@ -4,8 +4,6 @@ The manual page `docs/how-to/recordings.md` lists columns and topics. Replays of
 calibration of robots read their files with this module, so the same checks apply.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import math
@@ -52,7 +50,7 @@ class Samples:
 
     path: Path
     # The index gives the number of the row in the file, or of the message in the topic.
-    table: pd.DataFrame
+    table: "pd.DataFrame"
     clock: str = ""  # name of the column or clock that the times come from
     time_s: np.ndarray | None = None  # [T]
     topic: str = ""  # topic in a bag; "" for a table
@@ -287,7 +285,7 @@ def _unit_quaternions(
 class Bag:
     """An open bag; it finds the topics of each Raven-II arm."""
 
-    def __init__(self, path: Path, reader: AnyReader, options: ReplayOptions):
+    def __init__(self, path: Path, reader: "AnyReader", options: ReplayOptions):
         self.path, self._reader, self._options = path, reader, options
         # Type of each topic that has messages.
         self.kinds = {one.topic: one.msgtype for one in reader.connections if one.msgcount}

@@ -1,7 +1,5 @@
 """Simulates a session's robots: the driven robot, its golden run, and the virtual robot."""
 
-from __future__ import annotations
-
 import dataclasses
 import operator
 from collections.abc import Sequence
@@ -258,7 +256,7 @@ class SimulatedRobot:
             robot.begin()
         self.next_tick = 0
 
-    def copy_from(self, other: SimulatedRobot) -> None:
+    def copy_from(self, other: "SimulatedRobot") -> None:
         """Copy the state of another robot of the same blueprint, without its faults."""
         self.disarm()
         self._robot.restore(other._robot.snapshot())

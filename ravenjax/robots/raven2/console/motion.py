@@ -5,8 +5,6 @@ the motion, and *before* teleoperation scaling: the tip moves by scale times the
 Orientations are not scaled. They are relative to the start, about the axes of the ITP frame.
 """
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
@@ -46,7 +44,7 @@ class Motion:
         flat = per_arm.reshape(len(self), len(self.arms) * len(ARM_COLUMNS))
         return np.concatenate([flat, self.surgeon_mode[:, None]], axis=1).astype(np.float32)
 
-    def first_rows(self, rows: int) -> Motion:
+    def first_rows(self, rows: int) -> "Motion":
         """Return the first `rows` rows of the motion; a shorter motion repeats its last row."""
         index = np.minimum(np.arange(rows), len(self) - 1)
         columns = "position_um", "quat", "grasp_mrad", "surgeon_mode"

@@ -3,8 +3,6 @@
 # MuJoCo's compiled module carries no types.
 # pyright: reportAttributeAccessIssue=false
 
-from __future__ import annotations
-
 import functools
 from typing import TYPE_CHECKING
 
@@ -20,7 +18,7 @@ MODEL = "raven2/raven2.xml"
 
 
 @functools.cache
-def operating_scene() -> mujoco.MjModel:
+def operating_scene() -> "mujoco.MjModel":
     """Return the compiled model of both arms and the scene. Callers share it: do not change it."""
     # Imported late, because code from the cache needs no model.
     import mujoco
@@ -29,12 +27,12 @@ def operating_scene() -> mujoco.MjModel:
 
 
 @functools.cache
-def one_arm(arm: ArmName) -> mujoco.MjModel:
+def one_arm(arm: ArmName) -> "mujoco.MjModel":
     """Return an arm's compiled model without shapes and scene. Degrees of freedom: `JOINTS`."""
     return one_arm_spec(arm).compile()
 
 
-def one_arm_spec(arm: ArmName) -> mujoco.MjSpec:
+def one_arm_spec(arm: ArmName) -> "mujoco.MjSpec":
     """Return the model of `one_arm` before it is compiled."""
     import mujoco
 

@@ -6,8 +6,6 @@ mjviser and trimesh are imported only when shapes are made, because the import t
 # MuJoCo's compiled module carries no types.
 # pyright: reportAttributeAccessIssue=false
 
-from __future__ import annotations
-
 import math
 from typing import TYPE_CHECKING
 
@@ -57,14 +55,14 @@ def group_geoms(model: mujoco.MjModel, body: int) -> list[list[int]]:
     return list(geoms_by_look.values())
 
 
-def merged_mesh(model: mujoco.MjModel, geoms: list[int]) -> trimesh.Trimesh:
+def merged_mesh(model: mujoco.MjModel, geoms: list[int]) -> "trimesh.Trimesh":
     """Return one mesh of these geoms in their body's frame, m."""
     from mjviser import conversions
 
     return conversions.merge_geoms(model, geoms)
 
 
-def plain_mesh(model: mujoco.MjModel, body: int) -> trimesh.Trimesh:
+def plain_mesh(model: mujoco.MjModel, body: int) -> "trimesh.Trimesh":
     """Return the body's shapes as one mesh without colour, in its frame, m."""
     import trimesh
 

@@ -8,8 +8,6 @@ units: `raven2.arms.JOINTS`, rad and m.
 # MuJoCo's compiled module carries no types.
 # pyright: reportAttributeAccessIssue=false
 
-from __future__ import annotations
-
 import functools
 from typing import TYPE_CHECKING, Any
 
@@ -107,7 +105,7 @@ def _mjx_model(arm: ArmName) -> Any:
 
 
 @functools.cache
-def arm_links(arm: ArmName) -> tuple[Link, ...]:
+def arm_links(arm: ArmName) -> "tuple[Link, ...]":
     """Return the arm as a tree of links. Raises ValueError if the model has other joints."""
     from ravenjax.mechanics.rigid_tree import read_tree  # imports MuJoCo
 
