@@ -270,27 +270,30 @@ def _beyond_range(plan: Plan) -> OfRuns:
 # A value beyond single precision becomes infinite, which is never a usual value.
 @np.errstate(over="ignore")
 def _idle(plan: Plan) -> np.ndarray:
-    # Returns bool [runs, slots]: faults that leave a usual value of their channel unchanged.
+    # Returns bool [runs, slots]: faults that leave a usual value of their channel unchanged. A
+    # usual value is constant without the fault. It is NaN for signals that vary.
     value, length, usual = _numbers(plan)
-    is_known = ~np.isnan(usual)
-    # A change of an integer by less than 1 has no effect.
+    is_constant = ~np.isnan(usual)
+    # A change of an integer by less than 1 has no effect. Code 0 means that there is no fault.
     least = [float(channel.kind not in ("float", "bool")) for _, channel in _channels(plan)]
-    least = np.array([0.0, *least])[plan.faults["code"]]
+    least_change = np.array([0.0, *least])[plan.faults["code"]]
 
-    def small(change: np.ndarray) -> np.ndarray:
+    def is_small(change: np.ndarray) -> np.ndarray:
         # A parameter is stored in single precision.
         same = np.float32(usual + change) == np.float32(usual)
-        return (abs(change) < least) | (change == 0) | same
+        return (abs(change) < least_change) | (change == 0) | same
 
     idle = {
         "overwrite": np.float32(value) == np.float32(usual),
-        "offset": small(value),
-        "latch_offset": small(value) & is_known,
+        "offset": is_small(value),
+        # "latch_offset" and "stuck" hold a value, which changes every signal that is not constant.
+        "latch_offset": is_small(value) & is_constant,
         "scale": (value == 1) | (np.float32(usual * value) == np.float32(usual)),
-        "drift": small(value * length),
-        "stuck": is_known,
-        # The age of the window counts from 0, so sines of periods 1 and 2 are 0.
-        "periodic": small(value) | (plan.faults["period"] <= 2),
+        "drift": is_small(value * length),
+        "stuck": is_constant,
+        # At whole ticks, sin(2 pi n / period) is 0 for periods of 1 and 2 ticks.
+        "periodic": is_small(value) | (plan.faults["period"] <= 2),
+        # With value 0, both effects replace the signal by 0.
         **dict.fromkeys(("random", "toggle"), (value == 0) & (usual == 0)),
         "lose": value == 0,
     }
@@ -327,22 +330,25 @@ def _pedal_values(plan: Plan, up: float, down: float) -> np.ndarray:
     """
     faults, clocks, ticks = plan.faults, plan.any_clocks, plan.program.ticks
     numbers = np.full(faults["code"].shape, np.nan)
-    # The fork of 2015 is in pedal-down before the foot presses the pedal.
+    # An operator who reacts may lift the pedal at any time. In the software of 2015, the run level
+    # is pedal-down before the foot presses the pedal.
     if clocks is None or plan.program.setup.reacts or plan.program.setup.software != "raven2":
         return numbers
     starts, closes = faults["start"], span.last_window_ends(faults, ticks, clocks)
     by_time = (faults["trigger"] == TRIGGER_CODES["time"]) & (closes > 0)
     # Another fault of the run could stop the robot, which changes these signals.
     alone = by_time & (np.count_nonzero(faults["code"], axis=1, keepdims=True) == 1)
-    # The pedal is down from `begins` to `ends`, up to `later` ticks late; None: unknown.
+    # Each kind of run has its own phases in which the pedal is down. They begin and end up to
+    # `later` ticks after `begins` and `ends`. If `later` is None, the times are unknown.
     for kind, (begins, ends, later) in enumerate(clocks.phases):
         of_kind = alone & (clocks.kind == kind)[:, None]
         if later is None or not len(begins):
             continue
+        # The signals may change up to PEDAL_TICKS before a phase begins or ends.
         numbers[of_kind & (closes < begins[0] - PEDAL_TICKS)] = up
-        for begin, end in zip(begins + later, ends, strict=True):
+        for latest_begin, end in zip(begins + later, ends, strict=True):
             last = end - PEDAL_TICKS if end < ticks else ticks
-            numbers[of_kind & (starts >= begin) & (closes <= last)] = down
+            numbers[of_kind & (starts >= latest_begin) & (closes <= last)] = down
     return numbers
 
 

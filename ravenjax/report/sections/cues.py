@@ -35,8 +35,8 @@ HARMLESS = "sample AND faulty AND NOT unintended"
 WEIGHTS = (1, 10, 100, 1000)
 """Costs of a missed hazard, in false cues, if one hazard occurs per hour."""
 FALSE_PER_HOUR = (0.5, 1, 10, 60)
-_WEIGHT, _LIMIT = "a missed hazard weighs {} times a false cue", "false cues an hour: at most {}"
-"""Texts of the two kinds of rules for the choice of a threshold."""
+_WEIGHT, _LIMIT = "a missed hazard weighs {} times a false cue", "false cues an hour: at most "
+"""Texts of the two kinds of rules for the choice of a threshold. The limit follows its text."""
 MOST_LISTED = 3
 """Largest number of thresholds that are listed. Of more, the least and the greatest are named."""
 
@@ -138,13 +138,14 @@ def choose_cues(runs: Runs, rows: Sequence[CueRow]) -> list[Choice]:
 
 
 def hours_to_offer(choices: Sequence[Choice]) -> float:
-    """Return the hours of fault-free motion that would decide the open choices; 0 if none would.
+    """Return hours of fault-free motion that would decide open choices; 0 if none would.
 
-    These are the hours for all limits of false cues, or else the fewest hours for one of the costs.
+    The rule of a choice is a limit of false cues, or the cost of a missed hazard. The hours decide
+    all choices under limits. If no limit is open, they decide the first choice under a cost.
     """
-    decidable = [one for one in choices if math.isfinite(one.hours)]
-    limits = [one.hours for one in decidable if one.rule.startswith(_LIMIT.partition("{")[0])]
-    return max(limits) if limits else min((one.hours for one in decidable), default=0.0)
+    hours_of_rules = {one.rule: one.hours for one in choices if math.isfinite(one.hours)}
+    of_limits = [hours for rule, hours in hours_of_rules.items() if rule.startswith(_LIMIT)]
+    return max(of_limits) if of_limits else min(hours_of_rules.values(), default=0.0)
 
 
 def _alarm_counts(runs: Runs, rows: Sequence[CueRow]) -> AlarmCounts:
@@ -179,7 +180,8 @@ def _cheapest(rows: Sequence[CueRow], alarms: AlarmCounts, weight: float, hours:
     more_hours = hours * choice.hours_to_decide(possible)
     now, in_the_end = possible(1.0), possible(math.inf)
     rule = _WEIGHT.format(f"{weight:,}")
-    # Every set keeps this rule, which has no limit, so there is no least threshold.
+    # A cost is no limit that a set could break. So every possible set is certain, and there is no
+    # lowest threshold that keeps a limit.
     found = _choice(rule, rows, cost, now, now, more_hours, in_the_end)
     return found._replace(least_mm=math.nan)
 
@@ -192,7 +194,7 @@ def _best_below_limit(rows: Sequence[CueRow], alarms: AlarmCounts, most: float) 
     # More motion without a false cue shows that the next set keeps the limit.
     more_hours = hours_to_bound(most, int(undecided.min())) if len(undecided) else math.nan
     in_the_end, _ = choice.rarest_alarms(alarms, most, math.inf)
-    cost, rule = [row.missed.value for row in rows], _LIMIT.format(f"{most:g}")
+    cost, rule = [row.missed.value for row in rows], f"{_LIMIT}{most:g}"
     return _choice(rule, rows, cost, possible, within, more_hours, in_the_end)
 
 
@@ -205,23 +207,25 @@ def _choice(
     hours: float,
     in_the_end: np.ndarray,
 ) -> Choice:
-    """Return the choice under one rule. It is undecided if sets of several thresholds may be best.
+    """Return the choice of a threshold under one rule.
 
     Bool [sets], possible: sets that may be best. certain: sets that certainly keep the rule.
-    in_the_end: sets that may be best even after endless fault-free motion. cost: of each set, for
-    the choice among sets of one threshold. hours: fault-free motion that would rule out more sets.
+    in_the_end: sets that may be best even after endless fault-free motion. hours: fault-free motion
+    that would rule out more sets. cost: of each set. The choice is decided if all possible sets
+    have one threshold, and one of them is certain. Their cost then decides between their gains.
     """
     certain_best = np.flatnonzero(possible & certain).tolist()
-    thresholds, remainder = (
-        sorted({rows[k].cue.threshold_mm for k in np.flatnonzero(which).tolist()})
-        for which in (possible, in_the_end)
+    # Thresholds in mm, ascending.
+    possible_now, possible_in_the_end = (
+        sorted({rows[k].cue.threshold_mm for k in np.flatnonzero(sets).tolist()})
+        for sets in (possible, in_the_end)
     )
-    if len(thresholds) > 1 or not certain_best:
+    if len(possible_now) > 1 or not certain_best:
         return Choice(
             rule,
-            possible=_words(thresholds),
+            possible=_words(possible_now),
             hours=hours if math.isfinite(hours) else math.nan,
-            remainder=_words(remainder) if len(remainder) > 1 else "",
+            remainder=_words(possible_in_the_end) if len(possible_in_the_end) > 1 else "",
             least_mm=min((rows[k].cue.threshold_mm for k in certain_best), default=math.nan),
         )
     # Of equal sets, take the one with fewer false cues.
