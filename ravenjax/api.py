@@ -181,9 +181,9 @@ def check_monitor(
 ) -> pd.DataFrame:
     """Test whether scores of new fault-free operations have a monitor's calibrated distribution.
 
-    The table has one row per score, the joint score first. Columns: score, place (median rank among
-    the calibration's scores, 0 to 1), p, adjusted (p adjusted for all scores together), martingale
-    (evidence that grows from operation to operation), shifted (True: another distribution).
+    The table has one row per score, the joint score first. Columns: score, place (median rank of
+    the new scores among those of the calibration, 0 to 1), p, adjusted (p adjusted for all scores
+    together), martingale (evidence that grows from operation to operation), shifted (True: other).
     sources: as for `ravenjax monitor check`. attrs: units (operators), operations, hours, alarms,
     level. Raise UserError and StoreError.
     """

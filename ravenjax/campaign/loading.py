@@ -26,8 +26,8 @@ def load_campaign(
     """Read and check a campaign: a TOML file, the name of a bundled campaign, or nested tables.
 
     The ending `.toml` may be left out. overrides: `key.path=value`, as for `--set` on the command
-    line. Paths in a campaign file are relative to its folder. runs: whether Python files beside the
-    campaign file may run, if `campaign` is its path (see docs/how-to/files-of-others.md). Raise
+    line. Paths in a campaign file are relative to its folder. runs: if `campaign` is the path of a
+    file, the Python code beside this file may run (see docs/how-to/files-of-others.md). Raise
     UserError with all mistakes and their lines.
     """
     if isinstance(campaign, dict):
@@ -90,7 +90,7 @@ def from_record(
         if isinstance(raw, dict):
             groups = raw.get("group", ())
             # A group with a list of hazards becomes one group for each of their cases. Messages
-            # name the groups of the file.
+            # name the groups of the file, so number_in_file has the number of each group's origin.
             raw, where.number_in_file = expansion.expand_tables(raw, robot)
             if where.number_in_file:
                 where.groups = groups

@@ -249,7 +249,8 @@ def _beyond_range(plan: Plan) -> OfRuns:
         if site != PARAMETER or (limits := channel.field) is None:
             continue
         is_nearer_low = usual - limits.low < limits.high - usual
-        # The number that is farthest out of the range during a fault with each effect.
+        # The number that is farthest out of the range during a fault with each effect. "toggle" has
+        # the fault's value, which was checked with the file, and 0 in turn.
         reached = {
             **dict.fromkeys(("offset", "latch_offset"), usual + value),
             "scale": usual * value,
@@ -311,7 +312,8 @@ def _numbers(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     usual = np.full(plan.faults["code"].shape, np.nan)
     for code, (site, channel) in enumerate(_channels(plan), start=1):
         known = channel.name if site == PARAMETER else channel.usual
-        # A text is the path of a parameter, which has the usual value.
+        # A text is the path of a parameter, which has the usual value. A signal of the pedal has
+        # one usual value while the pedal is up, and another while it is down.
         if isinstance(known, str):
             known = plan.numbers(known)[:, None]
         elif channel.pedal:
@@ -371,8 +373,8 @@ def _counted(plan: Plan, which: np.ndarray) -> str:
 def _clock_ends(plan: Plan) -> np.ndarray:
     """Return the first reading of each fault's clock after the end of a run, int [runs, slots]."""
     trigger, ticks, clocks = plan.faults["trigger"], plan.program.ticks, plan.any_clocks
-    # The clock "packet" begins at 1, and the clock "pedal" when the pedal first goes down. If
-    # faults may move the pedal, this time is unknown. 0 then gives the latest possible reading.
+    # Clocks count ticks, packets (from 1), or ticks since the pedal went down. If faults may move
+    # the pedal, the time of its first press is unknown, and 0 gives the latest possible reading.
     down = 0 if clocks is None or clocks.moved.any() else clocks.first_down(ticks)[:, None]
     pedal = np.where(trigger == TRIGGER_CODES["pedal"], down, 0)
     return ticks + (trigger == TRIGGER_CODES["packet"]) - pedal
@@ -388,9 +390,9 @@ def find_copies(plan: Plan) -> np.ndarray:
     rows = plan.rows["group"].map(fixed.__getitem__).to_numpy(bool)
     ticks, faults = plan.program.ticks, {k: v for k, v in plan.faults.items() if k != "key"}
     # A repetition after the end of the run becomes 0, and a duration ends with the run.
-    again = np.where(faults["start"] + faults["every"] < ticks, faults["every"], 0)
-    end = np.where(again == 0, _clock_ends(plan) - faults["start"], ticks)
-    faults |= {"every": again, "duration": np.minimum(faults["duration"], end)}
+    every = np.where(faults["start"] + faults["every"] < ticks, faults["every"], 0)
+    longest = np.where(every == 0, _clock_ends(plan) - faults["start"], ticks)
+    faults |= {"every": every, "duration": np.minimum(faults["duration"], longest)}
     # Faults act in the order of their slots, which matters only on the same channel.
     order = np.argsort(faults["code"], axis=1, kind="stable")
     faults = {name: np.take_along_axis(values, order, axis=1) for name, values in faults.items()}

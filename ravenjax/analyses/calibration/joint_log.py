@@ -298,11 +298,11 @@ def _read_bag(path: Path, arm: ArmName, options: ReplayOptions) -> Samples:
         setpoints, *candidates = map(bag.read, (setpoint, *measured))
     desired = bags.read_joints(path, setpoints)
     begin = setpoints.time_ns[0]
+    # These samples serve only to check the times, so `desired` also stands for measured joints.
     times = _regular_times(_samples(path, setpoints, begin, desired, desired), options)
     distances, found = [], []
     for messages in candidates:
         joints = bags.read_joints(path, messages)
-        # Times are checked before anything is interpolated.
         at = _regular_times(_samples(path, messages, begin, joints, joints), options)
         common = (at >= times[0]) & (at <= times[-1])
         desired_then = np.stack([np.interp(at, times, column) for column in desired.T], axis=1)

@@ -39,8 +39,7 @@ class Unknown(NamedTuple):
     joint: int | None  # index of the joint, for fields with seven values; None for one value
     # Standard deviation of the prior, in the field's unit; for a ratio, of its logarithm.
     spread: float
-    # True if the parameter is estimated as a ratio to its value before.
-    ratio: bool
+    ratio: bool  # True if the parameter is estimated as a ratio to its value before
 
     @property
     def path(self) -> str:

@@ -52,8 +52,7 @@ class LoopParams:
     # Time by which the controller's desired joints lag those of the log, ms. It is a property of
     # the log, not of the robot.
     setpoint_delay: Scalar
-    # Factor on stiffness and damping of every cable; 0: all cables are cut.
-    cables: Scalar
+    cables: Scalar  # factor on stiffness and damping of every cable; 0: all cables are cut
 
 
 @record

@@ -77,7 +77,7 @@ def calibrate_monitor(
     Finished operators stay on disk; the same call continues. Raise UserError and StoreError.
     """
     terms = split_scores(choose_candidates(request.config.robot, request.signals or SIGNALS))
-    units = calibration.units_within(request.target, request.robots, hours)
+    units = calibration.operators_within(request.target, request.robots, hours)
     design = OperationDesign(
         motions=tuple(request.motions) or varying_motions(request.config),
         robots=request.robots,

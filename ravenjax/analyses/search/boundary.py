@@ -235,8 +235,9 @@ def _along(cells: Sequence[dict[str, Any]]) -> str | None:
 def draw(numbers: dict[str, Any]) -> list[Chart]:
     """Return charts of the boundary, from the results of `find`.
 
-    The axis `along` is a list of the file. Of other lists, each value of the first has a chart, and
-    each combination of the rest has a curve. With only one other list, its values have curves.
+    The faults of the search file have lists. The list `along` is the horizontal axis. With one more
+    list, each of its values has a curve. With further lists, each value of the first one has a
+    chart, and each combination of the others has a curve.
     """
     cells, along = numbers["cells"], numbers["along"]
     names = [name for name in cells[0]["cell"] if name != along]

@@ -48,12 +48,14 @@ def sample_runs(group: Group, axes: Mapping[Key, Axis], rng: np.random.Generator
     sample, repeat = np.arange(runs), np.zeros((), np.int64)
     if group.repeats > 1:
         sample, repeat = np.divmod(sample, group.repeats)
+    # Position on each axis: the index of a listed value, or a quantile of a distribution.
     places: dict[Key, np.ndarray] = {key: np.zeros((), np.int64) for key in axes}
     if group.design in SAMPLED:
         random_axes = {key: axis for key, axis in axes.items() if axis.kind != "fixed"}
         draws = _draw_places(group.design, random_axes, samples, rng)
         return Sample(runs, repeat, places | {key: drawn[sample] for key, drawn in draws.items()})
-    # Number of samples between two values of a list. In a grid, the last list varies fastest.
+    # Number of samples until a list takes its next value. In a grid, the last list varies fastest:
+    # lists of 2 and 3 values have strides 3 and 1.
     stride = samples
     for key, axis in axes.items():
         if axis.kind == "list" and (length := len(axis.values)) > 1:

@@ -18,8 +18,7 @@ class StopRow(NamedTuple):
     cause: str
     n: int
     took_ms: Quantiles  # from the fault's first effect to the stop
-    # Largest distance of the tip from its course while the robot was not live.
-    off_mm: Quantiles
+    off_mm: Quantiles  # largest distance of the tip from its course while the robot was not live
     before: Rate  # runs whose motion was beyond the limit before the stop
     after: Rate  # runs whose motion was beyond the limit only after the stop
     cue_before: Rate

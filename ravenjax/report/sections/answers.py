@@ -36,8 +36,7 @@ class ClassRow(NamedTuple):
     # Share of faults with an unintended motion that a cue, check or detector reported before the
     # motion, as in `detectors.knowledge_sql`.
     before: Rate
-    # Time from the first effect until half of these faults were reported.
-    half_ms: Estimate
+    half_ms: Estimate  # time from the first effect until half of these faults were reported
     mm: Quantiles  # excursion of the true tip while the robot was live
     # Faults whose motion exceeded the limit only while the robot was not live, as after a stop.
     not_live: int

@@ -16,10 +16,8 @@ class ContactRow(NamedTuple):
 
     group: str
     n: int
-    # N, largest force of tissue and vessel on an instrument
-    peak_n: Quantiles
-    # N s, that force integrated over the run, summed over instruments.
-    impulse_n_s: Quantiles
+    peak_n: Quantiles  # N, largest force of tissue and vessel on an instrument
+    impulse_n_s: Quantiles  # N s, that force integrated over the run, summed over instruments
     harder: Rate  # faults that pressed tissue or vessel harder than their golden run
     vessel: Rate  # faults that pressed the vessel harder than their golden run
     vessel_n: float  # N, the largest force of the vessel

@@ -51,14 +51,11 @@ class CueRow(NamedTuple):
     per_hour: AlarmRate | None
     # Share of faulty runs without an unintended motion that have a cue, and no golden cue.
     harmless: Rate
-    # True if no other set has both fewer misses and fewer false cues.
-    best: bool
+    best: bool  # True if no other set has both fewer misses and fewer false cues
     delay_ms: Estimate  # median over runs with a cue, from the fault's first effect
-    # Share of runs with an unintended motion that have the cue before the motion.
-    before: Rate
+    before: Rate  # share of runs with an unintended motion that have the cue before the motion
     lead_ms: Estimate  # median time from the cue to the motion over these runs
-    # Median over these runs of the largest force, in device units; NaN: never felt.
-    force: float
+    force: float  # median over these runs of the largest force, in device units; NaN: never felt
     felt_ms: float  # median of the time with force in these runs, ms
     pulses: float  # median number of pulses in these runs
 

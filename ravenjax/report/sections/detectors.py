@@ -55,8 +55,7 @@ class DetectorThreshold(NamedTuple):
     false: AlarmRate | None  # false alarms per hour of fault-free motion; None: unknown
     # Median over faults with an unintended motion, from the fault's first effect.
     delay_ms: Estimate
-    # Of faults with an unintended motion: those with an alarm before it.
-    before: Rate
+    before: Rate  # of faults with an unintended motion: those with an alarm before it
     # Median over faults with an unintended motion; NaN if at least half of them never had an alarm.
     lead_ms: Estimate
     quiet: bool  # lowest threshold without a false alarm on fault-free motion

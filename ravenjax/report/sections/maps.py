@@ -63,10 +63,8 @@ class MapAxis(NamedTuple):
 
     title: str
     labels: list[str]
-    # int [faults]: the bin of each fault
-    bins: np.ndarray
-    # True if the labels are words, not numbers
-    words: bool = False
+    bins: np.ndarray  # int [faults]: the bin of each fault
+    words: bool = False  # True if the labels are words, not numbers
 
 
 class PairCounts(NamedTuple):
@@ -74,22 +72,18 @@ class PairCounts(NamedTuple):
 
     up: MapAxis
     across: MapAxis
-    # int [up, across]: number of faults
-    n: np.ndarray
-    # int [measures, up, across]: number of faults in which the measure came
-    k: np.ndarray
+    n: np.ndarray  # int [up, across]: number of faults
+    k: np.ndarray  # int [measures, up, across]: number of faults in which the measure came
 
 
 class Sweep(NamedTuple):
     """One run of each fault. In a campaign without any fault: every run."""
 
     measures: tuple[MapMeasure, ...]
-    # "faults" or "runs"
-    unit: str
+    unit: str  # "faults" or "runs"
     # One row per fault, with the columns of `titles`, the measures, and `block`, site and effect.
     faults: pd.DataFrame
-    # names of the columns that vary, and their titles
-    titles: dict[str, str]
+    titles: dict[str, str]  # names of the columns that vary, and their titles
 
 
 def summarize_sweep(runs: Runs) -> Sweep:

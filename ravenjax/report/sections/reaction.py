@@ -77,8 +77,7 @@ class Difference(NamedTuple):
     """
 
     action: str  # in words
-    # Which pairs: all, a layer, or a value of a crossed parameter.
-    among: str
+    among: str  # which pairs: all, a layer, or a value of a crossed parameter
     n: int
     # Pairs of this action that are left out, because their fault changed no bit in either run.
     inactive: int

@@ -302,8 +302,7 @@ class OverloadRow(NamedTuple):
 
     site: str
     faults: int
-    # Faults with an overloaded cable that the golden run does not have by then.
-    overloaded: Rate
+    overloaded: Rate  # faults with an overloaded cable that the golden run does not have by then
     unintended: int  # of the overloaded ones: those with an unintended motion
     cable: str  # cable that was most often overloaded first; "" if none was
     load: float  # largest tension of a cable, as a multiple of its strength

@@ -209,8 +209,8 @@ class Confirmation(NamedTuple):
 
     @property
     def verdict(self) -> str:
-        """Comparison with the detected share in the test half of the first seed: "as" (as many),
-        "more than" or "less than"; "" if the difference has no interval.
+        """Whether the share detected with this seed is "more than", "less than" or "as" the share
+        in the test half with the first seed; "" if the difference has no interval.
         """
         if math.isnan(self.difference.low):
             return ""
