@@ -176,8 +176,7 @@ def check_parameters(config: CampaignConfig, known: Iterable[str] | None = None)
 
 def _describe_mistake(model: type[CampaignConfig], error, raw) -> location.Complaint:
     # Returns the key to which an error of pydantic belongs, and ravenjax's message. A validator of
-    # a whole table may write "key: message". This key is then added, unless it is the last part
-    # already.
+    # a whole table may write "key: message". This key is then added, unless it is the last part.
     key, message = _key_in_file(error["loc"], raw), _message(model, error)
     name, colon, rest = message.partition(": ")
     if (

@@ -249,8 +249,7 @@ def _beyond_range(plan: Plan) -> OfRuns:
         if site != PARAMETER or (limits := channel.field) is None:
             continue
         is_nearer_low = usual - limits.low < limits.high - usual
-        # The number that is farthest out of the range during a fault with each effect. "toggle" has
-        # the fault's value, which was checked with the file, and 0 in turn.
+        # The number farthest out of range, by effect. "toggle": 0, as its value was checked before.
         reached = {
             **dict.fromkeys(("offset", "latch_offset"), usual + value),
             "scale": usual * value,
@@ -271,8 +270,7 @@ def _beyond_range(plan: Plan) -> OfRuns:
 # A value beyond single precision becomes infinite, which is never a usual value.
 @np.errstate(over="ignore")
 def _idle(plan: Plan) -> np.ndarray:
-    # Returns bool [runs, slots]: faults that leave a usual value of their channel unchanged. A
-    # usual value is constant without the fault. It is NaN for signals that vary.
+    # Returns bool [runs, slots]: faults that do not change a constant signal (usual is not NaN).
     value, length, usual = _numbers(plan)
     is_constant = ~np.isnan(usual)
     # A change of an integer by less than 1 has no effect. Code 0 means that there is no fault.
@@ -294,7 +292,6 @@ def _idle(plan: Plan) -> np.ndarray:
         "stuck": is_constant,
         # At whole ticks, sin(2 pi n / period) is 0 for periods of 1 and 2 ticks.
         "periodic": is_small(value) | (plan.faults["period"] <= 2),
-        # With value 0, both effects replace the signal by 0.
         **dict.fromkeys(("random", "toggle"), (value == 0) & (usual == 0)),
         "lose": value == 0,
     }

@@ -38,8 +38,7 @@ class ChartAxis:
     share: bool = False  # values are fractions, written in percent
     log: bool = False
     unit: str = ""  # unit of the numbers, such as "ms"
-    # A value that is marked, such as zero if values lie on both sides of it.
-    line: float | None = None
+    line: float | None = None  # marked value, such as zero if values lie on both sides of it
     # Names of the positions 0, 1, 2 ..., which replace the numbers. The first is on top.
     names: tuple[str, ...] = ()
 

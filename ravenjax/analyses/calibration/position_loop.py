@@ -63,8 +63,7 @@ class LoopState:
     readings: tuple[Vec, ...]  # motor angles, rad, latest first
     outputs: tuple[Vec, ...]  # outputs of the filter, rad, latest first; empty without a filter
     integral: Vec  # integral of the motors' errors, rad s
-    # DAC counts of past cycles, latest first, as many as Setup.command_delay.
-    commands: tuple[Vec, ...]
+    commands: tuple[Vec, ...]  # DAC counts of the last Setup.command_delay cycles, latest first
 
 
 class Cycle(NamedTuple):

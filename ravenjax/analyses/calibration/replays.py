@@ -37,8 +37,7 @@ class ReplaySetup(RavenSetup):
     """Settings that select the code of a replay of one arm."""
 
     controller: Controller = position_loop.RAVEN2
-    # True if the controller may have received the log's desired joints with a delay.
-    shifted: bool = False
+    shifted: bool = False  # True: the controller may receive the desired joints with a delay
     # True: encoders and DAC use whole counts. Without whole counts, a replay has a derivative.
     whole_counts: bool = True
 

@@ -104,11 +104,10 @@ def simulate_operators(
     engine: str,
     on_operator: OnOperator,
 ) -> OperationScores:
-    """Return the scores of the operations of `units` operators: the largest score of each term in
-    each segment.
+    """Return the largest score of each term in each segment of the operations of all operators.
 
-    The folder `out` stores the scores of each operator. Only operators that are missing there are
-    simulated. `on_operator` is called after each of them.
+    units: number of operators. The folder `out` stores the scores of each operator. Only operators
+    that are missing there are simulated. `on_operator` is called after each of them.
     """
     folder = out / FOLDER
     score_folder.open_folder(folder, describe_design(config, design, terms, segments))

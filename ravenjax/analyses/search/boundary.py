@@ -46,8 +46,7 @@ class SearchRange:
     low: float
     high: float
     log: bool  # True for a logarithmic scale
-    # Accepted width of a bracket, as a share of its lower end (log) or of the whole range.
-    tolerance: float
+    tolerance: float  # accepted width of a bracket: share of its lower end (log) or of the range
 
     def spaced(self, low: np.ndarray, high: np.ndarray, points: int) -> np.ndarray:
         """Return [points, cells] evenly spaced on the scale, from `low` to `high` [cells]."""
@@ -72,8 +71,7 @@ class SearchRange:
 class Brackets:
     """The interval in which values become harmful, for each cell."""
 
-    # text [cells]: CROSSING, NEVER or ALWAYS harmful, or INVALID if an outcome was not valid.
-    state: np.ndarray
+    state: np.ndarray  # text [cells]: CROSSING, NEVER or ALWAYS harmful, or INVALID
     low: np.ndarray  # [cells], largest harmless value below the boundary; NaN if there is none
     high: np.ndarray  # [cells], smallest harmful value; NaN if there is none
     # For each cell, the intervals of the scan at whose ends the outcomes differ.

@@ -123,8 +123,7 @@ class Axis:
 
     def at(self, places: np.ndarray, whole: int = 0) -> np.ndarray:
         """Return the numbers at `places`, float64 of the same shape. places: indices of listed
-        values, or quantiles [0, 1) of a distribution. whole: round drawn numbers to multiples of
-        this integer.
+        values, or quantiles [0, 1) of a distribution. whole: round drawn numbers to its multiples.
 
         Listed values are not rounded.
         """

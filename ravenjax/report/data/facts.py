@@ -172,8 +172,7 @@ def _number_faults(table: ResultTable, types: Mapping[str, str], end_ms: int) ->
     )
     (any_draws,) = table.row(f"SELECT coalesce(bool_or({draws}), false) FROM {RESULTS}")
     # Without such effects both hashes distinguish the same runs, and the first is faster.
-    used_hash = fault_hash if any_draws else input_hash
-    keyed = f"(SELECT row, pair, {used_hash} AS input FROM {RESULTS})"
+    keyed = f"(SELECT row, pair, {fault_hash if any_draws else input_hash} AS input FROM {RESULTS})"
     is_unique = "count(*) = count(DISTINCT input) AND bool_and(pair = row)"
     (unique,) = table.row(f"SELECT {is_unique} FROM {keyed}")
     if not unique:

@@ -81,8 +81,7 @@ class Chain(NamedTuple):
     fault_ms: int  # first effect; -1: no effect
     cue_ms: int
     told_ms: int
-    # Time at which the run's hazard began; -1 if it has none, or one without a moment.
-    harm_ms: int
+    harm_ms: int  # time at which the hazard began; -1 if it has none, or one without a moment
     links: Sequence[ChainLink]  # signals that differ, in the robot's order
     # Checks that tripped, or came nearer to their limit than in the golden run.
     checks: Sequence[NearCheck]

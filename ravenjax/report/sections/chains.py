@@ -200,11 +200,11 @@ def summarize_chains(runs: Runs, ticks: pd.DataFrame) -> Propagation:
         return pair_intervals.pair_rate(hit, drawn)
 
     def median(values: np.ndarray):
-        """Return the median of the values above 0, with an interval."""
+        """Return the median of the values above 0, which are times of events that happened."""
         positive = values > 0
         times = values[positive]
         units = drawn.where(positive) if drawn else None
-        return latency.delay_quantile(times, np.full(len(times), True), 0.5, units)
+        return latency.delay_quantile(times, np.ones_like(times, bool), 0.5, units)
 
     harm = faults["harm"].to_numpy(np.int64)
     seams = _join_arms(rows, runs.manifest)

@@ -37,8 +37,7 @@ def contact_rows(runs: Runs) -> list[ContactRow]:
 
 
 def _rows_by(runs: Runs, by: str) -> list[ContactRow]:
-    # Returns a row for each value of `by` (SQL). Faults count if their force is larger than that of
-    # the golden run.
+    # Returns a row for each value of `by` (SQL), over faults with more force than the golden run.
     names = ["contact_peak_n", "contact_vessel_peak_n"]
     # Instruments can touch each other only if there are two.
     if len(runs.manifest.shape.arms) > 1:

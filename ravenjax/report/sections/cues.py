@@ -49,8 +49,7 @@ class CueRow(NamedTuple):
     missed: Rate  # share of runs with an unintended motion
     false: Rate  # share of fault-free motions
     per_hour: AlarmRate | None
-    # Share of faulty runs without an unintended motion that have a cue, and no golden cue.
-    harmless: Rate
+    harmless: Rate  # share of faulty runs without unintended motion with a cue, but no golden cue
     best: bool  # True if no other set has both fewer misses and fewer false cues
     delay_ms: Estimate  # median over runs with a cue, from the fault's first effect
     before: Rate  # share of runs with an unintended motion that have the cue before the motion
@@ -93,7 +92,8 @@ def cue_rows(runs: Runs) -> list[CueRow]:
     result = []
     for k, cue in enumerate(cues):
         times = tables.event_times(runs, after_onset(f"warned{k}_ms"))
-        hazards, false = times.before.n, free.count_with_event(f"golden_cue{k}_first_ms")
+        # `before` is a share of all hazards, so its n is their number.
+        hazards = times.before.n
         medians = ", ".join(f"coalesce(median(cue{k}_{what}::DOUBLE), 'nan')" for what in FELT)
         came = f"{UNINTENDED} AND ({after_onset(f'warned{k}_ms')}) >= 0"
         force, felt_ms, pulses = runs.table.row(f"SELECT {medians} FROM {runs.matching(came)}")
@@ -101,7 +101,7 @@ def cue_rows(runs: Runs) -> list[CueRow]:
             number=k,
             cue=cue,
             missed=tables.fault_share(runs, hazards - times.alarmed, hazards),
-            false=tables.wilson_share(false, free.count),
+            false=tables.wilson_share(free.count_with_event(f"golden_cue{k}_first_ms"), free.count),
             per_hour=free.cue_rate(k),
             harmless=tables.fault_share(runs, felt[k], harmless),
             best=False,
@@ -156,6 +156,7 @@ def _alarm_counts(runs: Runs, rows: Sequence[CueRow]) -> AlarmCounts:
     missed = np.array([[digit == "0" for digit in pattern] for pattern, _ in patterns])
     count = np.array([n for _, n in patterns])
     rates = [row.per_hour for row in rows if row.per_hour is not None]
+    # only[i, j]: number of hazards that set i misses and set j detects.
     return AlarmCounts(
         missed=count @ missed,
         only=(missed * count[:, None]).T @ ~missed,
@@ -167,8 +168,7 @@ def _alarm_counts(runs: Runs, rows: Sequence[CueRow]) -> AlarmCounts:
 
 
 def _cheapest(rows: Sequence[CueRow], alarms: AlarmCounts, weight: float, hours: float) -> Choice:
-    # Chooses the set of least cost, if a missed motion costs `weight` false cues. `hours`: hours of
-    # fault-free motion.
+    # Chooses the cheapest set if a missed hazard costs `weight` false cues. hours: of free motion.
     def possible(factor: float):
         # Returns the sets that may be best after `factor` times as many hours.
         return choice.cheapest_alarms(alarms, weight, factor)
@@ -179,7 +179,7 @@ def _cheapest(rows: Sequence[CueRow], alarms: AlarmCounts, weight: float, hours:
     rule = _WEIGHT.format(f"{weight:,}")
     # A cost is no limit that a set could break. So every possible set is certain, and there is no
     # lowest threshold that keeps a limit.
-    found = _choice(rule, rows, cost, now, now, more_hours, in_the_end)
+    found = _choice(rule, rows, cost, now, certain=now, hours=more_hours, in_the_end=in_the_end)
     return found._replace(least_mm=math.nan)
 
 
@@ -245,7 +245,7 @@ def cue_tradeoff(rows: Sequence[CueRow]) -> Chart | None:
     shown = [(row, row.per_hour) for row in rows if row.missed.n and row.per_hour is not None]
     if not shown:
         return None
-    best = sorted((hourly.per_hour, row.missed.value) for row, hourly in shown if row.best)
+    best = sorted((rate.per_hour, row.missed.value) for row, rate in shown if row.best)
     front_x, front_y = np.array(best).reshape(-1, 2).T
     front = Curve("front", CUE, front_x, front_y, step=True, dashed=True, in_legend=False)
     marks: list[Mark] = [front]
@@ -256,10 +256,12 @@ def cue_tradeoff(rows: Sequence[CueRow]) -> Chart | None:
         pairs = [pair for pair in shown if pair[0].best == is_best]
         if pairs:
             marks.append(_marks(pairs, name, colour))
-    most_hourly = max(one.per_hour for _, one in shown) or max(one.high for _, one in shown) or 1.0
-    most_missed = max(float(np.fmax(row.missed.value, row.missed.high)) for row, _ in shown) or 0.01
-    x_axis = ChartAxis("false cues per hour of fault-free motion", 0.0, 1.1 * most_hourly)
-    y_end = min(1.0, 1.05 * most_missed)
+    # Largest false cues per hour and largest missed share. Of a chart without false cues, the axis
+    # shows the upper end of the interval.
+    x_most = max(rate.per_hour for _, rate in shown) or max(rate.high for _, rate in shown) or 1.0
+    y_most = max(float(np.fmax(row.missed.value, row.missed.high)) for row, _ in shown) or 0.01
+    x_axis = ChartAxis("false cues per hour of fault-free motion", 0.0, 1.1 * x_most)
+    y_end = min(1.0, 1.05 * y_most)
     y_axis = ChartAxis("unintended motions without a cue", 0.0, y_end, share=True)
     return Chart("Missed hazards, false cues", x_axis, y_axis, tuple(marks))
 

@@ -79,8 +79,7 @@ class Difference(NamedTuple):
     action: str  # in words
     among: str  # which pairs: all, a layer, or a value of a crossed parameter
     n: int
-    # Pairs of this action that are left out, because their fault changed no bit in either run.
-    inactive: int
+    inactive: int  # pairs of this action without any changed bit, which are left out
     without: Rate  # unintended motion without the reaction
     with_: Rate
     change: Estimate  # difference of both rates, a fraction
@@ -91,8 +90,7 @@ class Difference(NamedTuple):
     distance_mm: Estimate
     depth_mm: Estimate  # the same for the depth in tissue
     reacted: Rate  # pairs in which the operator acted
-    # Share of the reactions without need: the run without the reaction has no unintended motion.
-    idle: Rate
+    idle: Rate  # share of reactions for which the other run has no unintended motion
 
 
 class CrossedRow(NamedTuple):
@@ -258,7 +256,7 @@ def _parts(pairs: Pairs):
 def _difference(
     action: str, among: str, pairs: Pairs, faults: Units | None, inactive: int
 ) -> Difference:
-    # Computes what the reaction changes. The last rate is that of reactions without need.
+    # Computes what the reaction changes in these pairs.
     after, before = (part["unintended"].to_numpy() for part in pairs)
     reacted = pairs.with_["reaction_ms"].to_numpy() >= 0
     return Difference(
@@ -266,11 +264,12 @@ def _difference(
         among,
         len(after),
         inactive,
+        # The fields from `without` to `p`, in this order.
         *intervals.compare_rates(after, before, faults),
-        _mean(pairs, EXCURSION, faults),
-        _mean(pairs, "tissue_depth_mm", faults),
-        intervals.pair_rate(reacted, faults),
-        intervals.pair_rate(~before[reacted], faults.where(reacted) if faults else None),
+        distance_mm=_mean(pairs, EXCURSION, faults),
+        depth_mm=_mean(pairs, "tissue_depth_mm", faults),
+        reacted=intervals.pair_rate(reacted, faults),
+        idle=intervals.pair_rate(~before[reacted], faults.where(reacted) if faults else None),
     )
 
 

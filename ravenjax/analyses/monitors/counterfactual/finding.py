@@ -60,8 +60,7 @@ class Counterfactual(NamedTuple):
     best_single_set: CheckSet  # the candidate that covers most faults of the selection half
     tip_error_set: CheckSet | None  # the built-in detector of the tip error
     full_set: CheckSet  # all candidates together
-    # Share of the faults that each random set of the same size covers.
-    random_coverages: np.ndarray
+    random_coverages: np.ndarray  # share of the faults that each random set of this size covers
     # Share of faults that a set covers that was selected without their group; None for one group.
     new_group_coverage: Rate | None
     scale_hours: float  # hours of fault-free motion that determine the scales
