@@ -158,7 +158,8 @@ class Actor(PlannedCampaign):
 
         def bisect(horizon: int | None):
             # Halves each interval until the last tick that prevents the harm is known. The action
-            # prevents the harm at tick `low`, not at `high`. horizon: ticks after it; None: all.
+            # prevents the harm at tick `low` and not at tick `high`. horizon: number of ticks to
+            # simulate after the action; None: until the end of the run.
             while (active := high - low > 1).any():
                 report(f"{int(active.sum())} runs with an action")
                 middle = ((low + high) // 2)[active]

@@ -166,6 +166,7 @@ def _find_site_errors(
         yield "channel", describe_unknown_name(f"channel of site {site.name}", unknown[0], names)
     elif site.name == "network":
         for effect, name in _combinations((fault.effect, fault.channels(site)), paired):
+            # The channel that a network effect determines.
             acts_on = NETWORK_EFFECTS[effect].channel if effect in network else name
             if name != acts_on:
                 yield (

@@ -116,8 +116,7 @@ def count_cases(
     """
     table = results.arrow(["index", "activated", *events.event_columns(names, rules)])
     valid_sql = f"{events.VALID_SQL} AND activated"
-    last_group = draws[-1]
-    run_count = last_group.first + last_group.number * last_group.rows
+    run_count = sum(group.number * group.rows for group in draws)
     # The first row of `happened` says whether a run is valid, the others are events.
     happened = np.zeros((1 + len(names), run_count), bool)
     happened[:, table["index"].to_numpy()] = events.events_happened(table, names, rules, valid_sql)

@@ -38,7 +38,7 @@ def stop_rows(runs: Runs) -> list[StopRow]:
 
 
 def _count_stops(runs: Runs, by: str) -> list[StopRow]:
-    # Returns a row for each value of `by` (SQL), over the runs that a check stopped.
+    # Returns a row for each value of `by` (SQL). Only runs that a check stopped are counted.
     stop = f"{FACTS}.response_ms"
     moved = f"unintended_ms >= 0 AND unintended_ms <= {stop}"
     is_beyond = run_facts.beyond_sql("unintended_off_mm", runs.manifest.limit_mm, runs.types)

@@ -124,11 +124,10 @@ def cue_effects(runs: Runs) -> Changed:
     condition = "sample AND faulty AND evaded"
     announcements = []
     if runs.count(condition) and runs.motions.count:
-        sets = range(len(runs.manifest.cues))
-        announcements = [_announced(runs, k, condition) for k in sets]
+        announcements = [_announced(runs, k, condition) for k in range(len(runs.manifest.cues))]
     used = announcements[runs.manifest.verdict_cue] if announcements else None
     quiet = [cue for cue in announcements if not cue.false.k]
-    # The best set announces most motions: times.before is the share with the cue before the motion.
+    # The best set has the largest share of motions with the cue before the motion (times.before).
     best = max(quiet, key=lambda cue: (cue.times.before, cue.cue.threshold_mm), default=None)
     better = best and used and best.times.before > used.times.before
     comparisons = [row for row in runs.once(reaction.compare_actions) if row.among == "all faults"]

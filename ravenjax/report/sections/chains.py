@@ -221,8 +221,10 @@ def summarize_chains(runs: Runs, ticks: pd.DataFrame) -> Propagation:
         names = seam.name, seam.layer, seam.meaning, seam.has_range
         if carries.k:
             carriers.append(Carrier(*names, carries, shows, median(lead), first))
-    counts, groups = (len(faults), len(evading)), (complete, sorted(partial))
-    return Propagation(*counts, *groups, noun, carriers, rate(longest == 0), median(longest))
+    hidden, lead_ms = rate(longest == 0), median(longest)
+    return Propagation(
+        len(faults), len(evading), complete, sorted(partial), noun, carriers, hidden, lead_ms
+    )
 
 
 def _join_arms(rows: pd.DataFrame, manifest: Manifest):

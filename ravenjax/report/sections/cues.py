@@ -168,7 +168,8 @@ def _alarm_counts(runs: Runs, rows: Sequence[CueRow]) -> AlarmCounts:
 
 
 def _cheapest(rows: Sequence[CueRow], alarms: AlarmCounts, weight: float, hours: float) -> Choice:
-    # Chooses the cheapest set if a missed hazard costs `weight` false cues. hours: of free motion.
+    # Chooses the set of least cost, if a missed hazard costs `weight` false cues. hours: hours of
+    # fault-free motion.
     def possible(factor: float):
         # Returns the sets that may be best after `factor` times as many hours.
         return choice.cheapest_alarms(alarms, weight, factor)
@@ -208,8 +209,8 @@ def _choice(
 
     Bool [sets], possible: sets that may be best. certain: sets that certainly keep the rule.
     in_the_end: sets that may be best even after endless fault-free motion. hours: fault-free motion
-    that would rule out more sets. cost: of each set. The choice is decided if all possible sets
-    have one threshold, and one of them is certain. Their cost then decides between their gains.
+    that would rule out more sets. The choice is decided if all possible sets have one threshold,
+    and one of them is certain. Of these sets, the choice has the one of least `cost` [sets].
     """
     certain_best = np.flatnonzero(possible & certain).tolist()
     # Thresholds in mm, ascending.

@@ -225,8 +225,7 @@ def curve_chart(rows: Sequence[DetectorRow], kind: str) -> Chart | None:
             levels, x, y = zip(*points, strict=True)
             size = tuple(11.0 if level.quiet or band is None else 7.0 for level in levels)
             scores = [level.threshold for level in levels]
-            endings = ("" if np.isnan(score) else f" at {score:g}" for score in scores)
-            tips = tuple(row.name + ending for ending in endings)
+            tips = tuple(row.name + ("" if np.isnan(at) else f" at {at:g}") for at in scores)
             dots = Dots(name, colour, np.array(x), np.array(y), size=size, tips=tips)
             marks.append(dataclasses.replace(dots, diamond=band is None, visible=visible))
     title, *axes = CHARTS[kind]

@@ -199,7 +199,7 @@ def false_alarm_rate(motions: FreeMotion, margin: float) -> AlarmRate:
 
     A run counts at most one alarm. Several runs of one motion are not independent. The interval
     then counts motions, in the hours of one run per motion. Its upper end counts all motions with
-    an alarm in some run. Its lower end counts the alarms divided by the runs per motion.
+    an alarm. Its lower end counts count // runs motions, because each has at most `runs` alarms.
     """
     runs = motions.peaks.shape[1]
     alarmed = motions.peaks > np.float32(margin)
