@@ -92,10 +92,10 @@ def explain(
 
     The table has a row for each run and each signal that differs from the golden run, in the
     robot's order of signals. Columns: run_id, index, layer, arm, seam (name of the signal);
-    differs_ms, time of the first difference in any bit, and differs_in, the name of that number;
-    leaves_ms and leaves_in, the same for leaving the normal range (-1: never); harm_ms, start of
-    the run's hazard (-1: no hazard); left_ms, harm_ms minus leaves_ms (NaN if either is missing).
-    attrs name the engine.
+    differs_ms, time of the first difference in any bit; differs_in, the element of the signal that
+    differs first; leaves_ms and leaves_in, the same for leaving the normal range (-1: never);
+    harm_ms, start of the run's hazard (-1: no hazard); left_ms, harm_ms minus leaves_ms (NaN if
+    either is missing). attrs name the engine.
 
     campaign: see `run`, or a result folder. runs: index, run id, or first letters of a run id, or a
     list of these; None: every run with a fault. Raise UserError, and StoreError.
@@ -181,11 +181,11 @@ def check_monitor(
 ) -> pd.DataFrame:
     """Test whether scores of new fault-free operations have a monitor's calibrated distribution.
 
-    The table has one row per score, the joint score first. Columns: score, place (median rank of
-    the new scores among those of the calibration, 0 to 1), p, adjusted (p adjusted for all scores
-    together), martingale (evidence that grows from operation to operation), shifted (True: other).
-    sources: as for `ravenjax monitor check`. attrs: units (operators), operations, hours, alarms,
-    level. Raise UserError and StoreError.
+    The table has one row per score, the joint score first. Columns: score; place, median over the
+    new operations of the score's rank in the calibration (0 to 1); p; adjusted, p adjusted for all
+    scores together; martingale, largest value of the test martingale; shifted, whether adjusted is
+    at most `level`. attrs: level and the new units, operations, hours and alarms. sources: as for
+    `ravenjax monitor check`. Raise UserError and StoreError.
     """
     from ravenjax.analyses.monitors import checking
 

@@ -1,5 +1,4 @@
-"""Provides a campaign's simulation as pure functions of one run, for JAX's `jit`, `vmap` and
-`grad`.
+"""Provides a campaign's simulation as pure functions of one run, for `jit`, `vmap` and `grad`.
 
     from ravenjax import functional
 
@@ -9,13 +8,13 @@
 
 Parameters are a dict from path to number, and faults are a record of numbers; both are pytrees.
 `Model.params` and `Model.faults` contain the values of all runs of the campaign, with leaves of
-shape [runs], so that `jax.vmap` computes the campaign. You can also call parts of a robot alone,
-such as the nominal model of the Raven-II (docs/tutorials/jax.md). Their arguments are `Model.setup`
-and the parts of `Model.record`.
+shape [runs], so that `jax.vmap` computes the campaign. You can also call a part of a robot alone,
+such as the nominal model of the Raven-II (docs/tutorials/jax.md). Its arguments are `Model.setup`
+and its own parameters, a field of `Model.record(params)`.
 
-For the Raven-II, derivatives are exact for the nominal model, and within one tick for everything
-after the DAC. Derivatives through its control software are 0, because encoder counts and DAC
-commands are integers.
+For the Raven-II, the derivatives of the nominal model are exact over any number of ticks. Those of
+everything after the DAC are exact only over one tick. Derivatives through the control software are
+0, because encoder counts and DAC commands are integers.
 """
 
 import dataclasses

@@ -5,7 +5,8 @@ a compiled module is being imported, the import fails. About one signal in 100 t
 these errors in a campaign.
 
 Therefore a signal is delayed. Its exception is raised when the main thread waits for other threads
-or begins a new step. Code that runs for minutes, such as a compiler, ends with the process.
+or begins a new step. If neither happens within `GRACE_S`, for example because a compiler runs for
+minutes, the process ends.
 """
 
 import concurrent.futures

@@ -221,7 +221,7 @@ def whole_table(campaigns: int) -> None:
             counts = [
                 np.cumsum(random.random(size) < p) for size, p in zip(sizes, rates, strict=True)
             ]
-            taken, number, stop = rule.first_sizes(), 0, False
+            taken, number, stop = rule.sizes()[0], 0, False
             while not stop:
                 k = np.array([[of[n - 1] for of, n in zip(counts, taken, strict=True)]])
                 look = rule.decide(number := number + 1, taken, k, taken)

@@ -1,7 +1,7 @@
 """Writes numbers and tables of the findings of a study as Markdown."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -14,21 +14,23 @@ BY_DEFINITION = StudyEstimate(math.nan, of="by definition")
 """Replaces a number that the definitions alone decide and that is no finding."""
 
 
-def number(value: float | None) -> str:
-    """Write three significant digits; a dash for NaN or infinity."""
+def cell(value: str | float | None) -> str:
+    """Write a word, or three significant digits; a dash for an unknown number or infinity."""
+    if isinstance(value, str):
+        return value
     return wording.DASH if value is None else wording.format_number(value)
 
 
 def span(low: float | None, high: float | None) -> str:
     """Write a range: `0.7 to 2.5`. An infinite end is null in a record."""
     if low is None or high is None:
-        return f"at most {number(high)}" if low is None else f"at least {number(low)}"
-    return number(low) if low == high else f"{number(low)} to {number(high)}"
+        return f"at most {cell(high)}" if low is None else f"at least {cell(low)}"
+    return cell(low) if low == high else f"{cell(low)} to {cell(high)}"
 
 
 def with_interval(estimate: Mapping[str, Any], unit: str = "") -> str:
     """Write an estimate of findings.json with its interval, if any: `0.51 mm (0.43 to 0.58)`."""
-    text = f"{number(estimate['value'])} {unit}".rstrip()
+    text = f"{cell(estimate['value'])} {unit}".rstrip()
     if estimate["low"] is None or estimate["high"] is None:
         return text
     return f"{text} ({span(estimate['low'], estimate['high'])})"
@@ -38,18 +40,6 @@ def counted_over(estimate: Mapping[str, Any]) -> str:
     """Write what an estimate was counted over or read from: `36 segments`; "" if unknown."""
     count = f"{wording.format_count(estimate['n'])} " if estimate["n"] else ""
     return f"{count}{estimate['of']}".rstrip()
-
-
-def cell(value: str | float | None) -> str:
-    """Write a cell of a table of findings."""
-    return value if isinstance(value, str) else number(value)
-
-
-def table(columns: Iterable[str], rows: Iterable[Sequence[str | float | None]]) -> str:
-    """Write a Markdown table."""
-    heads = [*map(escaped, columns)]
-    body = ["| " + " | ".join(map(escaped, row)) + " |" for row in rows]
-    return "\n".join(["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads), *body])
 
 
 def escaped(value: str | float | None) -> str:

@@ -17,7 +17,7 @@ import posixpath
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache, partial
-from typing import Any, Literal, NamedTuple, TypeVar
+from typing import Any, Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict
 
@@ -110,41 +110,28 @@ class Headline(_Strict):
     what_would_change_it: str
 
 
-class _StudyFile(_Strict):
-    claim: tuple[Claim, ...]
+class ClaimFile(_Strict):
+    """The claims of a study, or what `claims/model.toml` states of the model."""
+
+    claim: tuple[Claim, ...] = ()
+    about: tuple[str, ...] = ()  # first paragraphs of the page
+    headline: tuple[Headline, ...] = ()
+    evidence: tuple[ModelEvidence, ...] = ()
 
 
-class _ModelFile(_Strict):
-    about: tuple[str, ...]  # first paragraphs of the page
-    headline: tuple[Headline, ...]
-    evidence: tuple[ModelEvidence, ...]
-
-
-_F = TypeVar("_F", bound=_Strict)
-
-
-def _read(model: type[_F], path: str) -> _F:
+@cache
+def read_claims(name: str) -> ClaimFile:
+    """Return the content of `claims/NAME.toml`; nothing without this file. Raises UserError."""
+    path = HERE / "claims" / f"{name}.toml"
     try:
-        return model.model_validate(read_toml(path))
+        return ClaimFile.model_validate(read_toml(str(path)) if path.is_file() else {})
     except ValueError as error:
-        raise UserError(f"{HERE / path}: {error}") from None
-
-
-@cache
-def of_study(name: str) -> tuple[Claim, ...]:
-    """Return the claims of a study; none if it has no file. Raises UserError."""
-    path = f"claims/{name}.toml"
-    return _read(_StudyFile, path).claim if (HERE / path).is_file() else ()
-
-
-@cache
-def _model_file() -> _ModelFile:
-    return _read(_ModelFile, "claims/model.toml")
+        raise UserError(f"{path}: {error}") from None
 
 
 def of_model() -> dict[str, ModelEvidence]:
     """Return the shared evidence, by its name. Raises UserError."""
-    return {row.name: row for row in _model_file().evidence}
+    return {row.name: row for row in read_claims("model").evidence}
 
 
 # --- numbers of findings in sentences ---
@@ -176,15 +163,13 @@ def quoted(place: Quotation, record: Record | None) -> Quoted:
     if record is None:
         return Quoted(ABSENT)
     if place.target:
-        found = [state for state in standings(record["lines"]) if state.id == place.target]
-        return Quoted(found[0].sentence if found else ABSENT)
-    if place.inside:
-        passed = [line["passed"] for line in _matching(place.inside, record["lines"], "quantity")]
-        judged = [inside for inside in passed if inside is not None]
-        return Quoted(f"{sum(judged)} of {len(judged)}" if judged else NOT_PREDICTED)
+        return Quoted(standings(record["lines"]).get(place.target, ABSENT))
     if place.table:
         return Quoted(_cell(place, record))
-    lines = _matching(place.line, record["lines"], "quantity")
+    lines = _matching(place.line or place.inside, record["lines"], "quantity")
+    if place.inside:
+        judged = [line["passed"] for line in lines if line["passed"] is not None]
+        return Quoted(f"{sum(judged)} of {len(judged)}" if judged else NOT_PREDICTED)
     if len(lines) != 1:
         return Quoted(ABSENT)
     predicted, published, band = (lines[0][key] for key in ("predicted", "published", "band"))
@@ -221,29 +206,25 @@ def fits(pattern: str, text: str) -> bool:
 def section(record: Record) -> str:
     """Return the claims of one study for its own page; "" if it has none."""
     name = record["study"]["name"]
-    return _written({name: record}, home="", single=True) if of_study(name) else ""
+    return page({name: record}, single=True) if read_claims(name).claim else ""
 
 
-def page(records: Mapping[str, Record], home: str = "") -> str:
+def page(records: Mapping[str, Record], home: str = "", single: bool = False) -> str:
     """Return the page over studies. `records`: by their names in the order of the page. `home`:
-    folder of the page in the repository, with which pages of docs/ become links.
+    folder of the page in the repository, with which pages of docs/ become links. `single`: return
+    the claims of the only study for its own page.
     """
-    return _written(records, home, single=False) + "\n"
-
-
-def _written(records: Mapping[str, Record], home: str, single: bool) -> str:
+    shared, model = of_model(), read_claims("model")
     return fill_page(
         "credibility.md.j2",
         single=single,
         records=records,
-        model=sorted(of_model().values(), key=lambda row: CATEGORIES.index(row.category)),
-        shared=of_model(),
-        about=_model_file().about,
-        headlines=[
-            (row, quoted(row.number, records.get(row.study))) for row in _model_file().headline
-        ],
+        model=sorted(shared.values(), key=lambda row: CATEGORIES.index(row.category)),
+        shared=shared,
+        about=model.about,
+        headlines=[(row, quoted(row.number, records.get(row.study))) for row in model.headline],
         categories=CATEGORIES,
-        claims_of=of_study,
+        claims_of=lambda name: read_claims(name).claim,
         filled=filled,
         anchor=anchor,
         lacking=_lacking,
@@ -254,18 +235,9 @@ def _written(records: Mapping[str, Record], home: str, single: bool) -> str:
 def fill_page(template: str, **values: Any) -> str:
     """Return a filled template of this folder as Markdown without repeated empty lines."""
     templates = wording.text_templates("studies")
-    templates.filters |= {"escaped": cells.escaped, "table": cells.table}
+    templates.filters["escaped"] = cells.escaped
     text = templates.get_template(template).render(values)
-    return re.sub(r"\n{3,}", "\n\n", text).strip()
-
-
-def answers(record: Record) -> list[str]:
-    """Return the title, the answer and what it is not adequate for, of each claim of a study."""
-    return [
-        f"{claim.title}: {filled(claim.answer, claim.numbers, record)} Not adequate for "
-        f"{filled(claim.not_adequate_for, claim.numbers, record)}"
-        for claim in of_study(record["study"]["name"])
-    ]
+    return re.sub(r"\n{3,}", "\n\n", text).strip() + "\n"
 
 
 def anchor(heading: str) -> str:
@@ -286,11 +258,8 @@ def _pointers(home: str, evidence: Evidence, record: Record | None, study: str =
         found = _matching(pattern, record["tables"], "title") if record else []
         title = found[0]["title"] if len(found) == 1 else pattern.replace("*", "..")
         tables.append(f"table *{title}*{where}")
-    tests, pages = (
-        [f"`{test}`" for test in evidence.tests],
-        [_link(page, home) for page in evidence.pages],
-    )
-    return f" ({'; '.join([*tests, *pages, *tables])})"
+    places = [f"`{test}`" for test in evidence.tests] + [_link(x, home) for x in evidence.pages]
+    return f" ({'; '.join([*places, *tables])})"
 
 
 def _link(page: str, home: str) -> str:

@@ -8,11 +8,9 @@ import studies
 from evidence.writing import CredibilityStatement, ModelCredibility
 from ravenjax.cli import console, terminal
 from ravenjax.cli.console import Listing
-from ravenjax.errors import UserError
 from ravenjax.store.files import write_aside
-from studies import claims
-from studies import findings as findings_files
-from studies.study import plain, standings, targets
+from studies import claims, findings
+from studies.study import standings, targets
 
 
 def reproduce(name: str | None, out: Path, engine: str, keep: Path | None, as_json: bool) -> None:
@@ -22,49 +20,50 @@ def reproduce(name: str | None, out: Path, engine: str, keep: Path | None, as_js
             (one.name, one.title, ", ".join(one.targets), f"{one.minutes:g}")
             for one in map(studies.find, studies.NAMES)
         ]
-        heads = "studies", "Studies: ravenjax reproduce NAME"
-        listings = [Listing(*heads, ("name", "what", "targets", "minutes"), rows)]
-        heads = "targets", "Targets: met where every line with a band is inside it"
+        columns = ("name", "what", "targets", "minutes")
+        listed = Listing("studies", "Studies: ravenjax reproduce NAME", columns, rows)
         columns = ("target", "what", "published", "band", "judged by")
-        rows = [tuple(target) for target in targets().values()]
-        listings.append(Listing(*heads, columns, rows))
-        console.print_tables(listings, as_json)
-        return
+        words = "Targets: met where every line with a band is inside it"
+        met = Listing("targets", words, columns, [tuple(one) for one in targets().values()])
+        return console.print_tables([listed, met], as_json)
     chosen = [studies.find(one) for one in (studies.NAMES if name == "all" else (name,))]
     for study in chosen:
         folder = out / study.name
         with terminal.Watch(console.err if as_json else console.out) as watch:
-            found = findings_files.reproduce(study, out, engine, watch)
+            findings.reproduce(study, out, engine, watch)
         if not as_json:
-            if found.lines:
-                rows = findings_files.line_rows(found)
-                console.print_table(study.title, findings_files.BRIEF_COLUMNS, rows)
-            for state in standings(plain(found)["lines"]):
-                console.print_text(f"{state.sentence}. {targets()[state.id].definition}")
-            for answer in claims.answers(findings_files.read(folder)):
-                console.print_text(f"- {answer}")
-            console.print_text(f"findings: {folder / findings_files.PAGE}")
-            console.print_text(f"page: {folder / findings_files.HTML}")
+            _print_findings(study.title, folder)
         if keep is not None:
-            findings_files.keep(folder, keep / study.name)
+            findings.keep(folder, keep / study.name)
     for folder in filter(None, (out, keep)):
-        page = findings_files.write_credibility(folder, studies.NAMES)
+        page = findings.write_credibility(folder)
         if not as_json:
             console.print_text(f"credibility: {page}")
     if as_json:
         folders = [out / study.name for study in chosen]
-        console.emit_json([{"folder": path} | findings_files.read(path) for path in folders])
+        console.emit_json([{"folder": path} | findings.read(path) for path in folders])
+    return None
+
+
+def _print_findings(title: str, folder: Path) -> None:
+    record = findings.read(folder)
+    if rows := findings.line_rows(record):
+        console.print_table(title, findings.BRIEF_COLUMNS, rows)
+    for target, sentence in standings(record["lines"]).items():
+        console.print_text(f"{sentence}. {targets()[target].definition}")
+    for claim in claims.read_claims(folder.name).claim:
+        answer, limit = (
+            claims.filled(text, claim.numbers, record)
+            for text in (claim.answer, claim.not_adequate_for)
+        )
+        console.print_text(f"- {claim.title}: {answer} Not adequate for {limit}")
+    console.print_text(f"findings: {folder / findings.PAGE}")
+    console.print_text(f"page: {folder / findings.HTML}")
 
 
 def credibility(folder: Path, out: Path | None) -> None:
     """Run `ravenjax credibility`."""
-    records = findings_files.records(folder, studies.NAMES)
-    if not records:
-        raise UserError(
-            f"{folder}: no findings of a study there; run `ravenjax reproduce NAME --out {folder}`"
-            " first"
-        )
-    text = claims.page(records, out.parent.as_posix() if out else "")
+    text = claims.page(findings.records(folder), out.parent.as_posix() if out else "")
     if out is None:
         print(text, end="")
         return
@@ -74,18 +73,12 @@ def credibility(folder: Path, out: Path | None) -> None:
 
 def model_credibility(folder: Path) -> ModelCredibility:
     """Return what studies say of the simulator, with numbers from their findings in `folder`."""
-    records = findings_files.records(folder, studies.NAMES)
-    if not records:
-        raise UserError(
-            f"--credibility {folder}: no findings of a study there; a checkout has some in"
-            f" results/reference, `ravenjax reproduce NAME --out {folder}` makes them"
-        )
+    records, statements = findings.records(folder), []
     root = Path(ravenjax.__file__).resolve().parents[1]
-    statements = []
     for one in claims.of_model().values():
         places = [root / re.split("::|#", place)[0] for place in (*one.tests, *one.pages)]
         if one.tables or one.numbers:
-            places.append(folder.resolve() / one.study / findings_files.JSON)
+            places.append(folder.resolve() / one.study / findings.JSON)
         text = claims.filled(one.text, one.numbers, records.get(one.study) if one.study else None)
         files = tuple(dict.fromkeys(places))
         statements.append(CredibilityStatement(one.category, one.name, text, files))

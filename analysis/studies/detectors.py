@@ -43,7 +43,8 @@ millisecond), the disabled second detector of raven2_sim, and the control softwa
 TIP_ERROR = "tip_error"
 """The detector whose score is the distance in mm of the reported tip from the model."""
 MAIN = (PUBLISHED[0], FORK[0], TIP_ERROR, CLIP[0])
-FAST = "suture_fast"
+FAST, EVERY_CYCLE = "suture_fast", "every_cycle"
+"""Variants of the first motion: at twice the scale, and with a packet in each control cycle."""
 
 
 def names_of(some: Runs) -> list[str]:
@@ -100,22 +101,21 @@ def areas(
     """
     from scipy.stats import rankdata
 
-    m, n, detectors = int(positive.sum()), int((~positive).sum()), score.shape[1]
-    rank = rankdata(score, axis=0)
-    # Share of the other class that a run beats. A tie counts half.
-    beats = np.empty_like(rank)
-    beats[positive] = (rank[positive] - rankdata(score[positive], axis=0)) / n
-    beats[~positive] = 1.0 - (rank[~positive] - rankdata(score[~positive], axis=0)) / m
-    value = beats[positive].mean(axis=0)
-    code, clusters = label_codes(kind)
-
     def correction(units: int) -> float:
         return units / (units - 1) if units > 1 else np.nan
 
-    both, scaled = np.zeros((detectors, detectors)), []
-    for members, count in ((positive, m), (~positive, n)):
-        sums = np.zeros((clusters, detectors))
-        np.add.at(sums, code[members], beats[members] - value)
+    rank, (code, clusters) = rankdata(score, axis=0), label_codes(kind)
+    value, both, scaled = np.zeros(0), np.zeros(2 * (score.shape[1],)), []
+    for members in (positive, ~positive):
+        # Share of the other class that a run beats. A tie counts half.
+        own = rank[members] - rankdata(score[members], axis=0)
+        beats, count = own / (~members).sum(), int(members.sum())
+        if members is positive:
+            value = beats.mean(axis=0)
+        else:
+            beats = 1.0 - beats
+        sums = np.zeros((clusters, score.shape[1]))
+        np.add.at(sums, code[members], beats - value)
         both += correction(len(np.unique(code[members]))) * (sums.T @ sums) / count**2
         scaled.append(sums / count)
     cross = scaled[0].T @ scaled[1]
@@ -128,15 +128,14 @@ def area_estimates(
     """Return the AUC of each detector's largest score, with its normal interval within 0..1."""
     from scipy.stats import norm
 
-    names = names_of(faulty)
+    names, count = names_of(faulty), int(positive.sum())
     score = faulty.frame[[f"detector{d}_score" for d in range(len(names))]].to_numpy(float)
     value, covariance = areas(score, positive, kinds.names(faulty["group"]))
     half = norm.isf(alpha_of(0.95) / 2) * np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    ends = np.maximum(0.0, value - half), np.minimum(1.0, value + half)
-    columns = (part.tolist() for part in (value, *ends))
+    ends = np.stack([value, *np.clip([value - half, value + half], 0.0, 1.0)], axis=1).tolist()
     return {
-        name: study.StudyEstimate(*numbers, int(positive.sum()), of)
-        for name, *numbers in zip(names, *columns, strict=True)
+        name: study.StudyEstimate(*numbers, count, of)
+        for name, numbers in zip(names, ends, strict=True)
     }
 
 
@@ -162,9 +161,9 @@ def threshold_for(free: Runs, name: str, per_hour: float = PER_HOUR) -> float | 
     if not hours > 0:
         raise ValueError(f"no motion without a fault to choose a threshold of {name} on")
     thresholds = sorted(free.made.detectors[names_of(free).index(name)].thresholds)
-    rates = np.array([alarms(free, name, at).sum() / hours for at in thresholds])
-    quiet = np.logical_and.accumulate((rates <= per_hour)[::-1])[::-1]
-    return float(np.array(thresholds)[quiet][0]) if quiet.any() else None
+    loud = [alarms(free, name, at).sum() / hours > per_hour for at in thresholds]
+    first = max(np.flatnonzero(loud), default=-1) + 1
+    return thresholds[first] if first < len(thresholds) else None
 
 
 def point(faulty: Runs, free: Runs, name: str, threshold: float = math.nan) -> Point:
@@ -185,17 +184,16 @@ def caught(faulty: Runs, name: str, threshold: float) -> study.StudyEstimate:
     return share(spoke, faulty["unintended"], faulty.faults, MOVED)
 
 
-def layer_table(faulty: Runs, chosen: Sequence[Point]) -> study.Table:
-    """Return the share of unintended motion detected, by layer of the fault."""
+def layer_rows(faulty: Runs, chosen: Sequence[Point]) -> Iterator[tuple[str | int, ...]]:
+    """Yield the share of unintended motion detected, by layer of the fault."""
     moved = faulty.where(faulty["unintended"])
-    layers, rows = moved["layer"].astype(str), []
+    layers = moved["layer"].astype(str)
     for layer in (*LAYERS.values(), OTHER_LAYER):
         part = moved.where(layers == layer)
         if len(part.frame):
             shares = (percent(caught(part, at.name, at.threshold)) for at in chosen)
             cells = len(np.unique(part["cell"]))
-            rows.append((layer, len(part.frame), cells, kinds.count(part.faults), *shares))
-    return study.read_table(NAME, "layers", rows, chosen=" | ".join(at.words for at in chosen))
+            yield layer, len(part.frame), cells, kinds.count(part.faults), *shares
 
 
 def robot_rows(faulty: Runs, free: Runs, main: Sequence[str]) -> Iterator[tuple[str | float, ...]]:
@@ -220,17 +218,22 @@ def robot_rows(faulty: Runs, free: Runs, main: Sequence[str]) -> Iterator[tuple[
 
 
 def condition_rows(
-    faulty: Runs, fast: Runs, packets: Mapping[str, Runs], modelled: Runs, main: Sequence[str]
+    folders: Mapping[str, Path], faulty: Runs, modelled: Runs, main: Sequence[str]
 ) -> Iterator[tuple[str | float, ...]]:
-    """Yield what a threshold detects by the motion on which it must be quiet."""
-    still_down = unclutched(modelled)
+    """Yield what a threshold detects by the motion on which it must be quiet, and by the length of
+    packets in faulty runs of the first motion.
+    """
+    every, still_down = "every motion and scale", unclutched(modelled)
+    fast, suture = runs.pooled(folders, [FAST]), runs.MOTIONS[0]
+    each_cycle = f"{suture}, a packet each cycle"
     for words, free, some, scale in (
-        ("every motion and scale", modelled, faulty, 0.1),
+        (every, modelled, faulty, 0.1),
         ("every motion, scale 0.1", at_scale(modelled, 0.1), faulty, 0.1),
         ("no clutching, scale 0.1", at_scale(still_down, 0.1), faulty, 0.1),
-        ("every motion and scale", modelled, fast, 0.2),
+        (every, modelled, fast, 0.2),
         ("no clutching, scale 0.2", at_scale(still_down, 0.2), fast, 0.2),
-        *((f"every; faults: {words}", modelled, some, 0.1) for words, some in packets.items()),
+        (f"every; faults: {suture}", modelled, runs.pooled(folders, [suture]), 0.1),
+        (f"every; faults: {each_cycle}", modelled, runs.pooled(folders, [EVERY_CYCLE]), 0.1),
     ):
         for name in main if free["hours"].sum() > 0 else ():
             threshold = threshold_for(free, name)
@@ -243,23 +246,22 @@ def condition_rows(
             yield words, scale, name, *cells
 
 
-def hazard_table(faulty: Runs, main: Sequence[str]) -> study.Table:
-    """Return how areas depend on what a detector is to detect."""
+def no_hazard(faulty: Runs) -> np.ndarray:
+    """Return the runs without hazard and jump, bool [runs]."""
+    jumped = faulty["jump_tip"].astype(bool) | faulty[faulty.made.verdict_jump].astype(bool)
+    return (faulty["hazard"] == "none") & ~jumped
+
+
+def hazard_rows(faulty: Runs, main: Sequence[str]) -> Iterator[tuple[str | int, ...]]:
+    """Yield how areas depend on what a detector is to detect."""
     hazard, leapt = faulty["hazard"], faulty["jump_tip"].astype(bool)
     jumped = faulty[faulty.made.verdict_jump].astype(bool)
-    calm = (hazard == "none") & ~jumped & ~leapt
-    told = {
-        **{f"{word}, the run's hazard": hazard == word for word in HAZARDS if word != "none"},
-        "jump of the true tip": leapt,
-        "jump of the reported tip alone": jumped & ~leapt,
-    }
-    rows = []
+    told = {f"{word}, the run's hazard": hazard == word for word in HAZARDS if word != "none"}
+    told |= {"jump of the true tip": leapt, "jump of the reported tip alone": jumped & ~leapt}
     for words, hit in told.items():
-        mine = hit | calm
+        mine = hit | no_hazard(faulty)
         auc = area_estimates(faulty.where(mine), hit[mine])
-        rows.append((words, int(hit.sum()), *(plain(auc[name]) for name in main)))
-    count = wording.format_count(int(calm.sum()))
-    return study.read_table(NAME, "hazards", rows, calm=count, main=" | ".join(main))
+        yield words, int(hit.sum()), *(plain(auc[name]) for name in main)
 
 
 def at_scale(free: Runs, scale: float) -> Runs:
@@ -269,7 +271,7 @@ def at_scale(free: Runs, scale: float) -> Runs:
 def compare(context: study.Context) -> study.Findings:
     """Compare all detectors over the same runs."""
     folders = context.folders
-    faulty, fast = runs.pooled(folders), runs.pooled(folders, [FAST])
+    faulty = runs.pooled(folders)
     recordings = [name for name in folders if name.startswith(("free_", "noise_"))]
     hands, free = runs.split_hands(runs.joined([fault_free(folders[name]) for name in recordings]))
     modelled = of_robot(free, AS_MODELLED)
@@ -284,23 +286,24 @@ def compare(context: study.Context) -> study.Findings:
     quiet = [points[name] for name in main if name in points]
     others = [point(faulty, modelled, name) for name in OTHERS]
     hours = float(modelled["hours"].sum())
-    conditions = condition_rows(faulty, fast, runs.by_packets(folders), modelled, main)
-    return study.Findings(
-        lines=tuple(_lines(faulty, hands, modelled, quiet, others)),
-        tables=(
-            layer_table(faulty, [*quiet, *others]),
-            study.read_table(NAME, "robots", robot_rows(faulty, free, main)),
-            study.read_table(NAME, "conditions", conditions, per_hour=PER_HOUR),
-            hazard_table(faulty, main),
-        ),
-        notes=study.read_notes(
-            NAME,
-            motion=events.event_meaning("unintended_motion", faulty.made.rules),
-            hours=hours,
-            recordings=len(np.unique(modelled["recording"])),
-            unseen=alarm_rate(0, hours).high,
-            per_hour=PER_HOUR,
-        ),
+    tables = {
+        "layers": layer_rows(faulty, [*quiet, *others]),
+        "robots": robot_rows(faulty, free, main),
+        "conditions": condition_rows(folders, faulty, modelled, main),
+        "hazards": hazard_rows(faulty, main),
+    }
+    return study.findings(
+        NAME,
+        _lines(faulty, hands, modelled, quiet, others),
+        tables,
+        chosen=" | ".join(at.words for at in (*quiet, *others)),
+        main=" | ".join(main),
+        calm=wording.format_count(int(no_hazard(faulty).sum())),
+        motion=events.event_meaning("unintended_motion", faulty.made.rules),
+        hours=hours,
+        recordings=len(np.unique(modelled["recording"])),
+        unseen=alarm_rate(0, hours).high,
+        per_hour=PER_HOUR,
     )
 
 

@@ -6,7 +6,6 @@ overdrive check limits a command are counted separately, because the check then 
 from the nominal model. A run counts from its pedal-down until it stops.
 """
 
-import functools
 from collections.abc import Iterator
 from typing import Any
 
@@ -33,15 +32,13 @@ def onsets(active: np.ndarray) -> int:
     return int(len(ticks) > 0) + int((np.diff(ticks) > AWAY_MS).sum())
 
 
-def measure(name: str, row: Row, series: Series) -> dict[str, Any]:
+def measure(row: Row, series: Series) -> dict[str, Any]:
     """Measure a run: cues, largest distance from the model, root mean square speed of the tip."""
     stop = int(row["check_estop_first_ms"])
     error = series["tip_error_mm"][REST_MS : stop if stop >= 0 else None]
     tip = series["tip"][REST_MS : REST_MS + len(error)]
     steps = np.diff(tip[::10], axis=0)
     return {
-        "kind": name.rpartition("_")[0],
-        "recording": name,
         "scale": float(row[SCALE]),
         "hours": len(error) / 3.6e6,
         "peak_mm": float(error.max(initial=0.0)),
@@ -54,9 +51,8 @@ def measure(name: str, row: Row, series: Series) -> dict[str, Any]:
 def rate(runs: pd.DataFrame, mm: float) -> StudyEstimate:
     """Return cues an hour: over recordings, or exact Poisson for a count of 0 or few recordings."""
     counts, hours = runs[f"cues of {mm:g} mm"], runs["hours"].to_numpy()
-    exact = alarm_rate(int(counts.sum()), float(hours.sum()))
+    exact, among = alarm_rate(int(counts.sum()), float(hours.sum())), group_units(runs["recording"])
     low, high = exact.low, exact.high
-    among = group_units(runs["recording"])
     if exact.count and among.count >= MIN_UNITS:
         _, low, high = ratio_band(counts, hours, among)
     of = f"cues in {hours.sum():.2f} h of {among.count} recordings"
@@ -66,16 +62,15 @@ def rate(runs: pd.DataFrame, mm: float) -> StudyEstimate:
 def compare(context: study.Context) -> study.Findings:
     """Count cues by motion and scale."""
     recorder = Recorder()
-    measured = []
-    for name, folder in context.folders.items():
-        measured += recorder.measure(folder, functools.partial(measure, name))
-    runs = pd.DataFrame(measured)
+    parts = [
+        pd.DataFrame(recorder.measure(folder, measure)).assign(
+            kind=name.rpartition("_")[0], recording=name
+        )
+        for name, folder in context.folders.items()
+    ]
+    runs = pd.concat(parts, ignore_index=True)
     absent = "" if set(runs["kind"]) - set(MOTIONS) else f" Set {recording.DATA}."
-    return study.Findings(
-        tuple(_lines(runs)),
-        (study.read_table(NAME, "motions", _rows(runs)),),
-        study.read_notes(NAME, absent=absent),
-    )
+    return study.findings(NAME, _lines(runs), {"motions": _rows(runs)}, absent=absent)
 
 
 def _lines(runs: pd.DataFrame) -> Iterator[study.Line]:

@@ -6,7 +6,7 @@ import dataclasses
 import json
 import shlex
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -14,11 +14,11 @@ from ravenjax.campaign import loading, runner
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.progress import OnProgress, Status
 from ravenjax.document import html
-from ravenjax.errors import StoreError
+from ravenjax.errors import StoreError, UserError
 from ravenjax.report import wording
 from ravenjax.store import manifest
 from ravenjax.store.files import parse_json, require_writable, write_aside
-from studies import cells, claims
+from studies import NAMES, cells, claims
 from studies.study import HERE, Context, Findings, Study, plain, standings, targets
 
 Record = Mapping[str, Any]
@@ -84,7 +84,8 @@ def _provenance(study: Study, folders: Mapping[str, Path]) -> dict[str, Any]:
     for variant in study.variants:
         made = manifest.read_manifest(folders[variant.name])
         first, shown = first or made, [*map(_without_folder, variant.overrides)]
-        campaign = _from_checkout(variant.campaign)
+        # A study's own campaign, from the folder of the checkout
+        campaign = variant.campaign.removeprefix(f"{HERE.parents[1]}/")
         words = ["ravenjax", "run", campaign, *(w for o in shown for w in ("--set", o))]
         campaigns.append(
             {
@@ -108,12 +109,6 @@ def _provenance(study: Study, folders: Mapping[str, Path]) -> dict[str, Any]:
     }
 
 
-def _from_checkout(campaign: str) -> str:
-    """Return the path of a study's own campaign from the folder of the checkout."""
-    path = PurePath(campaign)
-    return path.relative_to(HERE.parents[1]).as_posix() if path.is_absolute() else campaign
-
-
 def _without_folder(text: str) -> str:
     """Return an override in which an absolute path is replaced by the file's name."""
     key, equals, value = text.partition("=")
@@ -126,22 +121,17 @@ def _without_folder(text: str) -> str:
 
 def write(study: Study, findings: Findings, made: Record, folder: Path) -> None:
     """Write all files of these findings into `folder`. Raises StoreError if the disk refuses."""
-    require_writable(folder)
     names = ("name", "title", "source", "question", "targets")
     about = {name: plain(getattr(study, name)) for name in names}
     record = {"study": about, **plain(findings), "provenance": made}
     text = page(record, with_claims=True)
-    _write(folder / PAGE, text)
-    _write(folder / HTML, html.from_markdown(text, {}))
-    _write(folder / JSON, _json(record))
+    _write(folder, {PAGE: text, HTML: html.from_markdown(text, {}), JSON: _json(record)})
 
 
 def keep(source: Path, target: Path) -> None:
     """Copy the findings in folder `source` into folder `target`. Raises StoreError."""
     record = read(source)
-    require_writable(target)
-    _write(target / PAGE, page(record, with_claims=False))
-    _write(target / JSON, _json(record))
+    _write(target, {PAGE: page(record, with_claims=False), JSON: _json(record)})
 
 
 def read(folder: Path) -> dict[str, Any]:
@@ -154,24 +144,33 @@ def read(folder: Path) -> dict[str, Any]:
         ) from None
 
 
-def records(folder: Path, names: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Return the records in a folder of those studies, in their order. Raises StoreError."""
-    return {name: read(folder / name) for name in names if (folder / name / JSON).is_file()}
+def records(folder: Path) -> dict[str, dict[str, Any]]:
+    """Return the records of all studies in a folder, in their order. Raises StoreError, and
+    UserError if there are none.
+    """
+    found = {name: read(folder / name) for name in NAMES if (folder / name / JSON).is_file()}
+    if not found:
+        raise UserError(
+            f"{folder}: no findings of a study there; a checkout has some in results/reference,"
+            f" `ravenjax reproduce NAME --out {folder}` makes them"
+        )
+    return found
 
 
-def write_credibility(folder: Path, names: Iterable[str]) -> Path:
+def write_credibility(folder: Path) -> Path:
     """Write the page over the studies in the folder. Raises StoreError."""
-    path = folder / CREDIBILITY
-    _write(path, claims.page(records(folder, names)))
-    return path
+    _write(folder, {CREDIBILITY: claims.page(records(folder))})
+    return folder / CREDIBILITY
 
 
 def _json(record: Record) -> str:
     return json.dumps(record, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def _write(path: Path, text: str) -> None:
-    write_aside(path, lambda target: target.write_bytes(text.encode()))
+def _write(folder: Path, files: Mapping[str, str]) -> None:
+    require_writable(folder)
+    for name, text in files.items():
+        write_aside(folder / name, lambda target, text=text: target.write_bytes(text.encode()))
 
 
 # --- text ---
@@ -180,12 +179,9 @@ BRIEF_COLUMNS = ("quantity", "published", "predicted", "band", "inside")
 INSIDE = {True: "yes", False: "NO", None: ""}
 
 
-def line_rows(findings: Findings) -> list[tuple[str, ...]]:
+def line_rows(record: Record) -> list[tuple[str, ...]]:
     """Return the columns BRIEF_COLUMNS of each line: numbers without their origin."""
-    return [
-        tuple(cell.partition(";")[0] for cell in _line(line)[:-1])
-        for line in plain(findings)["lines"]
-    ]
+    return [tuple(cell.partition(";")[0] for cell in _line(one)[:-1]) for one in record["lines"]]
 
 
 def page(record: Record, with_claims: bool) -> str:
@@ -199,7 +195,7 @@ def page(record: Record, with_claims: bool) -> str:
         "lines": [*map(_line, record["lines"])],
         "claims": claims.section(record) if with_claims else "",
     }
-    return claims.fill_page("findings.md.j2", **values) + "\n"
+    return claims.fill_page("findings.md.j2", **values)
 
 
 def _line(line: Record) -> tuple[str, ...]:

@@ -6,7 +6,6 @@ of kinds, given by the prefix of the group name: library/, sampled/, boundary/.
 """
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pandas as pd
@@ -28,12 +27,16 @@ NOTE = (
 
 def names(group: ArrayLike) -> np.ndarray:
     """Return the kind of each fault by its group's name, words [faults]."""
-    return _each(group, kind_of)
+    return np.asarray(pd.Categorical(group).map(kind_of), object)
 
 
 def families(group: ArrayLike) -> np.ndarray:
     """Return the family of each fault by its group's name, words [faults]; or "" without one."""
-    return _each(group, lambda name: "library" if hazards_of(name) else name.rpartition("/")[0])
+
+    def family(name: str) -> str:
+        return "library" if hazards_of(name) else name.rpartition("/")[0]
+
+    return np.asarray(pd.Categorical(group).map(family), object)
 
 
 def of(group: ArrayLike) -> Units:
@@ -56,8 +59,3 @@ def count(among: Units) -> str:
     """Write 52 kinds; 7 kinds, few."""
     words = wording.count_noun(among.count, "kind")
     return f"{words}, few" if among.count < ENOUGH_UNITS else words
-
-
-def _each(group: ArrayLike, word: Callable[[str], str]) -> np.ndarray:
-    values, present = pd.factorize(np.asarray(group, object).astype(str))
-    return np.array([word(name) for name in present], object)[values]

@@ -13,7 +13,7 @@ import pandas as pd
 
 from ravenjax.outcomes import verdict
 from ravenjax.report.data import facts as run_facts
-from ravenjax.report.sections.reaction import EXCURSION
+from ravenjax.report.sections.reaction import EXCURSION, Pairs
 from ravenjax.stats import latency
 from ravenjax.stats.alarms.false_alarms import alarm_rate
 from ravenjax.stats.bootstrap import units
@@ -22,7 +22,7 @@ from ravenjax.store import folder, manifest
 from ravenjax.store.access import query
 from ravenjax.store.manifest import Manifest
 from studies import kinds
-from studies.hazards import severity
+from studies.hazards import classes
 from studies.study import Line, StudyEstimate, own_line
 
 SCALE, DEFAULT_SCALE = "param:operator.scale", 0.1
@@ -34,8 +34,6 @@ RECORDED, CLUTCHED = "recorded", "clutched"
 """Prefixes of people's recorded hands, and of recordings in which the pedal goes up and down."""
 MOTIONS = ("suture", "reach", "peg_transfer", "palpate")
 """Variants with faults whose runs are pooled."""
-EVERY_CYCLE = "every_cycle"
-"""The variant of the first motion with a packet in each control cycle."""
 MOVED = "runs with unintended motion"
 
 
@@ -74,31 +72,22 @@ def read(path: Path) -> Runs:
     (-capable), `stopped` (by a check), `unwarned` (an unintended motion without an earlier cue).
     """
     frame, made = folder.read_all(path), manifest.read_manifest(path)
-    facts = facts_of(frame, made)
-    excursion = frame[["unintended_mm", "unintended_off_mm"]].max(axis=1)
+    with query.open_empty() as table:
+        run_facts.register_table(table, frame)
+        run_facts.define_facts(table, run_facts.recorded_choices(made))
+        facts = table.frame("SELECT * EXCLUDE row FROM facts ORDER BY row").set_axis(frame.index)
+    words = ("response", "hazard", "outcome", "site", "layer", "block")
+    facts = facts.astype({name: "str" for name in words if name in facts} | {"group": "category"})
     warned = (facts["warned_ms"] >= 0) & (facts["warned_ms"] < facts["unintended_ms"])
     events = {
-        EXCURSION: excursion,
-        "injury": severity.injury_capable(frame),
+        EXCURSION: frame[["unintended_mm", "unintended_off_mm"]].max(axis=1),
+        "injury": classes.injury_capable(frame),
         "stopped": facts["response"] == "stopped",
         "unwarned": facts["unintended"] & ~warned,
     }
     plain = frame.drop(columns=frame.columns.intersection(facts.columns))
     # A copy is in one piece, so that columns can be added.
     return Runs(pd.concat([plain, pd.DataFrame(events), facts], axis=1).copy(), made)
-
-
-def facts_of(frame: pd.DataFrame, made: Manifest) -> pd.DataFrame:
-    """Return the facts of a result table, and run_id, one row per run."""
-    with query.open_empty() as table:
-        run_facts.register_table(table, frame)
-        run_facts.define_facts(table, run_facts.recorded_choices(made))
-        facts = table.frame("SELECT * EXCLUDE row FROM facts ORDER BY row")
-    words = ("response", "hazard", "outcome", "site", "layer", "block")
-    facts = facts.astype({name: "str" for name in words if name in facts})
-    facts.index = frame.index
-    facts["group"] = facts["group"].astype("category")
-    return facts.assign(run_id=frame["run_id"])
 
 
 def warning_times(runs: Runs, cue: int) -> np.ndarray:
@@ -112,6 +101,13 @@ def changed_a_bit(runs: Runs) -> np.ndarray:
     return runs["activated"] & runs["faulty"] & ~runs["failed"]
 
 
+def acting_pairs(with_: pd.DataFrame, without: pd.DataFrame) -> Pairs:
+    """Return the valid pairs of two tables of the same faults that changed a bit without it."""
+    pairs = Pairs(*(part.sort_values("pair") for part in (with_, without)))
+    failed = np.any([part["failed"] for part in pairs], axis=0)
+    return pairs.where(~failed & pairs.without["activated"].to_numpy(bool))
+
+
 def pooled(folders: Mapping[str, Path], motions: Iterable[str] = MOTIONS) -> Runs:
     """Pool the activated faulty runs of the campaigns named by these motions, in which nothing else
     differs. Adds `cell` (number of the fault, equal in every motion) and `motion`.
@@ -122,13 +118,6 @@ def pooled(folders: Mapping[str, Path], motions: Iterable[str] = MOTIONS) -> Run
         numbered = runs.frame.assign(cell=first["distinct"], motion=motion)
         parts.append(numbered.loc[changed_a_bit(runs)])
     return Runs(pd.concat(parts, ignore_index=True), first.made)
-
-
-def by_packets(folders: Mapping[str, Path]) -> dict[str, Runs]:
-    """Return the faulty runs of the first motion, by the length of packets in words."""
-    motion = MOTIONS[0]
-    words = {motion: motion, EVERY_CYCLE: f"{motion}, a packet each cycle"}
-    return {words[name]: pooled(folders, [name]) for name in words}
 
 
 def fault_free(path: Path) -> Runs:

@@ -118,43 +118,38 @@ class _Code:
     def __init__(self, ready: Plan, names: Sequence[str]) -> None:
         self.program = traced.printable_program(ready.program)
         self.width = jit.host_target().width
-        trace = traced.trace_tick(self.program, self._block(ready, [0]), ready.columns)
+        block = self._block(ready, [0])
+        trace = traced.trace_tick(self.program, block, ready.columns)
         loop, self._series = trace.loop, trace.series
+        dtypes: dict[int, np.dtype] = {}
+
+        def numbered(shapes: Any, first: int) -> Any:
+            """Return the numbers of a step's outputs in place of their types, and note these."""
+            leaves, structure = jax.tree.flatten(shapes)
+            dtypes.update(enumerate(leaves, first))
+            return jax.tree.unflatten(structure, range(first, first + len(leaves)))
+
         # Outputs of a step: states, reference series, signals
-        first, leaves = loop.states + trace.series, jax.tree.leaves(trace.signals)
-        signals = jax.tree.unflatten(
-            jax.tree.structure(trace.signals), list(range(first, first + len(leaves)))
-        )
-        dtypes = dict(enumerate(leaves, first))
-        states, places = loop.step.outputs[: loop.states], {}
+        signals = numbered(trace.signals, loop.states + trace.series)
+        places = {}
         for name in names:
             if name.startswith(_OWN):
-                state = self._states(ready, dtypes)
+                types = [np.asarray(block.varied[path]).dtype for path in self.program.varied]
+                with traced.x64_context(self.program.setup):
+                    varied = traced.record_shapes(types)
+                    _, state = traced.trace_function(self.program.begin, varied)
+                state = numbered(jax.tree.map(lambda leaf: np.dtype(leaf.dtype), state), 0)
                 own = state.stages["own_operator"].file_state
                 places[name] = jax.tree.leaves(getattr(own, name.removeprefix(_OWN)))
             else:
                 places[name] = jax.tree.leaves(SIGNALS[name][0](signals))
         self._dtypes = {name: [dtypes[k] for k in of] for name, of in places.items()}
-        picked = [loop.step.outputs[k] for of in places.values() for k in of]
-        loop = dataclasses.replace(
-            loop, step=dataclasses.replace(loop.step, outputs=(*states, *picked))
-        )
+        outputs = loop.step.outputs
+        picked = [*outputs[: loop.states], *(outputs[k] for of in places.values() for k in of)]
+        loop = dataclasses.replace(loop, step=dataclasses.replace(loop.step, outputs=tuple(picked)))
         shared, objects = len(self.program.varied), compile_cache.object_cache()
         parts, features = split_lanes(loop, shared, not shared), jit.host_target().features
         self._code = VectorCode(print_kernel(parts, self.width, features), objects)
-
-    def _states(self, ready: Plan, dtypes: dict[int, np.dtype]) -> Any:
-        """Return the state of a tick with indices of outputs for numbers, and note their types."""
-        block = self._block(ready, [0])
-        varied = [
-            jax.ShapeDtypeStruct((), np.asarray(block.varied[path]).dtype)
-            for path in self.program.varied
-        ]
-        with traced.x64_context(self.program.setup):
-            _, state = traced.trace_function(self.program.begin, varied)
-        leaves, structure = jax.tree.flatten(state)
-        dtypes |= {k: np.dtype(leaf.dtype) for k, leaf in enumerate(leaves)}
-        return jax.tree.unflatten(structure, list(range(len(leaves))))
 
     def _block(self, ready: Plan, rows: Sequence[int]) -> Block:
         return Block(*ready.lanes(rows, self.width), None)
@@ -170,21 +165,18 @@ class _Code:
         course = LaneCourse(np.zeros(1, int), np.full(self.width, ticks))
         self._code.run_course(Lanes(inputs, golden, np.concatenate(ready.columns), out), course)
         for lane in range(len(rows)):
-            yield self._named(iter(np.ascontiguousarray(out[:, :, lane].T)))
-
-    def _named(self, columns: Iterator[np.ndarray]) -> dict[str, np.ndarray]:
-        """Name the columns, each [ticks], with integers and booleans as bits of int32."""
-        series = {}
-        for name, dtypes in self._dtypes.items():
-            parts = [
-                column if dtype.kind == "f" else column.view(np.int32)
-                for dtype, column in zip(dtypes, islice(columns, len(dtypes)), strict=True)
-            ]
-            if parts:
-                values = parts[0] if len(parts) == 1 else np.stack(parts, axis=-1)
-                boolean, factor = dtypes[0].kind == "b", SIGNALS.get(name, (None, 1.0))[1]
-                series[name] = values.astype(bool) if boolean else values * factor
-        return series
+            columns, series = iter(np.ascontiguousarray(out[:, :, lane].T)), {}
+            for name, dtypes in self._dtypes.items():
+                # Integers and booleans are bits of int32.
+                parts = [
+                    column if dtype.kind == "f" else column.view(np.int32)
+                    for dtype, column in zip(dtypes, islice(columns, len(dtypes)), strict=True)
+                ]
+                if parts:
+                    values = parts[0] if len(parts) == 1 else np.stack(parts, axis=-1)
+                    boolean, factor = dtypes[0].kind == "b", SIGNALS.get(name, (None, 1.0))[1]
+                    series[name] = values.astype(bool) if boolean else values * factor
+            yield series
 
 
 def rises(active: np.ndarray) -> list[int]:

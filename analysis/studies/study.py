@@ -17,12 +17,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.errors import suggest_name
 from ravenjax.stats.intervals import Estimate, Rate
 from studies import kinds
 
 HERE = Path(__file__).parent
 Cell = str | int | float
+Tables = Mapping[str, Iterable[Sequence[Cell]]]
+"""Rows of tables by their keys in `tables/STUDY.md`."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -161,25 +162,22 @@ def read_variants(study: str) -> tuple[Variant, ...]:
     content, variants = read_toml(f"variants/{study}.toml"), []
     rows, hands = list(content["variants"]), content.get("recorded_hands", {})
     if hands:
-        of_hands = {"campaign": hands.get("campaign", content["campaign"])}
         for row in read_toml("variants/recorded_hands.toml")["variants"]:
-            overrides = [*row["overrides"], *hands["overrides"]]
-            rows.append(row | of_hands | {"overrides": overrides})
+            rows.append(row | {"overrides": [*row["overrides"], *hands["overrides"]]})
     for row in rows:
         file = recording.locate(row["needs"]) if "needs" in row else ""
+        if file is None:
+            continue
+        campaign = row.get("campaign", content["campaign"])
+        campaign = str(HERE / campaign) if (HERE / campaign).is_file() else campaign
         each = row.get("each", {})
-        combinations = (
-            dict(zip(each, values, strict=True)) for values in itertools.product(*each.values())
-        )
-        for values in row.get("rows", combinations) if file is not None else ():
+        drawn = itertools.product(*each.values())
+        for values in row.get("rows") or (dict(zip(each, one, strict=True)) for one in drawn):
             words = {"file": file, "prefix": hands.get("prefix", ""), **values}
             name, question, *overrides = (
                 Template(text).substitute(words)
                 for text in (row["name"], row.get("question", ""), *row.get("overrides", ()))
             )
-            campaign = row.get("campaign", content["campaign"])
-            own = HERE / campaign
-            campaign = str(own) if own.is_file() else campaign
             if name not in hands.get("leave_out", ()):
                 variants.append(Variant(name, campaign, tuple(overrides), question))
     return tuple(variants)
@@ -208,36 +206,40 @@ def read_table(study: str, key: str, rows: Iterable[Sequence[Cell]], **values: o
     return Table(title, heads, cells, *note)
 
 
+def findings(
+    study: str, lines: Iterable[Line], tables: Tables, notes: Iterable[str] = (), **values: object
+) -> Findings:
+    """Return findings with the tables of `tables/STUDY.md` (rows by key), and with these notes and
+    those of `notes/STUDY.md`. `values` replace names in braces, as in `read_notes`.
+    """
+    written = tuple(read_table(study, key, rows, **values) for key, rows in tables.items())
+    return Findings(tuple(lines), written, (*notes, *read_notes(study, **values)))
+
+
 class Published:
     """The published numbers and acceptance bands of `published/NAME.toml`, by key. A number read
-    off a plot has the reading `error`, or `low` and `high`.
+    off a plot has the reading `error`, or `low` and `high`. Methods raise KeyError.
     """
 
     def __init__(self, name: str) -> None:
         content = read_toml(f"published/{name}.toml")
         self.numbers = {row["key"]: row for row in content.get("number", ())}
-        self.bands = {row["key"]: row for row in content.get("band", ())}
+        self.bands = {row["key"]: (row["low"], row["high"]) for row in content.get("band", ())}
 
     def value(self, key: str) -> float:
-        """Return a published number. Raises KeyError for an unknown key."""
-        return _at(self.numbers, key)["value"]
+        """Return a published number."""
+        return self.numbers[key]["value"]
 
     def estimate(self, key: str) -> StudyEstimate:
-        """Return a published number with its interval and source. Raises KeyError."""
-        row = _at(self.numbers, key)
+        """Return a published number with its interval and source."""
+        row = self.numbers[key]
         value, error = row["value"], row.get("error", math.nan)
         low, high = row.get("low", value - error), row.get("high", value + error)
         return StudyEstimate(value, low, high, of=row["source"])
 
     def band(self, key: str) -> tuple[float, float]:
-        """Return the low and high end of a band. Raises KeyError for an unknown key."""
-        return _at(self.bands, key)["low"], _at(self.bands, key)["high"]
-
-
-def _at(rows: Mapping[str, Mapping[str, Any]], key: str) -> Mapping[str, Any]:
-    if key not in rows:
-        raise KeyError(f"no published number or band is named {key!r}{suggest_name(key, rows)}")
-    return rows[key]
+        """Return the low and high end of a band."""
+        return self.bands[key]
 
 
 # --- acceptance targets ---
@@ -264,23 +266,19 @@ def targets() -> dict[str, Target]:
     return {name: Target(name, **row) for name, row in read_toml("targets.toml").items()}
 
 
-class TargetStanding(NamedTuple):
-    id: str
-    sentence: str  # A1 not met: 6 of 9 lines inside their band
-
-
-def standings(lines: Sequence[Mapping[str, Any]]) -> list[TargetStanding]:
-    """Return the standing of each target: it is met if all its lines with a band are inside."""
-    found = []
+def standings(lines: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """Return the standing of each target in words, `A1 not met: 6 of 9 lines inside their band`. A
+    target is met if all its lines with a band are inside.
+    """
+    found = {}
     for name in dict.fromkeys(line["target"] for line in lines if line["target"]):
         banded = [line for line in lines if line["target"] == name and line["band"] is not None]
         judged = [line["passed"] for line in banded if line["passed"] is not None]
         if judged:
             noun = "line inside its band" if len(judged) == 1 else "lines inside their band"
             met = "met" if all(judged) else "not met"
-            text = f"{name} {met}: {sum(judged)} of {len(judged)} {noun}"
+            found[name] = f"{name} {met}: {sum(judged)} of {len(judged)} {noun}"
         else:
             why = "with a band has a prediction" if banded else "has a band"
-            text = f"{name} not judged: no line of it {why}"
-        found.append(TargetStanding(name, text))
+            found[name] = f"{name} not judged: no line of it {why}"
     return found

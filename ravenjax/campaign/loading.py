@@ -26,9 +26,9 @@ def load_campaign(
     """Read and check a campaign: a TOML file, the name of a bundled campaign, or nested tables.
 
     The ending `.toml` may be left out. overrides: `key.path=value`, as for `--set` on the command
-    line. Paths in a campaign file are relative to its folder. runs: True permits Python code beside
-    the file to run, if `campaign` is its path (see docs/how-to/files-of-others.md). Raise UserError
-    with all mistakes and their lines.
+    line. Paths in a campaign file are relative to its folder. runs: if True, and `campaign` is a
+    path, Python files in the folder of the campaign file may run without a question
+    (docs/how-to/files-of-others.md). Raise UserError with all mistakes and their lines.
     """
     if isinstance(campaign, dict):
         return from_dict(campaign, overrides=overrides)

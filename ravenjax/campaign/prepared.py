@@ -1,7 +1,7 @@
 """Defines the functions that a robot must provide, so that campaigns can use any robot.
 
-A robot is a package or a module that declares `ROBOT` (`ravenjax.vocabulary.robot.Robot`). Its part
-`campaign` is a module of the package, or the one module. That module defines
+A robot is a package or a single module that declares `ROBOT` (`ravenjax.vocabulary.robot.Robot`).
+The module `campaign` of the package, or the single module itself, defines
 
     prepare(config, varied, injection, precision) -> Prepared
     more_series(setup, signals, series) -> {name: array [ticks] or [ticks, ...]}

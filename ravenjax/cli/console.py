@@ -196,10 +196,10 @@ def worst_runs(folder: Path, most: int | None, by: str) -> list[WorstRun]:
         return []
     ranked = ranking.worst_runs(folder, most, by)
     if len(ranked) < most:
-        have = "run has" if len(ranked) == 1 else "runs have"
+        have = "run is" if len(ranked) == 1 else "runs are"
         rank = ranking.RANKINGS[by]
-        # For example: "results: only 3 runs have more than 0 mm: largest unintended motion".
-        print_note(f"{folder}: only {len(ranked)} {have} more than 0 {rank.unit}: {rank.meaning}")
+        # For example: "results: only 3 runs are above 0 mm (largest unintended motion)".
+        print_note(f"{folder}: only {len(ranked)} {have} above 0 {rank.unit} ({rank.meaning})")
     return ranked
 
 

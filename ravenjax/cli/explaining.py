@@ -49,7 +49,7 @@ def trace(
     out_folder = out or files.path_inside(folder, "traces")
     files.require_writable(out_folder)
     if record.code_hash != manifest.code_hash(record.robot):
-        console.print_note(f"{folder} was computed by other code, so a run's outcome may differ")
+        console.print_note(f"{folder} was computed by other code, so outcomes may differ")
     runs = run_ids or tuple(run.run_id for run in ranked)
     records = []
     replayer = Replayer.of_folder(folder, engine)
@@ -181,8 +181,8 @@ def explain(
     if changed := ranking.count_changed(folder, explanation.results):
         code = "this" if record.code_hash == manifest.code_hash(record.robot) else "another"
         console.print_note(
-            f"{folder}: {changed} of {len(explanation.ticks)} runs now have another outcome than"
-            f" the stored one, which engine {record.engine} and {code} version of the code computed"
+            f"{folder}: {changed} of {len(explanation.ticks)} runs now have another outcome than in"
+            f" the folder, which engine {record.engine} of {code} version of the code computed"
         )
     if summary_rows is None:
         _explain_each_run(out_folder, record, explanation, as_json)

@@ -198,7 +198,7 @@ def calibrate(
     models = {"before": calibrated.base, "calibrated": calibrated.robot}
     halves = ("in the first half, which was fitted", "in the second half, which was not fitted")
     for half, samples in zip(halves, logged.halves, strict=True):
-        title = f"Following error {half}: rms (times the log's), off by"
+        title = f"Rms following error {half} (ratio to the log); off: rms distance to the log"
         errors = logged.following_errors(samples, models)
         console.print_table(title, *tables.by_joint(errors, logged.log.joints))
     fitted = tables.tabulate_parameters(calibrated)
@@ -220,5 +220,5 @@ def calibrate(
     replayed = logged.replay(whole, [calibrated.robot])[0]
     tables.draw_errors(pictures[0], whole, replayed, len(logged.log.desired) // 2)
     tables.draw_intervals(pictures[1], calibrated)
-    console.print_text(f'robots: {out}; use it in a campaign: [parameters] from = "{out.name}"')
+    console.print_text(f'robots: {out}; a campaign uses them with [parameters] from = "{out.name}"')
     console.print_text(f"pictures: {pictures[0]}, {pictures[1]}")

@@ -54,7 +54,7 @@ def run(
         executor: local (this process) or ray (a cluster)
         workers: number of parallel Ray tasks; default one for each GPU, or one for some cores
         ray_address: address of a running Ray cluster; default a new cluster on this machine
-        shard: i/N: compute only the i-th of N shares, for batch schedulers
+        shard: i/N: compute only the i-th of N shards, for batch schedulers
         report: write report.html at the end
     """
     from ravenjax.campaign import loading
@@ -106,7 +106,7 @@ def run(
         }
         console.emit_json(content)
     elif share is not None:
-        console.print_text(f"one of {share.of} shards; `ravenjax merge OUT SHARD...` joins all")
+        console.print_text(f"shard {share}; `ravenjax merge OUT SHARD...` joins all shards")
 
 
 def check(

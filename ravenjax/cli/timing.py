@@ -69,10 +69,10 @@ def timing_verdict(measured: dict[str, clock.LoopTiming]) -> list[tuple[str, str
     return [
         (
             "ok" if slowest_us <= MAX_TICK_US else "slow",
-            f"99.9 % of ticks are computed within {slowest_us:.0f} us, expected {MAX_TICK_US} us",
+            f"99.9 % of ticks take up to {slowest_us:.0f} us, expected at most {MAX_TICK_US} us",
         ),
         (
             "ok" if session.late <= allowed_late else "late",
-            f"{session.late} late ticks of {session.ticks}; the empty loop had {empty.late}",
+            f"{session.late} of {session.ticks} ticks were late; of the empty loop {empty.late}",
         ),
     ]

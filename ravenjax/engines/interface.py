@@ -143,8 +143,7 @@ class Block:
     acts: np.ndarray | None = None
     # int [lanes]: the first tick that a lane does not run; None: all lanes run to the end.
     ends: np.ndarray | None = None
-    # Number of lanes, from the first, whose results are read; None: all.
-    rows: int | None = None
+    rows: int | None = None  # number of lanes, from the first, whose results are read; None: all
     # For each golden run, its snapshots (`BranchingKernel.trunk`) or None; empty: no snapshots.
     trunks: Sequence[Any] = ()
 
@@ -229,11 +228,11 @@ class BranchingKernel(Kernel, Protocol):
     def trunk(
         self, block: Block, motion: Motion, last: int, ends: np.ndarray
     ) -> tuple[Any, dict[str, np.ndarray]]:
-        """Return snapshots of a golden run before tick `last`, and its outcomes at `ends`.
+        """Return snapshots of a golden run before tick `last`, and its outcomes at `ends`, [ends].
 
-        Lanes whose faults act in tick `last` at the latest can start from the snapshots (see
-        `Block.trunks`). block: `size(1)` equal lanes without faults, with the reference series of
-        their golden run. ends: int [ends], ascending. Outcomes: each [ends].
+        Runs whose fault begins to act in tick `last` or before can start from a snapshot (see
+        `Block.trunks`). block: `size(1)` equal lanes without faults, with their golden run's
+        reference series. ends: int [ends], ascending.
         """
         ...
 

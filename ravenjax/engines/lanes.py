@@ -22,8 +22,7 @@ class Lanes:
     tables: np.ndarray  # all tables, concatenated
     # Outputs of each tick, [ticks, numbers, lanes], written by the code; None: not needed.
     out: np.ndarray | None
-    # First tick of `tick_inputs` and `out`; 0 on a GPU.
-    first: int = 0
+    first: int = 0  # first tick of `tick_inputs` and `out`; 0 on a GPU
 
 
 EVERY = 25
@@ -38,8 +37,7 @@ SNAPSHOT_BYTES = 2**26
 class Trunk:
     """Snapshots of a golden run, from which faulty runs can start."""
 
-    # Ticks from one snapshot to the next; the first snapshot is that of tick 0.
-    every: int
+    every: int  # ticks from one snapshot to the next; the first snapshot is that of tick 0
     group: np.ndarray  # uint32 [snapshots, words], state that its group shares
     lane: np.ndarray  # uint32 [snapshots, words], state of one lane
 

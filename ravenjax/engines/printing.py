@@ -16,8 +16,8 @@ from ravenjax.ir.time_loop import Split
 
 
 def render_template(template: str, **values: Any) -> str:
-    """Render a template of this folder."""
-    # Imported here because generated code is cached, so most processes print none.
+    """Return the text of a template of this folder with these values."""
+    # Imported here because most processes load generated code from the cache.
     import jinja2
 
     environment = jinja2.Environment(
@@ -61,10 +61,12 @@ class Printing(ABC, Generic[Where]):
         values: dict[int, str] = dict(given or {})
         read = {o for i in flatten_regions(operations) for o in program.operations[i].operands}
         read.update(i for i, _ in results)
-        old_number = {place: i for i, place in sources.items() if i in read}
+        # Place -> operation whose number is there at first, if the number is needed.
+        old_number_at = {place: i for i, place in sources.items() if i in read}
+        # Operation whose number is loaded later -> (operation, place) of stores that wait for it.
         waiting: dict[int, list[tuple[int, Where]]] = {}
 
-        def value(i: int):
+        def get_value(i: int):
             # Loads or prints a value at its first use. Then come stores that waited for the load.
             if i not in values:
                 operation = program.operations[i]
@@ -78,11 +80,11 @@ class Printing(ABC, Generic[Where]):
         def write(pending: Iterable[tuple[int, Where]]):
             # A store waits until the old value at its place has been read.
             for i, place in pending:
-                before = old_number.get(place)
+                before = old_number_at.get(place)
                 if before is not None and before not in values:
                     waiting.setdefault(before, []).append((i, place))
                 else:
-                    self._store(types[i], value(i), place)
+                    self._store(types[i], get_value(i), place)
 
         targets: dict[int, list[tuple[int, Where]]] = {}
         for i, place in results:
@@ -100,14 +102,15 @@ class Printing(ABC, Generic[Where]):
             if is_given(i):
                 return
             operation = program.operations[i]
-            values[i] = self._operation(program, i, [value(o) for o in operation.operands])
+            values[i] = self._operation(program, i, [get_value(o) for o in operation.operands])
             write(targets.get(i, []))
 
         def enter(region: Region):
             # Prints a region. Its values, except its results, do not exist after the block.
+            # Loads before the block what the region reads, because later operations may read it.
             for o in region.reads(program.operations):
-                value(o)
-            condition, before = value(region.condition), dict(values)
+                get_value(o)
+            condition, before = get_value(region.condition), dict(values)
             end = self._begin_region(condition, [types[i] for i in region.results])
             for i in region.operations:
                 compute(i)
@@ -121,8 +124,8 @@ class Printing(ABC, Generic[Where]):
             else:
                 compute(item)
         for i in outside:
-            value(i)
-        old_number.clear()
+            get_value(i)
+        old_number_at.clear()
         write(
             [goal for i in outside for goal in targets[i]]
             + [goal for pending in waiting.values() for goal in pending]
@@ -178,7 +181,7 @@ class LoopPrinting(Generic[Where]):
     def print_begin(
         self, printer: Printing[Where], inputs: Sequence[Where], state: Mapping[int, Where]
     ) -> None:
-        """Print the statements that make `state`."""
+        """Print the statements that compute the first state and write it to the places `state`."""
         results = [(self.begin.outputs[k], place) for k, place in state.items()]
         needed = self.begin.needed(i for i, _ in results)
         printer.run(self.begin, needed, self.sources(self.begin, inputs, {}), results)
@@ -189,15 +192,17 @@ class LoopPrinting(Generic[Where]):
         operations: Sequence[int],
         sources: Mapping[int, Where],
         state: Mapping[int, Where],
-        others: Iterable[tuple[int, Where]],
+        outputs: Iterable[tuple[int, Where]],
         given: Mapping[int, str] | None = None,
         schedule: Callable[..., list[int | Region]] = lambda _, order: order,
     ) -> None:
-        """Print operations of a tick. They write `state` and `others`, pairs (operation, place).
+        """Print the statements that compute these operations of a tick.
 
-        schedule: reorders the operations. See `Printing.run` for sources and given.
+        They write the new state to the places `state`, and other results to `outputs`, pairs
+        (operation, place). schedule: changes the order. See `Printing.run` for sources and given.
         """
-        results = [*((self.step.outputs[k], place) for k, place in state.items()), *others]
+        new_state = [(self.step.outputs[k], place) for k, place in state.items()]
+        results = [*new_state, *outputs]
         order = arrange_regions(self.step.operations, operations, [i for i, _ in results])
         order = schedule(self.step.operations, order)
         printer.run(self.step, order, sources, results, given)
@@ -209,8 +214,8 @@ class LoopPrinting(Generic[Where]):
         state: Mapping[int, Where],
         results: Iterable[Where],
     ) -> None:
-        """Print the statements that compute the results of a lane."""
-        # Two results may be the same operation.
+        """Print the statements that compute a lane's results and write them to their places."""
+        # Pairs, not a dict, because two results may be the same operation.
         pairs = list(zip(self.finish.outputs, results, strict=True))
         sources = self.sources(self.finish, inputs, state)
         printer.run(self.finish, self.finish.needed(), sources, pairs)

@@ -93,8 +93,7 @@ def persistent_key(*values: Any) -> str:
 def load_or_make(objects: Objects | None, key: str, make: Callable[[], Code]) -> Code:
     """Return the result of `make`, or load it from `objects` if it was stored before.
 
-    With an empty key nothing is stored. The folder of the cache also contains machine code of the
-    same user, so pickles add no risk.
+    With an empty key nothing is stored. The folder also has machine code, so pickles add no risk.
     """
     if objects is None or not key:
         return make()

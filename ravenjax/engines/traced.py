@@ -36,11 +36,10 @@ class TracedTick:
     """The time loop of one lane as programs.
 
     Inputs of the lane are the varied parameters and the faults. Inputs of a tick are its number and
-    the golden run's reference series. Outputs of a tick are the lane's reference series, then all
-    signals. Results are the outcomes.
+    the golden run's reference series. Its outputs are the lane's reference series and all signals.
     """
 
-    loop: TimeLoop
+    loop: TimeLoop  # its results are the outcomes
     outcomes: tuple[str, ...]  # names of the results
     series: int  # number of numbers in the reference series
     signals: Any  # structure of the signals, each leaf its dtype
@@ -153,13 +152,15 @@ def trace_tick(program: TickProgram, block: Block, motion: Sequence[np.ndarray])
             (np.dtype(np.int32),) if program.ends else (),
         )
     )
+    # The number of the tick, and the golden run's reference series.
     tick_inputs = record_shapes((np.int32, [np.dtype(setup.precision.real)] * series))
 
     with x64_context(setup):
-        begin, state = trace_function(lambda varied, *_: program.begin(varied), *lane)
+        # All three programs have the same inputs of the lane. `begin` and `finish` read only some.
+        begin, state = trace_function(lambda varied, faults, end: program.begin(varied), *lane)
         step, (_, _, signals) = trace_function(program.step, *lane, state, *tick_inputs, columns)
         finish, outcomes = trace_function(
-            lambda varied, _, end, state: program.finish(varied, state), *lane, state
+            lambda varied, faults, end, state: program.finish(varied, state), *lane, state
         )
     signals = tree.map_leaves(lambda leaf: np.dtype(leaf.dtype), signals)
     return TracedTick(TimeLoop(begin, step, finish), tuple(sorted(outcomes)), series, signals)
@@ -199,8 +200,7 @@ class PrintedKernel:
     def groups(self, block: Block) -> tuple[list[np.ndarray], np.ndarray]:
         """Return a block's inputs, each [lanes], and the group number of each lane.
 
-        Lanes of a group have the same varied parameters, bit by bit. A block without a size has all
-        lanes of the kernel.
+        Lanes of a group have the same bits in varied parameters. A block without a size is full.
         """
         columns = lane_inputs(self.program, block)
         # Divides the groups further by each parameter in turn, and numbers them anew.

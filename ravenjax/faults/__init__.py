@@ -108,7 +108,7 @@ class Fault:
                     f"a fault with {words} {'needs' if is_needed else 'takes no'} {name}"
                 )
         if is_random and self.every is not None:
-            raise UserError("a fault has a probability or every, not both")
+            raise UserError("a fault takes 'probability' or 'every', not both: remove one of them")
 
 
 call_when_jax_loads(
@@ -134,7 +134,7 @@ class State:
 def init(signal: Any, fault: Fault) -> State:
     """Return the state before the first tick. Only the shape and type of `signal` are used.
 
-    With effect delay, `fault.value` must not be traced, because it is the length of the history.
+    If the effect is "delay", JAX must not trace `fault.value`: it is the length of the history.
     """
     with run_eagerly(signal) as signal:
         longest_delay = 0
@@ -145,7 +145,7 @@ def init(signal: Any, fault: Fault) -> State:
 
 
 def reset(state: State, done: Any) -> State:
-    """Return the state with the environments that are `done` (bool) as before their first tick."""
+    """Reset the environments that are `done` (bool) to the state before their first tick."""
     # `latched` has the signal's shape and its library, such as NumPy. Its type is that of floats.
     latched = state.slot.latched
     with run_eagerly(latched):

@@ -156,7 +156,7 @@ def _simplify_product(b: Builder, dtype: str, x: int, y: int) -> int | None:
 
 
 def _simplify_quotient(b: Builder, dtype: str, x: int, y: int) -> int | None:
-    """Return a product for a division by a power of two, because sums with products are fused.
+    """Return a product for a division by a power of two: only products can be fused with sums.
 
     A sign of x or y is moved out of the division. Returns None if neither applies.
     """

@@ -65,12 +65,11 @@ class UnknownPrimitive(NotImplementedError):
 
 
 def lower_jaxpr(jaxpr: core.ClosedJaxpr, functions: Functions = "polynomials") -> Program:
-    """Return the program of a closed jaxpr (`jax.make_jaxpr(f)(...)`).
+    """Return the program of a closed jaxpr (`jax.make_jaxpr(f)(...)`). Raises UnknownPrimitive.
 
     Inputs of the program are the jaxpr's single numbers in order, and tables are its 1-D inputs.
     functions: with `polynomials`, sin, atan2 and similar functions become sums and products. With
-    `library`, they remain operations with the meaning of the C library, and integers of 64 bits are
-    allowed. Raises UnknownPrimitive.
+    `library`, they remain functions of the C library, and integers may have 64 bits.
     """
     builder = Builder()
     lowering = _Lowering(builder, functions)
@@ -117,8 +116,8 @@ class _Lowering:
         if len(aval.shape) > 1:
             raise UnknownPrimitive(f"an input has shape {aval.shape}; {_SMALL}")
         if aval.shape:
-            number = self.builder.table(self._dtype(aval), aval.shape[0])
-            return _Table(aval.shape[0], lambda index: self.builder.lookup(number, index))
+            table = self.builder.table(self._dtype(aval), aval.shape[0])
+            return _Table(aval.shape[0], lambda index: self.builder.lookup(table, index))
         return self.builder.input(self._dtype(aval))
 
     def constant(self, value: Any) -> _Value:
@@ -156,9 +155,10 @@ class _Lowering:
             operands = [read(atom) for atom in eqn.invars]
             name = eqn.primitive.name
             if name in _CALLS + _REMATERIALISED:
-                closed: Any = eqn.params.get("jaxpr") or eqn.params["call_jaxpr"]
-                consts = [self.constant(value) for value in getattr(closed, "consts", ())]
-                results = self.equations(getattr(closed, "jaxpr", closed), consts, operands)
+                # A jaxpr, or a closed jaxpr: an object with a jaxpr and its constants.
+                callee: Any = eqn.params.get("jaxpr") or eqn.params["call_jaxpr"]
+                constants = [self.constant(value) for value in getattr(callee, "consts", ())]
+                results = self.equations(getattr(callee, "jaxpr", callee), constants, operands)
             elif name == "cond":
                 results = self._both_branches(eqn, operands)
             elif name == "optimization_barrier":
@@ -247,12 +247,12 @@ class _Lowering:
         if not isinstance(table, _Table) or len(operands) != 2 or not is_single:
             aval: Any = eqn.invars[0].aval
             name = f"{eqn.primitive.name} of shape {aval.shape}"
-            raise UnknownPrimitive(f"{name} is not supported; expected one number of a 1-D array")
+            raise UnknownPrimitive(f"{name} is not supported; it must read one item of a 1-D array")
         b = self.builder
         index = b.emit("convert", "int32", _require_number(operands[1]))
         first, last = b.constant("int32", 0), b.constant("int32", table.length - 1)
-        inside = b.emit("min", "int32", b.emit("max", "int32", index, first), last)
-        result = table.read(inside)
+        clamped = b.emit("min", "int32", b.emit("max", "int32", index, first), last)
+        result = table.read(clamped)
         mode = eqn.params.get("mode")
         if mode is None or mode != lax.GatherScatterMode.FILL_OR_DROP:
             return result
@@ -262,5 +262,5 @@ class _Lowering:
                 f"a gather of {dtype} with mode fill is not supported; use .at[k].get(mode='clip')"
             )
         bounds = b.emit("le", "bool", first, index), b.emit("le", "bool", index, last)
-        inside = b.emit("and", "bool", *bounds)
-        return b.emit("select", dtype, inside, result, b.constant(dtype, np.nan))
+        is_inside = b.emit("and", "bool", *bounds)
+        return b.emit("select", dtype, is_inside, result, b.constant(dtype, np.nan))

@@ -76,22 +76,21 @@ class Arithmetic:
         return result
 
 
-# --- sine and cosine
-
 _MAGIC = 1.5 * 2.0**23
-"""If this number is added to a small float32, the lowest bits of the sum are its integer part."""
+"""A sum of this number and a small float32 is an integer: the float32 is rounded to an integer."""
 # The float32 below pi. Both parts of pi are then positive, so that a zero keeps its sign.
 _PI_HIGH = 3.141592502593994
 _PI_LOW = 1.509957990978376e-7
 
 
 def _half_turns(m: Arithmetic, x: Number):
-    """Return r = x - k pi for the nearest integer k, r^2, and a sign bit, set if k is odd."""
+    """Return r = x - k pi, r^2, and a sign bit that is set if k is odd; k is x / pi, rounded."""
     shifted = m.fma(x, 1.0 / math.pi, _MAGIC)
     turns = m.sub(shifted, _MAGIC)
     rest = m.fma(turns, -_PI_LOW, m.fma(turns, -_PI_HIGH, x))
     # The limits have an effect only if |x| > 1e6.
     rest = m.max(-1.7, m.min(1.7, rest))
+    # The last bit of k + _MAGIC is set if k is odd, and moves to the place of the sign bit.
     return rest, m.mul(rest, rest), m.integer("shl", m.bits(shifted), 31)
 
 
@@ -115,9 +114,6 @@ def cos(m: Arithmetic, x: Number) -> Number:
 def tan(m: Arithmetic, x: Number) -> Number:
     """Return the tangent of an angle in rad."""
     return m.div(sin(m, x), cos(m, x))
-
-
-# --- inverse functions
 
 
 def atan2(m: Arithmetic, y: Number, x: Number) -> Number:
@@ -158,8 +154,6 @@ def acos(m: Arithmetic, x: Number) -> Number:
     """Return the arc cosine, rad in [0, pi]."""
     return atan2(m, _leg(m, x), x)
 
-
-# --- exponential and logarithm
 
 _LN2_HIGH = 0.693359375
 _LN2_LOW = -2.1219444e-4

@@ -2,8 +2,8 @@
 
 A `rarely` operation selects one of two values by a condition that is seldom true. Some operations
 are needed only to compute the second value of `rarely` operations with the same condition. These
-operations form the *region* of the condition. Generated code enters the region as a block if the
-condition is true in any lane.
+operations form the *region* of the condition. Generated code skips the region if the condition is
+false in all lanes.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -38,22 +38,23 @@ def flatten_regions(arranged: Iterable[int | Region]) -> Iterator[int]:
 def arrange_regions(
     operations: Sequence[Operation], order: Sequence[int], results: Sequence[int]
 ) -> list[int | Region]:
-    """Return the operations of `order` with the operations of each region joined.
+    """Return `order` with the operations of each region joined.
 
-    order: operations, each after its operands. A region comes before its results are first read.
-    results: operations whose results are read outside `order`.
+    A region is what only the rare value of a `rarely` operation needs. The region comes before this
+    operation. order: operations, each after its operands. results: those that are read elsewhere.
     """
     region_condition = _region_conditions(operations, order, results)
     readers: dict[int, list[int]] = {}
     for i in order:
         for operand in operations[i].operands:
             readers.setdefault(operand, []).append(i)
-    unplaced = set(order)  # not placed yet
+    unplaced = set(order)
     arranged: list[int | Region] = []
     for i in order:
         if i in region_condition:
             continue
         if any(o in region_condition and o in unplaced for o in operations[i].operands):
+            # Outside of the region, only `rarely` reads it. Operand 0 of `rarely` is the condition.
             condition = operations[i].operands[0]
             # Members of the region that depend only on each other and on placed operations.
             ready: dict[int, None] = {}
@@ -77,25 +78,25 @@ def _region_conditions(
 ):
     """Return operation -> condition of its outermost region, for operations in a region.
 
-    Goes backwards from the results. An operation is in the region of a condition if all operations
-    that read it are, or read it as the rare value of a `rarely` with this condition.
+    An operation is in the region of a condition if all operations that read it are, or read it as
+    the rare value of a `rarely` with this condition. With a = f(x), b = g(a), r = rarely(c, b, y),
+    the result is {a: c, b: c}, unless another operation reads a or b.
     """
     in_order = set(order)
-    # operation -> conditions under which its readers need it; None: they always need it
-    wanted: dict[int, set[int | None]] = {i: {None} for i in results}
+    # Operation -> conditions of the regions that read it; None: it is also read outside regions.
+    reading_regions: dict[int, set[int | None]] = {i: {None} for i in results}
     region_condition = {}
+    # Backwards, so that all readers of an operation come before the operation.
     for i in reversed(order):
-        conditions = wanted.get(i, {None})
-        (only,) = conditions if len(conditions) == 1 else (None,)
-        if only is not None:
-            region_condition[i] = only
+        conditions = reading_regions.get(i, {None})
+        if len(conditions) == 1 and None not in conditions:
+            (region_condition[i],) = conditions
         operation = operations[i]
         for position, operand in enumerate(operation.operands):
             if operand in in_order:
                 # Operands of `rarely`: condition, rare value, usual value.
                 is_rare_value = operation.name == "rarely" and position == 1
-                opens_region = is_rare_value and i not in region_condition
-                wanted.setdefault(operand, set()).add(
-                    operation.operands[0] if opens_region else region_condition.get(i)
-                )
+                begins_region = is_rare_value and i not in region_condition
+                condition = operation.operands[0] if begins_region else region_condition.get(i)
+                reading_regions.setdefault(operand, set()).add(condition)
     return region_condition

@@ -33,7 +33,7 @@ def evaluate_operation(name: str, dtype: str, operands: tuple[Array, ...]) -> Ar
 
 
 def _result(name: str, dtype: str, *operands: Array) -> Array:
-    # Computes an operation; `evaluate_operation` also silences NumPy's warnings.
+    # Computes an operation; callers silence NumPy. [()] makes a number of an array without axes.
     if name in ("convert", "bitcast"):
         x = np.asarray(operands[0])
         return (_convert(x, np.dtype(dtype)) if name == "convert" else x.view(dtype))[()]
@@ -63,8 +63,7 @@ def fma(a: Array, b: Array, c: Array) -> Array:
 
     float64 is computed in long double, whose 64 bits of mantissa keep the result within (1/2 +
     2^-11) ulp. float32 is computed in float64, with the sum rounded to odd: of the two neighbours
-    of an inexact sum, the result is the one whose last bit is 1. The conversion to float32 then
-    rounds like the exact sum.
+    of an inexact sum, the one whose last bit is 1. The float32 is then that of the exact sum.
     """
     if np.asarray(a).dtype == np.float64:
         return np.float64(np.longdouble(a) * np.longdouble(b) + np.longdouble(c))
@@ -74,6 +73,7 @@ def fma(a: Array, b: Array, c: Array) -> Array:
     error = (product - (total - rest)) + (np.float64(c) - rest)  # of the sum, exactly (Knuth)
     bits = total.view(np.int64)
     is_inexact_and_even = np.isfinite(total) & (error != 0.0) & (bits & 1 == 0)
+    # The exact sum is between `total` and this neighbour. bits + 1: the next number away from 0.
     odd_neighbour = np.where((error > 0.0) == (total > 0.0), bits + 1, bits - 1)
     to_odd = np.where(is_inexact_and_even, odd_neighbour, bits)
     return to_odd.view(np.float64).astype(np.float32)[()]
@@ -99,7 +99,7 @@ def _convert(x: Array, dtype: np.dtype) -> Array:
         return x != 0
     if x.dtype.kind == "f" and dtype.kind in "iu":
         integers = np.iinfo(dtype)
-        # The smallest power of two above the integers. Their largest number may have no float64.
+        # The power of two above the largest integer, which may not be a float64 (2^63 - 1 is none).
         limit = 2.0 ** (integers.bits - (dtype.kind == "i"))
         number = np.where(np.isnan(x), 0.0, x).astype(np.float64)
         clipped = np.clip(number, float(integers.min), np.nextafter(limit, 0.0))

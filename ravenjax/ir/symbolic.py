@@ -76,6 +76,7 @@ class Term:
 
     def _factor(self) -> tuple[Term, float | None]:
         """Return (x, c) if this term is a product c x with a constant c > 0, else (self, None)."""
+        # All constants of products are positive, because `__mul__` moves their signs to `sign`.
         operation = self.builder.operations[self.number]
         if operation.name == "mul":
             for number, rest in (operation.operands, operation.operands[::-1]):

@@ -151,7 +151,7 @@ def _live_state(loop: TimeLoop) -> Set[int]:
         return indices.intersection(range(loop.states))
 
     live = list_state_reads(loop.finish, loop.finish.needed())
-    # Adds what these numbers need in the tick before, until nothing is added.
+    # Adds what the outputs and the new state need. In `step.outputs`, the new state comes first.
     while True:
         needed = step.needed([*(step.outputs[k] for k in live), *step.outputs[loop.states :]])
         new = live | list_state_reads(step, needed)

@@ -33,7 +33,7 @@ def choice(values: Sequence[Any]) -> Form:
 
 
 def together(values: Sequence[float]) -> Form:
-    """Draw one of the values. All parameters with `together` have the value of the same index."""
+    """Draw a position in the list. In a run, all lists of `together` use the same position."""
     return {"together": list(values)}
 
 

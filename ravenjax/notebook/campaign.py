@@ -1,5 +1,4 @@
-"""The class Campaign: a campaign that is declared in Python or read from a TOML file, checked, and
-run."""
+"""The class Campaign: declared in Python or read from a TOML file, then checked and run."""
 
 from __future__ import annotations
 
@@ -74,7 +73,7 @@ class Campaign:
 
     @classmethod
     def from_toml(cls, source: str | Path, overrides: Sequence[str] = ()) -> Campaign:
-        """Return the campaign of a TOML file, a bundled campaign's name, or a TOML text of lines.
+        """Return the campaign of a TOML file, of a bundled name, or of a TOML text with newlines.
 
         overrides: `key.path=value`, as for `--set` on the command line. Comments are lost. Raise
         UserError with file, line, key, value and expected values.
@@ -95,7 +94,7 @@ class Campaign:
         return campaign
 
     def to_toml(self, path: str | Path | None = None) -> str:
-        """Return the text of a campaign file with the same content, and write it to any `path`.
+        """Return the campaign as the text of a TOML file. If `path` is given, write the file.
 
         Paths of files in the folder of `path` are written relative to this folder. Raise StoreError
         if `path` cannot be written.
@@ -128,7 +127,7 @@ class Campaign:
     ) -> CampaignResults:
         """Run the campaign. The arguments are those of the function `run`.
 
-        Without `out` the results are in a temporary folder that is deleted together with them.
+        Without `out` the files are in a temporary folder, deleted with the returned object.
         Raise UserError, and StoreError for errors of `out`.
         """
         from ravenjax.notebook.results import CampaignResults

@@ -97,7 +97,7 @@ class CampaignResults:
         return self._results.arrow(columns)
 
     def query(self, sql: str) -> pd.DataFrame:
-        """Run an SQL query on the tables `results` and `facts` (computed from it by the report).
+        """Run an SQL query on `results` and on `facts`, which the report computes from `results`.
 
         Join the tables on the column `row`. Example: `results.query("SELECT site, count(*) AS n
         FROM facts WHERE evaded GROUP BY site")`. Raise UserError for an invalid query.
@@ -177,15 +177,15 @@ class CampaignResults:
         return self._plot("time_to_know", "no fault had an effect")
 
     def plot_roc(self) -> ShownFigure:
-        """Plot detectors: shares with an alarm, of unintended motions over those of other runs."""
+        """Plot ROC curves: share of unintended motions with an alarm (y), of other runs (x)."""
         return self._plot("roc", "the campaign has no [[detector]]")
 
     def plot_tradeoff(self) -> ShownFigure:
-        """Plot haptic sets: share of unintended motions without a cue over false cues per hour."""
+        """Plot haptic sets: share of motions that the cue misses (y), false cues per hour (x)."""
         return self._plot("tradeoff", "the results contain no fault-free motion")
 
     def plot_chain(self, run: int | str, engine: str = "auto") -> ShownFigure:
-        """Plot over time which signals of a run differ from the golden run. It is computed again.
+        """Compute a run again, and plot over time which signals differ from the golden run.
 
         run: index, run id, or first letters of a run id.
         """

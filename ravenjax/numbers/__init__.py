@@ -1,5 +1,4 @@
-"""Defines the number types in which a tick of the simulation is written: scalars, vectors and
-records.
+"""Defines the number types in which a tick is written: scalars, vectors and records.
 
 The types that most modules need can be imported from here.
 """

@@ -178,7 +178,7 @@ def _compile_truth(node: ast.AST) -> Formula:
         case ast.Compare(ops=ops) if all(type(op) in (ast.Gt, ast.Lt) for op in ops):
             return _compile_comparison(node)
         case ast.Compare():
-            raise _error(node, "comparisons by > and <: for a whole number write > 2.5")
+            raise _error(node, "comparisons by > and <: instead of n >= 3 write n > 2.5")
         case ast.BoolOp(op, values):
             extreme = jnp.minimum if isinstance(op, ast.And) else jnp.maximum
             return _combine(extreme, [_compile_truth(value) for value in values])
@@ -200,8 +200,8 @@ def _compile_truth(node: ast.AST) -> Formula:
             return _over_window(_compile_truth(inner), _IS_MAXIMUM[name], in_future, a, b)
     raise _error(
         node,
-        "a comparison such as depth > 2, and, or, not, implies(a, b), once[0:100](..),"
-        " historically[0:20](..), eventually[0:100](..) or always[0:20](..) with whole ms",
+        "one of: a comparison such as 'depth > 2'; 'a and b', 'a or b', 'not a', 'implies(a, b)';"
+        " once[0:100](a), historically, eventually or always in this form, with whole ms",
     )
 
 

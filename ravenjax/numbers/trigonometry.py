@@ -1,8 +1,7 @@
 """Sine and cosine in float64, for numbers and arrays, with the same bits on every machine.
 
 The C libraries of different machines differ in the last bit. These functions consist of sums and
-products, each rounded as IEEE 754 requires. Angles are in rad, at most 1e5. The largest error is
-0.6 ulp.
+products, each rounded as IEEE 754 requires. Angles are in rad, at most 1e5. Error: up to 0.6 ulp.
 
 The angle is reduced by a multiple of pi/2, which is stored in three parts. The polynomials are
 those of FreeBSD msun, `k_sin.c` and `k_cos.c`.

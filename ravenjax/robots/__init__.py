@@ -1,5 +1,4 @@
-"""Holds the robots. The folder of a robot declares arms, joints, sites and checks, and contains the
-tick.
+"""The robots. The folder of a robot declares arms, joints, sites and checks, and contains the tick.
 
 `find_robot` returns the declaration of a robot by name. A user's robot is a module beside the
 campaign, in the current folder, or on Python's path. Such a module declares ROBOT, and a campaign
@@ -112,7 +111,7 @@ def _require_agreement(top: ModuleSpec, file: Path):
             spec = PathFinder.find_spec(name, path or [place]) if own else None
             if spec is not None and spec.origin is not None:
                 if not isinstance(spec.loader, SourceFileLoader):
-                    raise ImportError(f"{spec.origin}: you agreed to run Python source only")
+                    raise ImportError(f"expected the Python source of {name}, got {spec.origin}")
                 spec.loader = _Source(name, spec.origin)
             return spec
 

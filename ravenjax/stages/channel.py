@@ -11,9 +11,9 @@ UVA-DSA's Activity-Aware-Recovery (network/interception.py, config.json), packet
   The model uses this probability, so no length is drawn beforehand.
 - A packet is late by a delay of 10 to 100 ms and a jitter of 1 to 10 ms, both uniform.
 
-Simplification: at most one packet arrives in a tick, and the delay is drawn at the arrival. The
-packet that arrives is the one sent a delay ago, unless a newer packet arrived before. Packets that
-others overtook are therefore lost, as the robot's check of sequence numbers would drop them. The
+Simplification: at most one packet arrives in a tick. Each tick draws a delay d. The newest packet
+that was sent at least d ago arrives, unless a newer packet has arrived before. Packets that others
+overtook are therefore lost, as the robot's check of sequence numbers would drop them. The
 emulator's loss of the whole connection is the fault effect `drop`.
 """
 

@@ -7,11 +7,11 @@ There are five kinds:
 - `steps`: the model-based detector of DSN'16. A dynamic model that gets the written command
   predicts how motors and joints 1-3 move. The virtual robot is used as that model. A *step* is a
   change within 1 ms. Steps of motor position, motor velocity and joint position give one score
-  each: the step divided by the largest usual step (`LEARNED_STEPS`), and of that quotient the
-  largest of the three joints. As published, the score of motor velocity is the smaller score of
-  this tick and the last tick. The three scores are then *fused*: `all` (the published rule) uses
-  the smallest of them, `two` the middle score, `any` the largest; `mpos`, `mvel` and `jpos` use
-  only the score of this name.
+  each. For each of the three joints, the step is divided by its largest usual step
+  (`LEARNED_STEPS`); the score is the largest quotient. As published, the score of motor velocity is
+  the smaller score of this tick and the last tick. The three scores are then *fused*: `all` (the
+  published rule) uses the smallest of them, `two` the middle score, `any` the largest; `mpos`,
+  `mvel` and `jpos` use only the score of this name.
 - `derivative_sum`: |link velocities| + |link accelerations| + 0.001 (|motor velocities| + |motor
   accelerations|), summed over joints 1-3, in the authors' mixed units (sys_dyn_gold_euler_detect of
   raven2_sim, threshold 55).

@@ -4,20 +4,21 @@ This module is a `Loop` of `ravenjax.engines.interface`: a robot's loop with an 
 tick, the observer compares every number at a seam with the golden run's number of the same tick.
 Golden numbers are inputs of a lane, in a time series. In every campaign the golden run's tips are
 such inputs too. Engines can therefore run many lanes at once and start them from snapshots of
-golden runs. No trace is stored. The outcomes that the robot's loop has too are equal to it bit by
-bit. With both arms of a Raven-II, 349 numbers are compared in each tick. The series of a golden run
-of 3 s has 4.5 MB.
+golden runs. No trace is stored. The run's outcomes equal those of the robot's loop without the
+observer, bit by bit. With both arms of a Raven-II, 349 numbers are compared in each tick. The
+series of a golden run of 3 s has 4.5 MB.
 
 The robot's loop also has
 
-    name_signals(setup, signals) -> {name: signal}, from which the paths of the robot's seams lead
+    name_signals(setup, signals) -> {name: signal}: `control` of the path `control.arms.ARM.tau_d`
     check_histories(setup, state) -> {name: `stages.check.CheckHistory`}
 
 and its state has a `monitor`.
 
 `differs` is the first tick in which any bit of a number differs from the golden run's number.
 `leaves` is the first tick in which a number is outside its normal range while the golden run's is
-inside. Numbers of a seam with `present` are compared only in ticks that have its signal.
+inside. A seam such as the packet has a signal only in some ticks. `Seam.present` is the path of a
+number that is 0 in the other ticks. In those ticks the seam is not compared.
 """
 
 import dataclasses

@@ -1,5 +1,4 @@
-"""Computes the haptic cue: a spring-damper force that grows with the distance from the nominal
-model.
+"""Computes the haptic cue: a spring-damper force towards the nominal model.
 
 The published rule (Raven-II surgical training simulator, Eq. 5) is interpreted as follows. With e =
 p_model - p_robot, d = e/|e| and v the velocities of the tips:

@@ -10,7 +10,7 @@ from the golden run, b the distance from the nominal model, and c the distance f
 would be if the robot had stood still. With d = min(a, b):
 
     unintended motion:  min(d, c) > limit
-    loss of motion:     d > limit, and min(d, c) <= limit or c < d / 2
+    loss of motion:     d > limit and (min(d, c) <= limit or c < d / 2)
     false report:       |(measured - true) - (the golden run's measured - true)| > limit
 
 The condition c < d / 2 means that most of d is motion that the robot missed.

@@ -1,10 +1,10 @@
-"""Stores the ticks in which packets were sent, one bit per tick, so that an older packet can be
-sent again.
+"""Stores the ticks in which packets were sent, one bit per tick, to send an old packet again.
 
 A network fault may deliver an older packet. The tick in which that packet was sent cannot be
 computed from the number of packets, because the intervals between packets vary. The history is
-therefore a row of 32-bit words that shift by one bit in each tick. The packet after which n others
-were sent is the set bit that has n set bits below it. This bit is found by sums over pairs, fours,
+therefore a row of 32-bit words that shift by one bit in each tick. Bit 0 is the present tick; a set
+bit is a packet. If n packets were sent after a packet, n set bits are below its bit. To find the
+bit, set bits are counted in pairs, fours,
 eights and halves of a word (S. E. Anderson, Bit Twiddling Hacks: counting bits set, in parallel;
 selecting the position of a bit with a given count).
 """

@@ -1,9 +1,9 @@
 """Converts the signals of a run's ticks to time series, for every robot.
 
-`Robot.series` names a path for each series. Its first word is a signal of the loop's
-`name_signals`. The word ARM stands for the arm; such a series exists for each arm. Signals are in
-SI units; a series whose name ends in _mm is in mm. A series without a signal is left out.
-`store.logs.time_series` describes the series.
+`Robot.series` has a path for each series, such as jpos = "control.arms.ARM.jpos". Its first word is
+a signal of the loop's `name_signals`. With the word ARM there is a series for each arm, here
+gold/jpos and green/jpos. Signals are in SI units; a series whose name ends in _mm is in mm. A
+series without a signal is left out. `store.logs.time_series` describes the series.
 """
 
 import itertools

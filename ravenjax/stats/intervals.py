@@ -110,17 +110,19 @@ def rate_bounds(
 def anytime_bounds(
     k: np.ndarray, n: np.ndarray, alpha: float, half_width: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return lower and upper bounds [m] of the rates k/n that hold at all n together, with a chance
-    to miss of `alpha`.
+    """Return lower and upper bounds [m] of the rates k/n.
 
-    Each rate p is tested against p - half_width and p + half_width by Wald's likelihood ratio (Ann.
-    Math. Stat. 16, 1945). By Ville's inequality the mean of both exceeds 1/alpha at any n with a
-    probability of at most alpha. Of all tests, this one reaches `half_width` with the fewest runs.
+    Bounds of all n together contain the rate with a probability of at least 1 - alpha. Each rate p
+    is tested by the likelihood ratios of p - half_width and of p + half_width to p (Wald, Ann.
+    Math. Stat. 16, 1945). By Ville's inequality, the mean of the two ratios exceeds 1/alpha at any
+    n with a probability of at most alpha. So p is excluded if a ratio exceeds 2/alpha. Of all
+    tests, this one reaches `half_width` with the fewest runs.
     """
     from scipy.special import xlogy
 
     def upper_bound(k: np.ndarray) -> np.ndarray:
-        # Returns the lowest rate that the test excludes, by bisection: the ratio rises with it.
+        # Returns the lowest rate above k/n that is excluded, by bisection. The likelihood ratio of
+        # the rate that is lower by `half_width` rises with the rate.
         low, high = np.zeros(k.shape), np.ones(k.shape)
         for _ in range(50):
             rate = (low + high) / 2
@@ -153,12 +155,11 @@ def independent_difference(first: Estimate, second: Estimate) -> Estimate:
 
 
 def rate_difference(k1: int, n1: int, k2: int, n2: int) -> Estimate:
-    """Return the rate of k1 of n1 minus the rate of k2 of n2 independent runs, with its interval;
-    NaN if a group is empty.
+    """Return the rate of k1 of n1 minus that of k2 of n2 independent runs; NaN if n1 or n2 is 0.
 
     The interval is Newcombe's square-and-add of two Wilson intervals (Stat. Med. 17, 1998, method
-    10). Runs of the same faults are not independent: use `paired`. Raises ValueError on impossible
-    counts.
+    10). For runs of the same faults use `paired`. Raises ValueError on impossible counts.
     """
-    first, second = rates_with_intervals([k1, k2], [n1, n2])
-    return independent_difference(Estimate(*first[2:]), Estimate(*second[2:]))
+    # The first two fields of a Rate are k and n.
+    first, second = (Estimate(*rate[2:]) for rate in rates_with_intervals([k1, k2], [n1, n2]))
+    return independent_difference(first, second)

@@ -66,8 +66,8 @@ class Incidence(NamedTuple):
 def rate_before(lags: Delays) -> Rate:
     """Return the rate of harmful runs with an alarm before the harm.
 
-    `lags`: alarm minus harm of all harmful runs. Runs without an alarm are censored, with the end
-    of the run minus the harm. So a detector cannot look better because it misses faults.
+    `lags`: alarm minus harm of all harmful runs. Runs without an alarm are included: their lag is
+    at least the end of the run minus the harm (censored). So missed faults lower the rate.
     """
     return wilson_interval(int(lags.count[lags.occurred & (lags.time < 0)].sum()), lags.n)
 
@@ -105,8 +105,7 @@ def delay_quantile(
 def incidence_curve(delays: Delays) -> Incidence:
     """Return the incidence over time, with a pointwise 95 % band (Greenwood, log(-log)).
 
-    The incidence of lags gives the lead times of an alarm before the harm: a lead is the negative
-    of a lag, see `Estimate.negated`.
+    Lead times of alarms before the harm are negated lags, see `Estimate.negated`.
     """
     # The formulas are as in scipy.stats.ecdf, which cannot use counts of equal delays.
     from scipy.special import ndtri

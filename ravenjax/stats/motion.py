@@ -9,8 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 RATE_HZ, CUTOFF_HZ = 100.0, 10.0
-# Balasubramanian et al. 2015: cut-off; smallest share of the largest amplitude that counts; how
-# often zeros double the length.
+# Balasubramanian et al. 2015: cut-off; smallest relative amplitude that counts; doublings by zeros.
 _SPARC_HZ, _SPARC_MIN_SHARE, _SPARC_PADS = 10.0, 0.05, 4
 
 

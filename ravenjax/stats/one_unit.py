@@ -47,6 +47,7 @@ def rate_per_unit(k: ArrayLike, n: ArrayLike) -> UnitRate:
     deviation = np.nan
     # Without events, or with only events, the deviation would depend only on the prior.
     if 0 < hit_count < trial_count:
+        # A beta distribution has the standard deviation root * sqrt(mean * (1 - mean)).
         deviation = float((weight * root * np.sqrt(mean * (1.0 - mean))).sum())
     return UnitRate(Rate(hit_count, trial_count, value, low, high), unit_count, deviation)
 
@@ -65,15 +66,14 @@ def _posterior(hits: np.ndarray, trials: np.ndarray) -> tuple[np.ndarray, np.nda
     error = np.sqrt((1.0 / events + 1.0 / others) * max(1.0, excess))
     logit = np.log(events / others)
     means = 1.0 / (1.0 + np.exp(-(logit + 6.0 * error * np.linspace(-1.0, 1.0, GRID))))
-    # The grid of the root of the correlation: the likely points of a coarse grid, and one step
-    # beyond them.
+    # The grid of the root spans the likely points of a coarse grid, and one step to each side.
     coarse = np.geomspace(1e-4, 0.95, GRID)
     best = _log_likelihood(hits, trials, means[:, None], coarse[None, :]).max(axis=0)
     likely = coarse[best > best.max() - _NEGLIGIBLE]
     lowest = 1e-4 if likely[0] == coarse[0] else likely[0] * coarse[0] / coarse[1]
     roots = np.linspace(lowest, min(0.95, likely[-1] * coarse[1] / coarse[0]), GRID)
     mean, root = (points.ravel() for points in np.meshgrid(means, roots, indexing="ij"))
-    # The grid is uniform in the logit of the mean. The logarithm makes the prior uniform in it.
+    # The points are uniform in the logit of the mean. The last term makes the mean's prior uniform.
     log_weight = _log_likelihood(hits, trials, mean, root) + np.log(mean * (1.0 - mean))
     weight = np.exp(log_weight - log_weight.max())
     return mean, root, weight / weight.sum()
@@ -82,7 +82,8 @@ def _posterior(hits: np.ndarray, trials: np.ndarray) -> tuple[np.ndarray, np.nda
 def _log_likelihood(
     hits: np.ndarray, trials: np.ndarray, mean: np.ndarray, root: np.ndarray
 ) -> np.ndarray:
-    # Returns the log-likelihood of beta-binomial counts for each pair of mean and `root`.
+    # Returns the log-likelihood of beta-binomial counts for each pair of the units' mean rate and
+    # the square root of the intra-class correlation.
     from scipy.stats import betabinom
 
     a, b = _beta_parameters(*np.broadcast_arrays(mean, root))

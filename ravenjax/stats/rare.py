@@ -2,8 +2,7 @@
 
 The event is defined by a function g, a limit state. It maps points of the unit cube [n, d] to
 margins [n]. The event is margin <= 0. Each coordinate is the cumulative probability, 0 to 1, of an
-independent input. g is called with batches of points and must always give the same margin for the
-same point.
+independent input. g is called with batches of points. The same point must have the same margin.
 """
 
 import math
@@ -37,11 +36,10 @@ class RareEvent(NamedTuple):
 
 
 def monte_carlo(g: LimitState, d: int, n: int, *, seed: int = 0) -> RareEvent:
-    """Estimate the probability of the event by plain Monte Carlo: the share of n random points of
-    the d-dimensional unit cube, evaluated in batches of BATCH points.
+    """Estimate the probability of the event by plain Monte Carlo, from n random points.
 
-    The interval is that of Clopper and Pearson. A cov of 10 % needs about 100 / probability runs.
-    Raise ValueError if g returns NaN.
+    Points [d] are evaluated in batches of BATCH. The interval is that of Clopper and Pearson. A cov
+    of 10 % needs about 100 / probability runs. Raise ValueError if g returns NaN.
     """
     random = np.random.default_rng(seed)
     hits = 0
@@ -87,7 +85,7 @@ def subset_simulation(
     failure: BaseException | None = None
 
     def margins(points: object) -> np.ndarray:
-        # Counts the runs, and ends a search that has not reached the event in _MAX_LEVELS levels.
+        # Returns margins for OpenTURNS and counts runs. Ends the search after _MAX_LEVELS levels.
         nonlocal runs, failure
         if runs >= _MAX_LEVELS * per_level:
             raise RuntimeError("the event is not reached")
@@ -108,8 +106,7 @@ def subset_simulation(
     )
     algorithm = ot.SubsetSampling(event)
     algorithm.setConditionalProbability(share)
-    # One block is one step of every chain. Larger blocks repeat seeds and leave chains of one step,
-    # with twice the error.
+    # A block is one step of every chain. Larger blocks leave chains of one step: twice the error.
     algorithm.setBlockSize(chains)
     algorithm.setMaximumOuterSampling(round(1 / share))
     state = ot.RandomGenerator.GetState()

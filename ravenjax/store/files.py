@@ -119,8 +119,8 @@ def path_inside(folder: Path, name: str) -> Path:
     path = folder / name
     if not re.fullmatch(r"\w[\w.-]{,199}", name) or path.is_symlink():
         raise StoreError(
-            f"{folder}: the list of files contains {name!r}, expected the name of a file in this"
-            " folder, and no link. The list is damaged or forged, so nothing was read or written"
+            f"{folder}: the list of files contains {name!r}, expected a file of this folder that is"
+            " not a link. The list is damaged or forged, so nothing was read or written"
         )
     return path
 

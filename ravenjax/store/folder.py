@@ -83,9 +83,8 @@ class ResultFolder:
             for what in finished:
                 if isinstance(what, parts.ForeignPart):
                     raise what
-        whole, over = parts.without_overlaps(
-            [part for part in finished if isinstance(part, parts.Part)], known
-        )
+        read = [part for part in finished if isinstance(part, parts.Part)]
+        whole, over = parts.without_overlaps(read, known)
         useless = {
             file.name: str(why)
             for file, why in zip(there, finished, strict=True)
@@ -157,9 +156,9 @@ def read_complete_manifest(path: Path) -> Manifest:
         )
     if record.finished is not None and record.done < record.due:
         raise StoreError(
-            f"{path / manifests.PARTS_FILE}: lists files with {record.done} of the {record.due}"
-            " finished runs. Start the same `ravenjax run` again: it keeps complete files and"
-            " computes missing runs."
+            f"{path / manifests.PARTS_FILE}: the listed files contain {record.done} runs, but"
+            f" {record.due} were finished. Start the same `ravenjax run` again: it keeps complete"
+            " files and computes missing runs."
         )
     return record
 

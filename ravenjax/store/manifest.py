@@ -122,11 +122,17 @@ class Manifest(BaseModel):
         threshold = self.cues[self.verdict_cue].threshold_mm if self.cues else PUBLISHED_CUE_MM
         built_in = built_in_column(self.shape.own_checks, self.shape.stops)
         stopping = tuple((i, one.name) for i, one in enumerate(self.detectors) if one.stops)
-        own = [one for one in self.config.get("harm", ()) if one["counts"] != "watch"]
+        # A harm with "watch" is only reported. A harm with "replaces" counts instead of the limit.
+        harms = [harm for harm in self.config.get("harm", ()) if harm["counts"] != "watch"]
         return Rules(
-            *(self.verdict_cue, threshold, self.verdict_jump, self.limit_mm, built_in, stopping),
-            harms=tuple(f"{one['name']}: {one['when']}" for one in own),
-            limit_counts=all(one["counts"] != "replaces" for one in own),
+            cue=self.verdict_cue,
+            threshold_mm=threshold,
+            jump=self.verdict_jump,
+            limit_mm=self.limit_mm,
+            built_in=built_in,
+            stopping=stopping,
+            harms=tuple(f"{harm['name']}: {harm['when']}" for harm in harms),
+            limit_counts=all(harm["counts"] != "replaces" for harm in harms),
         )
 
     @property
@@ -279,6 +285,7 @@ def read_parts(folder: Path) -> tuple[Part, ...]:
         for line in lines:
             if line.endswith(b"\n"):
                 entries.append(Part.model_validate_json(line))
+                # Raises StoreError for a file outside the folder.
                 path_inside(folder, entries[-1].file)
     return tuple(entries)
 
@@ -294,8 +301,7 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
 def record_part(folder: Path, part: Part) -> None:
     """Append a line about one file to the folder's list. This function is not thread-safe.
 
-    It does not wait for the disk, because a lost line can be made again from the file. Raise
-    StoreError if the line cannot be written.
+    It does not wait for the disk: a lost line can be made again. Raise StoreError if writing fails.
     """
     path = folder / PARTS_FILE
     with disk_errors(f"{path}: cannot be written", KEPT), open(path, "ab") as file:

@@ -33,9 +33,9 @@ FEWEST_ROWS, MOST_ROWS = 1024, 65_536
 
 Fewer rows take longer to write than to compute. More rows are stored too late.
 """
-ALONE, PARTS = 4, 32
-"""ALONE: factor on the smallest number if one process computes all runs, because its threads wait
-for the writer. PARTS: number of parts per process, if this gives enough rows.
+SINGLE_FACTOR, PARTS = 4, 32
+"""SINGLE_FACTOR: for the smallest number if one process computes all runs: its threads wait for the
+writer. PARTS: number of parts per process, if this gives enough rows.
 """
 
 
@@ -71,8 +71,10 @@ def rows_of_a_part(runs: int, workers: int | None = 1) -> int:
 
     workers: number of processes that compute the campaign; None: unknown.
     """
-    fewest = FEWEST_ROWS * (ALONE if workers == 1 else 1)
-    return min(max(-(-runs // (PARTS * (workers or 2))), fewest), MOST_ROWS)
+    fewest = FEWEST_ROWS * (SINGLE_FACTOR if workers == 1 else 1)
+    # Rounded up. An unknown number of processes counts as 2.
+    rows = -(-runs // (PARTS * (workers or 2)))
+    return min(max(rows, fewest), MOST_ROWS)
 
 
 class Encoded(NamedTuple):
@@ -98,9 +100,8 @@ def encode_table(table: pa.Table, config_hash: str) -> Encoded:
         raise StoreError(
             f"expected consecutive rows, got {len(index)} rows with index {first} to {last}"
         )
-    table = table.replace_schema_metadata(
-        {**table.schema.metadata, b"ravenjax.config_hash": config_hash.encode()}
-    )
+    metadata = {**table.schema.metadata, b"ravenjax.config_hash": config_hash.encode()}
+    table = table.replace_schema_metadata(metadata)
     sink = pa.BufferOutputStream()
     # Dictionaries only for words and integers were measured to be faster and smaller than for all
     # columns, because floating-point numbers and ids rarely repeat.
@@ -230,9 +231,9 @@ def _opened(path: Path, config_hash: str | None, recorded: Part | None) -> Itera
 
 
 def concatenate_parts(tables: Sequence[pa.Table]) -> pd.DataFrame:
-    """Concatenate tables to one DataFrame, which does not depend on their sizes.
+    """Concatenate tables to one DataFrame with sorted categories, and only those that occur.
 
-    Categories are sorted. Unused categories are removed.
+    The result does not depend on how the rows are divided into tables.
     """
     frame = pa.concat_tables(tables).unify_dictionaries().to_pandas()
     for name in frame.columns[frame.dtypes == "category"]:
@@ -249,7 +250,9 @@ def missing_rows(done: Iterable[Part], due: Iterable[range], chunk: int = 2**62)
     held = sorted((part.rows for part in done), key=lambda rows: rows.start)
     for rows in due:
         row = rows.start
-        for block in (*(block for block in held if block.stop > row), range(rows.stop, rows.stop)):
+        # The empty last block marks the end.
+        blocks = [*(block for block in held if block.stop > row), range(rows.stop, rows.stop)]
+        for block in blocks:
             # Rows until the next finished block, or until the end, are missing.
             until = min(block.start, rows.stop)
             while row < until:

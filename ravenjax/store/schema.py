@@ -161,7 +161,7 @@ def _array(values, field: pa.Field) -> pa.Array:
 
 
 def word_column(places: np.ndarray, known: Sequence[str]) -> "pd.Categorical":
-    """Return words from their indices `places` in the list `known`.
+    """Return words from their indices `places` in the list `known`, which may repeat words.
 
     Words that occur become the categories, in the order of `known`.
     """

@@ -5,15 +5,15 @@ from the robot's state when the hazard is armed. From the activation on, the col
 to `false_report_first_ms` have the same meaning as in a campaign's result table. At `knowable_ms` a
 person at the console can first notice the hazard: the tip is `SEEN_MM` off its course, the robot
 has left pedal-down although the pedal is held, or a check has raised an alarm. Reaction times start
-at the *origin*: the start of the cue or `knowable_ms`, whichever is earlier. Nobody can prevent
-harm within `ACTS_MS` after the origin. The judge scores the first right response within the time
+at the *origin*: the start of the cue or `knowable_ms`, whichever is earlier. A person acts at the
+earliest `ACTS_MS` after the origin. The judge scores the first right response within the time
 allowed. If there is none, it scores the first other response. It ignores a slow-down that the
 scenario does not list as right, because hands also slow down near a target. A hazard is decided
 when harm is done, when the operator gives a right response, or when the time is up. A pause, a
 reset or a broken connection before that interrupts it. The score has two parts of up to 50 points.
 A right response gives all 50 points up to `FASTEST_MS`, and half of them at the end of the time
-allowed. The other part measures the patient's safety: of the distance to harm at the moment when a
-person could first act, the share that remains at the end.
+allowed. The other part measures the patient's safety. It is 50 points times the remaining distance
+to harm at the end, divided by that distance when a person could first act.
 """
 
 from __future__ import annotations
@@ -76,8 +76,7 @@ Number = Annotated[float | None, BeforeValidator(_number_or_none)]
 @pydantic.dataclasses.dataclass(frozen=True, kw_only=True)
 class HazardRow:
     """One row of hazards.csv. Strings from a file are converted. Times are ms since the session's
-    time began, without pauses. They are None if the event never happened, and distances are None if
-    they were not measured.
+    time began, without pauses. None: the event never happened, or the distance was not measured.
     """
 
     session: Text
@@ -138,9 +137,7 @@ class HazardRow:
 
     @property
     def peak_unintended_mm(self) -> float | None:
-        """Largest unintended motion of the true tip, whether the robot was live or not. None if
-        neither distance was measured.
-        """
+        """Largest unintended motion of the true tip, live or not. None if neither was measured."""
         distances = (self.unintended_mm, self.unintended_off_mm)
         return max((mm for mm in distances if mm is not None), default=None)
 
@@ -258,6 +255,7 @@ class Episode:
         is_excluded = self.interrupted or (self.halted and response in _MOTION_RESPONSES)
         if is_excluded or began_ms < self.origin_ms or response in self.responses:
             return
+        # Without a response, `scored_response` returns "" or "continue", which are not recorded.
         had_scored_response = self.scored_response()[0] in self.responses
         self.responses[response] = began_ms
         is_scored = not had_scored_response or self.scored_response()[0] == response
@@ -320,7 +318,8 @@ class Episode:
             return "unavoidable"
         if self._exceeds_limit(self._caused_mm):
             return "harm"
-        if self.scored_response()[1]:
+        _, is_right_in_time = self.scored_response()
+        if is_right_in_time:
             return "avoided"
         if self.halted:
             return "halted"
@@ -343,8 +342,8 @@ class Episode:
             delay = 0.0 if is_prompt else max(self.reaction_ms(response) - FASTEST_MS, 0.0)
             longest_delay = max(self._within_ms - FASTEST_MS, 1.0)
             response_share = 1.0 - 0.5 * min(delay / longest_delay, 1.0)
-        # Of the distance to a limit when a person could first act, the share that the fault used up
-        # afterwards. If the limit was exceeded before: the share of the whole distance.
+        # The share of the remaining distance to a limit that the fault used up after a person could
+        # first act. If the limit was exceeded before, it is the share of the whole limit.
         unpreventable, limits = self._unpreventable_mm, self._limits_mm
         available = limits - np.where(unpreventable < limits, unpreventable, 0.0)
         used_share = float(np.max((self._caused_mm - unpreventable) / available))
@@ -497,8 +496,8 @@ class SlowdownDetector:
     """How long the hands have been slow. Minus infinity: they were slow before the activation."""
 
     def step(self, hands: list[float]) -> None:
-        """Update the speeds and `slow_ms`. Call it in each tick. hands: positions of all hands, um
-        before scaling, three numbers per hand.
+        """Update the speeds and `slow_ms` in each tick. hands: x, y, z of each hand, um before
+        scaling.
         """
         last_hands, self._last_hands = self._last_hands, hands
         if last_hands is None:
@@ -559,8 +558,7 @@ class Judge:
         self._record = record
         self._ended_episodes: list[Episode] = []
         self._trips = Trips()
-        # By check: a count of alarms that no event has reported yet, and the tick of the last event
-        # that reported a count.
+        # By check: a count of alarms that no event has reported, and the tick of the last report.
         self._unreported_counts: dict[str, int] = {}
         self._last_report_tick: Counter[str] = Counter()
         self._slowdown = SlowdownDetector(scenario.scale)
@@ -568,9 +566,8 @@ class Judge:
     def begin_hazard(self, number: int, tick: int) -> None:
         """Begin to judge a hazard, which is armed before this tick. End the one before."""
         self.end_hazard()
-        self._episode = Episode(
-            self.hazards[number], self.scenario.harm, tick, self.cue_on, self._record
-        )
+        hazard, harm = self.hazards[number], self.scenario.harm
+        self._episode = Episode(hazard, harm, tick, self.cue_on, self._record)
         row = self._episode.row()
         known = {name: row[name] for name in _NAMES["known_when_armed"]}
         self._episode.record("hazard_armed", row=known)
@@ -637,9 +634,7 @@ class Judge:
     def step(
         self, tick: int, frame: Frame, outcomes: Json | None = None, golden: Json | None = None
     ) -> None:
-        """Judge one tick. outcomes, golden: as in `read_checks`; outcomes None: the checks are not
-        read in this tick.
-        """
+        """Judge one tick. outcomes, golden: as in `read_checks`; None: the checks are not read."""
         if not self._arms:
             self._arms = tuple(_Arm(frame, name) for name in frame.layout.arms)
         row = frame.numbers
@@ -698,8 +693,7 @@ class Judge:
         """Record the trips of the robot's checks since the last reading. An alarm or stop becomes
         an event at once if it is new. Otherwise an event reports the count of trips at most every
         `COUNT_EVERY_MS`. outcomes, golden: outcome columns of robot and golden run so far; golden
-        None: there is no golden run. Call it before a hazard is disarmed, because the golden run
-        restarts then.
+        None: there is no golden run. Call it before the end of a hazard restarts the golden run.
         """
         # The operator's E-stop trips checks, too. These are no effect of the hazard.
         episode = None if self._estop_pressed else self._activated_episode()
@@ -761,7 +755,8 @@ class Judge:
                 episode.record_effect(tick, _DEPTH, added_depth)
 
     def _detect_halt(self, tick: int, pedal_down: bool, episode: Episode):
-        # Detects that the robot left pedal-down on its own, and measures how long it stood still.
+        # Detects that the robot left pedal-down on its own. Measures for how long the robot and its
+        # golden run have stood still since the activation.
         self._pedal_held_since_activation = self._pedal_held_since_activation and pedal_down
         if self._estop_pressed:
             return

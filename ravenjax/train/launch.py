@@ -25,13 +25,11 @@ from ravenjax.store import manifest
 from ravenjax.store.consoles import loading as profiles
 from ravenjax.store.files import hash_file
 from ravenjax.store.logs.session import description
-from ravenjax.store.logs.session import log as session_log
 from ravenjax.store.ring import COMMAND_BYTES, EVENT_BYTES, Ring
 from ravenjax.train import page, processes, scenario
 from ravenjax.train.judge import COLUMNS
 from ravenjax.train.protocol import Command, Json, Say
 from ravenjax.train.realtime import clock, loop
-from ravenjax.train.recording import reader, recorder
 from ravenjax.train.robot import UDP_PORT, scene
 from ravenjax.train.robot_link.crtk.messages import Ros
 from ravenjax.train.robot_link.distant import DistantRobot
@@ -156,7 +154,6 @@ def run_realtime(
         consoles = [*filter(None, (browser, *consoles, script))]
         say("recorder: opening its file")
         helpers.recorder.receive_answer()
-        helpers.leave_realtime_cpu()
         stop = stack.enter_context(interruption.until_interrupted())
         # Act on a Ctrl-C that was held back until now.
         interruption.check_interruption()
@@ -208,6 +205,8 @@ def run_headless(options: SessionOptions, say: Say = lambda _: None) -> Finished
     """Run a session as fast as possible, with a simulated operator. The same options give the same
     recording to the bit. Raises UserError without a script.
     """
+    from ravenjax.train.recording import recorder
+
     script = options.script
     if script is None:
         raise UserError(
@@ -315,9 +314,9 @@ def _connect(
     if not isinstance(stream, int):
         if armables:
             raise UserError(
-                f"scenario {options.scenario.name!r} has {len(armables)} hazards, which cannot"
-                f" be armed in a robot over {stream}: choose a scenario without hazards, or"
-                " start `ravenjax robot` and give its joint port"
+                f"scenario {options.scenario.name!r} has {len(armables)} hazards. They cannot be"
+                f" armed in a robot over {stream}: choose a scenario without hazards, or start"
+                " `ravenjax robot` and write --robot HOST:ITP_PORT:JOINT_PORT"
             )
         from ravenjax.train.robot_link.crtk import bridge
         from ravenjax.train.robot_link.crtk.ros_robot import RosRobot
@@ -348,8 +347,8 @@ def parse_address(text: str) -> tuple[str, int, int | Ros]:
     if parts is None:
         raise UserError(
             f"robot is {text!r}, expected HOST[:ITP_PORT[:JOINT_PORT]], such as"
-            " 127.0.0.1:36000:36002; for a robot that reports its state over ROS, ros1 or ros2"
-            " replaces JOINT_PORT"
+            " 127.0.0.1:36000:36002. If the robot reports its state over ROS, write 'ros1' or"
+            " 'ros2' instead of JOINT_PORT"
         )
     host, itp, stream = parts.groups()
     ros: Ros | None = next((name for name in get_args(Ros) if name == stream), None)
@@ -362,8 +361,10 @@ def _conclude(
     """Write hazards.csv, commands.jsonl, the summary and the debrief, and return the results. The
     recorder must have written session.json. timing: of the loop; None: it did not run.
     """
-    # The import is here because jinja and scipy are slow to import.
+    # The imports are here because a session must start fast.
+    from ravenjax.store.logs.session import log as session_log
     from ravenjax.train.debrief import page as debrief
+    from ravenjax.train.recording import reader
 
     shared = reader.session_columns(description.read_session(options.folder))
     rows = reader.number_hazards(session.judge.rows(**shared), session.started or 0)

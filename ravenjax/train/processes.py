@@ -75,24 +75,13 @@ class SessionHelpers:
         if self.page is not None:
             self.page.send(step)
 
-    def leave_realtime_cpu(self) -> None:
-        """Move all threads of both processes off the CPU of the realtime loop."""
-        from ravenjax.train.realtime import clock
-
-        cpus = clock.other_cpus()
-        for helper in (self.recorder, self.page):
-            if cpus and helper is not None:
-                for thread in os.listdir(f"/proc/{helper.process.pid}/task"):
-                    # The thread may have ended.
-                    with contextlib.suppress(ProcessLookupError):
-                        os.sched_setaffinity(int(thread), cpus)
-
 
 def spawn_process(
     stack: contextlib.ExitStack, target: Callable[..., None], *given: Any
 ) -> BaseProcess:
     """Start a process that ignores Ctrl-C, and that `stack` ends. It calls `target(*given)`. The
-    process is spawned, because JAX does not survive a fork.
+    process is spawned, because JAX does not survive a fork. It leaves one CPU to this process,
+    which prepares the robot at the same time and then runs the realtime loop.
     """
     # As python -P: the process does not import a file such as tempfile.py in the current folder.
     os.environ["PYTHONSAFEPATH"] = "1"
@@ -104,9 +93,13 @@ def spawn_process(
     # resource tracker unblocks signals when it starts, so it must run beforehand.
     resource_tracker.ensure_running()
     earlier_mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    cpus = os.sched_getaffinity(0)
+    # A process inherits the CPUs of the thread that starts it.
+    os.sched_setaffinity(0, other_cpus() or cpus)
     try:
         process.start()
     finally:
+        os.sched_setaffinity(0, cpus)
         signal.pthread_sigmask(signal.SIG_SETMASK, earlier_mask)
         if file:
             command["__file__"] = file
@@ -119,6 +112,12 @@ def spawn_process(
 
     stack.callback(end)
     return process
+
+
+def other_cpus() -> set[int]:
+    """Return the CPUs that the realtime process does not use; empty with a single CPU."""
+    cpus = os.sched_getaffinity(0)
+    return cpus - {max(cpus)} if len(cpus) > 1 else set()
 
 
 def recorder_error(recording: BaseProcess) -> str | None:

@@ -8,8 +8,7 @@ arm's frame 0. *Commands* and *events* are plain dicts, sent as JSON;
 docs/how-to/training-messages.md lists them. At the beginning of each tick the session reads the
 commands that have arrived. Its course depends only on a list of (tick, command). The *scene* is
 geometry in plain numbers, for code that runs every millisecond. It contains the point where the
-jaws close, because people see this point as the tip of an instrument. The control software uses the
-axis of the jaws as its tip.
+jaws close, because people see this point as the tip. The control software's tip is the jaws' axis.
 """
 
 from __future__ import annotations
@@ -85,9 +84,8 @@ class FrameLayout:
 
     def of_channels(self, is_kept: Callable[[str], bool]) -> FrameLayout:
         """Return the layout of a row that has only the channels that `is_kept` selects."""
-        return FrameLayout(
-            self.arms, {name: self.sizes[name] for name in filter(is_kept, self.sizes)}
-        )
+        sizes = {name: size for name, size in self.sizes.items() if is_kept(name)}
+        return FrameLayout(self.arms, sizes)
 
     @property
     def simulated(self) -> int:
@@ -218,9 +216,7 @@ def _rows(matrix) -> Any:
 
 
 def closing_point(arm: ArmName, axis: Sequence[float], jpos: Sequence[float]) -> Point:
-    """Return where the ends of the jaws meet, m, frame 0. axis: position of the axis of the jaws.
-    jpos: joints [7], rad and m.
-    """
+    """Return where the jaws close, m, frame 0. axis: position of their axis. jpos: [7], rad, m."""
     x, y, z = jaw_direction(arm, jpos)
     return axis[0] + JAW_LENGTH * x, axis[1] + JAW_LENGTH * y, axis[2] + JAW_LENGTH * z
 
@@ -255,9 +251,8 @@ def with_tips(layout: FrameLayout, row: np.ndarray) -> np.ndarray:
     """Return a copy of a frame's row for drawing: its tips are the points where the jaws close."""
     frame = Frame(layout, row.copy())
     for arm in layout.arms:
-        for axis, joints in _DRAWN.items():
-            place = f"{arm}/{axis}"
-            frame[place] = closing_point(
-                arm, frame[place].tolist(), frame[f"{arm}/{joints}"].tolist()
-            )
+        # `_DRAWN` maps each channel of a tip to the channel of its joints.
+        for tip, joints in _DRAWN.items():
+            axis, jpos = frame[f"{arm}/{tip}"].tolist(), frame[f"{arm}/{joints}"].tolist()
+            frame[f"{arm}/{tip}"] = closing_point(arm, axis, jpos)
     return frame.row

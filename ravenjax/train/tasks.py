@@ -65,9 +65,7 @@ class Task:
         self._events: list[Event] = []
 
     def step(self, frame: Frame, tick: int) -> list[Event]:
-        """Process one tick. Return its events without the tick: "target", "object", "level" and
-        "task_done".
-        """
+        """Process one tick. Return its events, of kind target, object, level or task_done."""
         self._events = []
         if not self.done:
             arms = self._workspace.start_tips
@@ -217,8 +215,7 @@ def _point(settings: Path, middle: tuple[float, float], share: float) -> Point:
 class PegTask(Task):
     """The operator transfers one object from peg to peg; two arms take turns. Jaws that close
     within `tolerance_mm` of the object hold it until they open. If they open near the peg that is
-    the goal, the object is placed. Otherwise it drops to the tissue, and the operator must fetch
-    it.
+    the goal, the object is placed. Otherwise it drops to the tissue, where it must be fetched.
     """
 
     held: ArmName | None = None  # The arm that holds the object
@@ -240,7 +237,7 @@ class PegTask(Task):
             self.route.append(int(rng.choice(others)))
         self.object: Point = self.pegs[self.route[0]]
         # The goal is a peg, or the object, whose number follows those of the pegs.
-        self.target = len(self.pegs)
+        self.target = self._object_number = len(self.pegs)
         self._tolerance_m = settings.tolerance_mm / 1e3
         self._closed = dict.fromkeys(self._arms, False)
 
@@ -272,7 +269,7 @@ class PegTask(Task):
         # Places an object that is within the tolerance of its peg, and drops another object.
         x, y, z = self.object
         self.held, peg = None, self.pegs[self.route[self.placed + 1]]
-        self.target = len(self.pegs)
+        self.target = self._object_number
         if math.dist(self.object, peg) <= self._tolerance_m:
             self.object = peg
             self.placed += 1
@@ -289,7 +286,7 @@ class PegTask(Task):
         """Put a held object back on its peg, because the robot that held it has moved away."""
         if self.held is not None:
             self.held, self.object = None, self.pegs[self.route[self.placed]]
-            self.target = len(self.pegs)
+            self.target = self._object_number
         self._closed = dict.fromkeys(self._arms, False)
 
     def _next_aim(self, tip: Point) -> Aim:
@@ -302,14 +299,13 @@ class PegTask(Task):
         # A held object is lifted first, so that it passes over the pegs. 2 mm below is high enough.
         if holding and tip[2] < z + LIFT_M - 0.002 and distance_xy > self._tolerance_m:
             return Aim((tip[0], tip[1], z + LIFT_M), jaws_closed=True)
-        # At the goal the jaws change: they open if they hold the object, and close if they are
-        # empty. Elsewhere they stay as they are.
+        # The jaws change only at the goal: they open if they hold the object, else they close.
         return Aim((x, y, z if is_above else z + LIFT_M), jaws_closed=holding != is_at_goal)
 
     def _shapes(self) -> Json:
         height = {"height_m": self.settings.height_mm / 1e3}
         pegs = [_spot(k, top, PEG_RADIUS_M, PEG_COLOUR) | height for k, top in enumerate(self.pegs)]
-        shape = _spot(len(self.pegs), self.object, OBJECT_RADIUS_M, OBJECT_COLOUR)
+        shape = _spot(self._object_number, self.object, OBJECT_RADIUS_M, OBJECT_COLOUR)
         turns = {"arms": self._arms, "of": self.settings.transfers}
         return {"pegs": pegs, "object": shape, "turns": turns}
 
@@ -342,9 +338,8 @@ class ReachTask(Task):
         extent = self.settings.extent_mm / 1e3
         points = []
         for _ in range(20):
-            x, y = (
-                float(middle + rng.uniform(-extent, extent)) for middle in self._workspace.middle
-            )
+            middle = self._workspace.middle
+            x, y = (float(centre + rng.uniform(-extent, extent)) for centre in middle)
             height = float(rng.uniform(*self.settings.height_mm)) / 1e3
             points.append((x, y, tissue_height(x, y) + height))
             if math.dist(points[-1], last_point) > MIN_DISTANCE_M:
@@ -405,9 +400,10 @@ class LevelsTask(Task):
         self._round = self._make_round(0)
 
     def _step(self, frame: Frame, tips: Tips, tick: int):
+        # Records the first level in the first tick. `_end_round` records the others.
         if self._published_target < 0:
             self._record_level()
-        # A round is a task of its own, whose events are ignored.
+        # A level has several rounds. A round is a task of its own, whose events are ignored.
         self._round._step(frame, tips, tick)
         if self._round_start is None and self._round.target != 0:
             self._round_start = tick

@@ -153,10 +153,10 @@ def test_what_acts_is_not_noted():
         ({"duration_ms": 0.016}, {}, "in seconds, write 16"),
         ({"start_ms": [0.5, 1.5]}, {}, "in seconds, write [500.0, 1500.0]"),
         ({}, {"parameters": {"plant.friction_scale": True}}, "got True, expected a number"),
-        ({"value": {"uniform": [-0.4, 0.4]}}, {}, "write whole ends, such as -1 and 1"),
+        ({"value": {"uniform": [-0.4, 0.4]}}, {}, "whole numbers as limits, such as -1 and 1"),
         ({"value": {"loguniform": [1.2, 1.8]}}, {}, "shoulder is a whole number (cnt)"),
-        ({"start_ms": {"uniform": [500.2, 500.6]}}, {}, "whole ends, such as 500 and 501"),
-        ({"duration_ms": {"loguniform": [1.5, 1.5]}}, {}, "write whole ends, such as 1 and 2"),
+        ({"start_ms": {"uniform": [500.2, 500.6]}}, {}, "limits, such as 500 and 501"),
+        ({"duration_ms": {"loguniform": [1.5, 1.5]}}, {}, "limits, such as 1 and 2"),
     ],
 )
 def test_a_value_of_another_type_is_refused(fault, sections, said):

@@ -69,7 +69,7 @@ def test_the_terminal_counts_distinct_faults():
     said = sentence(FRAME)
     assert said.startswith(f"{len(evading)} of {len(VALID)} distinct faults evade")
     cues = (evading["cue0_first_ms"] >= 0).sum()
-    assert said.endswith(f"The cue comes in {cues} of these.")
+    assert said.endswith(f"The cue comes in {cues} of these faults.")
     none = share_of_cells(0, 160)
     said = sentence(FRAME, evaded=none, unintended=none)
     assert said.startswith("None of 160 distinct faults") and "do not test the checks" in said

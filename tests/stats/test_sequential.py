@@ -21,7 +21,7 @@ def rule(sizes=(1000,), rates=("harm",), half_width=0.03, shares=(0.1, 0.3, 1.0)
 
 def course(one, cases):
     """Looks of a campaign whose draws are cases[rate][stratum] (bool [draws]) until it stops."""
-    looks, taken = [], one.first_sizes()
+    looks, taken = [], one.sizes()[0]
     while True:
         k = np.array([[of[:t].sum() for of, t in zip(rate, taken, strict=True)] for rate in cases])
         looks.append(one.decide(len(looks) + 1, taken, k, taken))
@@ -141,8 +141,8 @@ def test_any_course_ends_and_keeps_to_what_was_registered(data, sizes, shares, o
 def test_strata_that_are_not_judged_are_taken_at_once():
     free = Stratum("free", 40, judged=False)
     one = Sequential((free, Stratum("dac", 100)), ("harm",), 0.1, (0.1, 1.0))
-    assert one.first_sizes().tolist() == [40, 10]
-    look = one.decide(1, one.first_sizes(), np.array([[0, 1]]), one.first_sizes())
+    assert one.sizes()[0].tolist() == [40, 10]
+    look = one.decide(1, one.sizes()[0], np.array([[0, 1]]), one.sizes()[0])
     assert [i.stratum for i in look.intervals] == ["dac"] and look.waiting == ("dac",)
     assert one.each == 0.95
 
@@ -150,7 +150,7 @@ def test_strata_that_are_not_judged_are_taken_at_once():
 def test_a_stratum_of_which_no_run_is_valid_is_waited_for():
     for of, waiting in (("groups", ("g1",)), ("whole", ("",))):
         one = rule((100, 100), of=of, half_width=0.4)
-        look = one.decide(1, one.first_sizes(), np.array([[1, 0]]), np.array([10, 0]))
+        look = one.decide(1, one.sizes()[0], np.array([[1, 0]]), np.array([10, 0]))
         assert not look.stop and look.waiting == waiting and look.widest == 1.0
         assert math.isnan(look.intervals[-1].value) and "NaN" not in look.model_dump_json()
         back = Look.model_validate_json(look.model_dump_json())

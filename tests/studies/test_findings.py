@@ -101,13 +101,13 @@ def test_campaigns_run_once_and_their_findings_come_out_the_same(tmp_path):
 
 
 def test_a_target_is_met_where_every_line_with_a_band_is_inside_it():
-    assert [state.sentence for state in standings(plain(FOUND)["lines"])] == [
+    assert [*standings(plain(FOUND)["lines"]).values()] == [
         "A6 not met: 1 of 2 lines inside their band",
         "A4 met: 1 of 1 line inside its band",
         "A5 not judged: no line of it with a band has a prediction",
     ]
-    (bare,) = standings([{"target": "A7", "band": None, "passed": None}])
-    assert bare.sentence == "A7 not judged: no line of it has a band"
+    (bare,) = standings([{"target": "A7", "band": None, "passed": None}]).values()
+    assert bare == "A7 not judged: no line of it has a band"
 
 
 @pytest.mark.parametrize(
@@ -134,12 +134,14 @@ def test_kept_findings_are_a_page_and_hold_every_number_and_table_of_their_claim
     section = claims.section(record)
     assert section and claims.ABSENT not in section
     titles = [table["title"] for table in record["tables"]]
-    for pattern in (p for c in claims.of_study(name) for e in c.evidence for p in e.tables):
+    for pattern in (
+        p for c in claims.read_claims(name).claim for e in c.evidence for p in e.tables
+    ):
         assert any(claims.fits(pattern, title) for title in titles), pattern
 
 
 def test_the_kept_pages_over_all_studies_are_those_of_the_kept_findings(tmp_path):
-    records = findings.records(REFERENCE, studies.NAMES)
+    records = findings.records(REFERENCE)
     kept = (REFERENCE / "credibility.md").read_text(encoding="utf-8")
     assert kept == claims.page(records) and claims.ABSENT not in kept
     out = tmp_path / "page.md"

@@ -1,5 +1,5 @@
-"""Classifies each run in the terms of a hazard analysis (`data/terms.toml`), from the result table
-alone.
+"""Classifies each run in the terms of a hazard analysis (`data/terms.toml`), and rates its severity
+on the scale of the risk tables, from the result table alone.
 
 A run may have several classes. A run without any other class has class `none`. A failed run has no
 class.
@@ -18,19 +18,34 @@ A robot that only stops while the golden run continues is therefore not displace
 coasts by 3 mm after its stop is displaced.
 """
 
+import numpy as np
 import pandas as pd
 
-from ravenjax.outcomes.verdict import HALT_MS, LIMIT_MM
-
-CLASSES = ("none", "message", "stop", "unresponsive", "displaced", "jump")
-"""Classes in the order of terms.toml, mildest first."""
+from ravenjax.outcomes.verdict import HALT_MS, LIMIT_MM, TOLD, beyond_golden
 
 IDLE_MS = 200
 """Time for which a robot must stand still to be noticed: the largest tolerated visual delay."""
+SEVERITIES = (
+    "nothing",
+    "a check spoke or limited a command, and nothing else happened",
+    "pause or restart: the robot stopped or stood, and the fault ends by itself",
+    "conversion or reschedule: the same, and a restart would meet the fault again",
+    "injury-capable motion with an alarm of a check, or the haptic cue",
+    "injury-capable motion without any alarm",
+)
+"""Meaning of each severity: an ordinal scale of this project."""
+INJURY = 4
+"""Lowest severity of a motion that could injure."""
+DEPTH_MM = 1.0
+"""Depth beyond the golden run's that could injure: surgeons accept no sudden 1 mm (DSN 2016)."""
+UNTIL_END = -1
+"""`fault<k>_duration_ms` of a fault that lasts until the end of the run."""
 
 
 def classify_rows(frame: pd.DataFrame, limit_mm: float = LIMIT_MM) -> pd.DataFrame:
-    """Return which classes each row of a result table has: bool [rows, CLASSES]."""
+    """Return which classes each row of a result table has: bool [rows, classes]. Columns have the
+    order of terms.toml, mildest first.
+    """
     valid, response = frame["failed"] == "", frame["response"].astype(str)
     absent_ms = frame["golden_pedal_down_ms"] - frame["pedal_down_ms"]
     stop = (response == "stopped") | ((absent_ms > HALT_MS) & (frame["pedal_down_ms"] > 0))
@@ -49,3 +64,24 @@ def classify_rows(frame: pd.DataFrame, limit_mm: float = LIMIT_MM) -> pd.DataFra
     )
     flags["none"] = valid & ~flags.any(axis=1)
     return flags
+
+
+def rate_severity(frame: pd.DataFrame) -> pd.Series:
+    """Return the severity of each row of a result table, Int64, missing for failed runs."""
+    flags, harmful = classify_rows(frame), injury_capable(frame)
+    unavailable, lasting = flags["stop"] | flags["unresponsive"], pd.Series(False, frame.index)
+    cue = beyond_golden(frame["cue0_first_ms"], frame["golden_cue0_first_ms"]) >= 0
+    alarmed = frame["response"].astype(str).isin(TOLD) | cue
+    for slot in frame.filter(regex=r"^fault\d+_site$").columns.str.removesuffix("_site"):
+        endless = (frame[f"{slot}_duration_ms"] == UNTIL_END) | (frame[f"{slot}_every_ms"] > 0)
+        lasting |= (frame[f"{slot}_site"].astype(str) != "") & endless
+    conditions = [harmful & ~alarmed, harmful, unavailable & lasting, unavailable, flags["message"]]
+    number = np.select(conditions, [5, 4, 3, 2, 1], 0)
+    return pd.Series(number, frame.index, "Int64", name="severity").where(frame["failed"] == "")
+
+
+def injury_capable(frame: pd.DataFrame) -> pd.Series:
+    """Return which runs have a jump, an unintended motion, or a tip deeper by DEPTH_MM."""
+    flags = classify_rows(frame)
+    deeper_mm = frame["tissue_depth_mm"] - frame["golden_tissue_depth_mm"]
+    return flags["jump"] | flags["displaced"] | ((deeper_mm > DEPTH_MM) & (frame["failed"] == ""))

@@ -1,61 +1,128 @@
-"""Study that simulates the whole hazard library: outcome classes of every hazard, severities, and
-risk by hazard, by class and by adverse event reports.
+"""Study that simulates the whole hazard library: outcome classes of every hazard, and severity by
+hazard, by pools of hazards, and by adverse event reports.
+
+The runs of a hazard have chosen values and times. A rate is therefore the share of these runs, not
+a frequency of occurrence, and has no interval. All hazards of a pool count equally. The uncertainty
+of a pool's mean depends on its number of hazards, so its interval resamples hazards.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+import tomllib
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 
-from ravenjax.hazards import library
+from ravenjax.hazards import library, naming
 from ravenjax.report import wording
+from ravenjax.stats.bootstrap import units
 from ravenjax.stats.intervals import Estimate
 from ravenjax.store import folder
 from studies import study
-from studies.hazards import risk, safecomp45
-from studies.hazards.risk import PoolRisk
+from studies.hazards import classes, safecomp45
 from studies.hazards.safecomp45 import NOT_SIMULATED, HazardOutcome
-from studies.study import Cell, Line, Published, StudyEstimate, own_line, read_table
+from studies.study import Cell, Line, Published, StudyEstimate, own_line
 
 NAME, BASELINE, EVERY_CYCLE = "hazard_library", "library", "every_cycle"
-MANIFEST = {
-    "network": ("C01", "C02", "C03", "C05", "C06", "C07", "C08"),
-    "get_usb": ("B01", "B02", "B03", "B23"),
-    "put_usb": ("B07", "B08", "B10"),
-    "put_usb_jumps": ("B11",),
-    "in_range": ("C06",),
-}
-"""Maps published shares of MCPS 2015 to the rows of the library that are injected in the same way.
-"""
 DOCUMENTED = ("id", "layer", "title", "source", "expected", "documented_only")
+
+
+class Pool(NamedTuple):
+    """Hazards that belong together."""
+
+    name: str
+    meaning: str
+    hazards: tuple[str, ...]  # ids
+    weight: float = 1.0  # against other pools
+
+
+class PoolRisk(NamedTuple):
+    """The severity of the runs of a pool's hazards."""
+
+    pool: Pool  # with only those of its hazards that have runs
+    mean: float = math.nan  # as of one hazard; NaN: no hazard has runs, and no rates
+    injury: Estimate | None = None
+    silent: Estimate | None = None
+
+
+def report_pools() -> list[Pool]:
+    """Return the categories of adverse event reports with the runnable rows that represent them."""
+    reports = tomllib.loads((library.DATA / "maude.toml").read_text(encoding="utf-8"))
+    pools = []
+    for category in reports["category"]:
+        ids, hazards, scenarios = (
+            set(category.get(key, ())) for key in ("ids", "hazards", "scenarios")
+        )
+        rows = tuple(
+            row.id
+            for row in library.all_hazards()
+            if row.runnable
+            and (row.id in ids or hazards & set(row.hazards) or scenarios & set(row.scenarios))
+        )
+        pools.append(Pool(category["name"], category["source"], rows, category["share"]))
+    return pools
+
+
+def counts(frame: pd.DataFrame) -> pd.DataFrame:
+    """Return the number of valid runs by hazard id (rows) and severity (columns 0 to 5)."""
+    hazard = frame["group"].astype(str).map(naming.hazards_of).explode()
+    severity = classes.rate_severity(frame).loc[hazard.index].to_numpy()
+    return pd.crosstab(hazard.to_numpy(), severity).reindex(
+        columns=range(len(classes.SEVERITIES)), fill_value=0
+    )
+
+
+def by_pool(found: pd.DataFrame, pool: Pool) -> PoolRisk:
+    """Return the risk of a pool's hazards, each counting equally. `found`: as `counts` returns."""
+    one = together(found, [pool], pool.name, pool.meaning)
+    return one._replace(pool=one.pool._replace(weight=pool.weight))
+
+
+def together(found: pd.DataFrame, pools: Sequence[Pool], name: str, meaning: str) -> PoolRisk:
+    """Return the risk of all pools by their weights, without pools that have no run."""
+    ids, weights, total = [], [], 0.0
+    for pool in pools:
+        if run := [one for one in pool.hazards if one in found.index]:
+            ids += run
+            weights += [pool.weight / len(run)] * len(run)
+            total += pool.weight
+    whole, weight = Pool(name, meaning, tuple(ids), total), np.array(weights)
+    if not ids:
+        return PoolRisk(whole)
+    numbers = found.loc[ids].to_numpy()
+    share = numbers / numbers.sum(axis=1, keepdims=True)
+    injury = numbers[:, classes.INJURY :].sum(axis=1) / numbers.sum(axis=1)
+    return PoolRisk(
+        whole,
+        float(np.average(share @ np.arange(share.shape[1]), weights=weight)),
+        mean_over(injury, ids, weight),
+        mean_over(share[:, -1], ids, weight),
+    )
+
+
+def mean_over(shares: np.ndarray, hazard: Sequence[str], weight: np.ndarray) -> Estimate:
+    """Return the weighted mean of shares [n] with its interval over distinct hazards."""
+    return units.ratio_band(weight * shares, weight, units.group_units(np.array(hazard, object)))
 
 
 def compare(context: study.Context) -> study.Findings:
     """Compare every row of the library, and its risk."""
-    frame = folder.read_all(context.folders[BASELINE])
-    outcomes, others = (
-        [one for one in safecomp45.hazard_outcomes(part) if one.hazard.runnable]
-        for part in (frame, folder.read_all(context.folders[EVERY_CYCLE]))
-    )
+    runnable = [row for row in library.all_hazards() if row.runnable]
+    frames = [folder.read_all(context.folders[name]) for name in (BASELINE, EVERY_CYCLE)]
+    outcomes, others = (safecomp45.hazard_outcomes(frame, runnable) for frame in frames)
     unrun = [
         [getattr(row, field) for field in DOCUMENTED]
         for row in library.all_hazards()
         if not row.runnable
     ]
-    counts, pools = risk.counts(frame), risk.report_pools()
+    found, pools = counts(frames[0]), report_pools()
     meaning = "all simulated categories, by their shares; a hazard of two categories counts in both"
-    risks = [
-        *(risk.by_pool(counts, pool) for pool in pools),
-        risk.together(counts, pools, "all", meaning),
-    ]
-    return study.Findings(
-        tuple(_lines(outcomes, others, Published(NAME))),
-        (
-            read_table(NAME, "rows", map(_row, outcomes)),
-            read_table(NAME, "documented", unrun),
-            read_table(NAME, "risk", map(_pool_row, risks)),
-        ),
-        study.read_notes(NAME),
+    risks = [*(by_pool(found, pool) for pool in pools), together(found, pools, "all", meaning)]
+    return study.findings(
+        NAME,
+        _lines(outcomes, others),
+        {"rows": map(_row, outcomes), "documented": unrun, "risk": map(_pool_row, risks)},
     )
 
 
@@ -84,9 +151,7 @@ def _percent(mean: Estimate | None) -> str:
     return value if math.isnan(mean.low) else f"{value} ({low} to {high})"
 
 
-def _lines(
-    found: Sequence[HazardOutcome], others: Sequence[HazardOutcome], published: Published
-) -> Iterator[Line]:
+def _lines(found: Sequence[HazardOutcome], others: Sequence[HazardOutcome]) -> Iterator[Line]:
     counts = {
         "rows that ran": sum(one.runs > 0 for one in found),
         "rows with at least one activated run": sum(one.activated > 0 for one in found),
@@ -95,25 +160,25 @@ def _lines(
     for quantity, count in counts.items():
         value = StudyEstimate(count, n=len(found), of="rows that can be run")
         yield own_line(quantity, "rows", value)
-    reason = "published: drawn values; here every value and hazard counts alike"
+    reason, published = (
+        "published: drawn values; here every value and hazard counts alike",
+        Published(NAME),
+    )
     for packets, part in {"": found, ", a packet each cycle": others}.items():
-        by_id = {one.hazard.id: one for one in part if one.valid}
-        for key, ids in MANIFEST.items():
-            rows = {name: by_id[name] for name in ids if name in by_id}
-            predicted = _manifest(rows, jumps=key == "put_usb_jumps") if rows else None
-            what = f"{published.numbers[key]['what']}{packets}"
+        for key, row in published.numbers.items():
+            mine = [one for one in part if one.valid and one.hazard.id in row["rows"]]
+            predicted = _manifest(mine, jumps=key == "put_usb_jumps") if mine else None
+            what = f"{row['what']}{packets}"
             yield Line(what, "%", published.estimate(key), predicted, reason=reason)
 
 
-def _manifest(rows: Mapping[str, HazardOutcome], jumps: bool) -> StudyEstimate:
+def _manifest(rows: Sequence[HazardOutcome], jumps: bool) -> StudyEstimate:
     """Return the share of activated runs with a jump, or with an effect. Rows count equally."""
-    runs = np.array([one.valid for one in rows.values()])
-    hits = [
-        one.counts["jump"] if jumps else one.valid - one.without_effect for one in rows.values()
-    ]
-    rate = risk.mean_over(hits / runs, list(rows), np.ones(len(rows)))
+    runs, ids = np.array([one.valid for one in rows]), [one.hazard.id for one in rows]
+    hits = [one.counts["jump"] if jumps else one.valid - one.without_effect for one in rows]
+    rate = mean_over(hits / runs, ids, np.ones(len(rows)))
     percent = (100 * end for end in rate)
-    return StudyEstimate(*percent, int(runs.sum()), f"runs of {', '.join(rows)}")
+    return StudyEstimate(*percent, int(runs.sum()), f"runs of {', '.join(ids)}")
 
 
 STUDY = study.study(NAME, study.read_variants(NAME), compare)

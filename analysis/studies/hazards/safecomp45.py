@@ -8,7 +8,8 @@ they are equal, agree `partly` if they have a class in common, and otherwise `di
 
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
+from typing import NamedTuple
 
 import pandas as pd
 
@@ -19,106 +20,13 @@ from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.store import folder
 from studies import study
 from studies.hazards import classes
-from studies.study import Line, Published, StudyEstimate, read_table
+from studies.study import Line, Published, StudyEstimate
 
 AGREE, PARTLY, DIFFER = "agree", "partly", "differ"
 NOT_SIMULATED, UNPUBLISHED = "not simulated", "no outcome published"
 SEEN_SHARE = 0.1
 HARMFUL, UNAVAILABLE = ("displaced", "jump"), ("stop", "unresponsive")
 """Classes of motion that the operator did not command, and of a robot that stands."""
-
-
-@dataclass(frozen=True)
-class HazardOutcome:
-    """The outcomes of the runs of one row of the library."""
-
-    hazard: Hazard
-    runs: int
-    activated: int
-    valid: int  # activated runs with an outcome, of which the counts are a part
-    counts: Mapping[str, int]  # maps a class to the activated, valid runs that have it
-    # Activated, valid runs with a published class and no other; 0 if none is published.
-    fitting: int
-    without_effect: int  # activated, valid runs of class `none`, or of `message` alone
-    causes: Mapping[str, int]  # maps what stopped a run to the activated runs, failed ones too
-    seen_share: float = SEEN_SHARE
-
-    @property
-    def shown(self) -> set[str]:
-        """Return the classes that it shows."""
-        seen = {name for name, k in self.counts.items() if k and k >= self.seen_share * self.valid}
-        return _counted(seen, self.hazard.expected_class)
-
-    def shows(self, names: Collection[str]) -> bool:
-        """Return whether it shows one of these classes."""
-        return not self.shown.isdisjoint(names)
-
-    def mostly(self, causes: Collection[str]) -> bool:
-        """Return whether most activated runs have one of these causes."""
-        return 2 * sum(self.causes.get(cause, 0) for cause in causes) > self.activated
-
-    @property
-    def verdict(self) -> str:
-        """Return the verdict: one of the words in the module docstring."""
-        published = {*self.hazard.expected_class}
-        if not self.hazard.runnable:
-            return NOT_SIMULATED
-        if published & {"withheld", "unpublished"} or "completion" in self.hazard.source:
-            return UNPUBLISHED
-        if self.shown == published:
-            return AGREE
-        return PARTLY if self.shown & published else DIFFER
-
-    @property
-    def reason(self) -> str:
-        """Return why it was not simulated, or the likely reason of a difference."""
-        if self.verdict == NOT_SIMULATED:
-            return self.hazard.documented_only
-        return self.hazard.departure if self.verdict in (PARTLY, DIFFER) else ""
-
-    @property
-    def said(self) -> str:
-        """Return its classes with their counts, most frequent first."""
-        return ", ".join(f"{name} {k}" for name, k in Counter(self.counts).most_common() if k)
-
-
-def hazard_outcomes(
-    frame: pd.DataFrame,
-    rows: Sequence[Hazard] | None = None,
-    limit_mm: float = LIMIT_MM,
-    seen_share: float = SEEN_SHARE,
-) -> list[HazardOutcome]:
-    """Return one outcome per row of the library, or of `rows`. Groups are named by hazards."""
-    flags = classes.classify_rows(frame, limit_mm)
-    ids = frame["group"].astype(str).map(hazards_of)
-
-    def outcome(row: Hazard) -> HazardOutcome:
-        mine = ids.map(lambda names: row.id in names).astype(bool)
-        active = mine & frame["activated"].astype(bool)
-        own = flags.loc[active & (frame["failed"] == "")]
-        expected = {*row.expected_class}
-        shown = [_counted({*own.columns[has]}, expected) for has in own.to_numpy()]
-        return HazardOutcome(
-            row,
-            int(mine.sum()),
-            int(active.sum()),
-            len(own),
-            {name: int(own[name].sum()) for name in classes.CLASSES},
-            sum(bool(names) and names <= expected for names in shown),
-            int((~own[[*UNAVAILABLE, *HARMFUL]].any(axis=1)).sum()),
-            Counter(frame.loc[active, "response_cause"].astype(str)),
-            seen_share,
-        )
-
-    return [outcome(row) for row in (library.all_hazards() if rows is None else rows)]
-
-
-def _counted(shown: set[str], expected: Collection[str]) -> set[str]:
-    if "message" in expected or "message" not in shown:
-        return shown
-    return shown - {"message"} or {"none"}
-
-
 NAME, BASELINE = "safecomp45", "list"
 LENGTHS = ("every_cycle", "draws_2")
 """Variants with another length of packets, and with other draws of it."""
@@ -135,6 +43,90 @@ _UNSPOKEN, _DAC_CHECKS = ("", "watchdog", "plc"), ("overdrive", "hard_counter")
 """Causes of a stop without a check of the control software, and by overdrive detection."""
 
 
+class HazardOutcome(NamedTuple):
+    """The outcomes of the runs of one row of the library."""
+
+    hazard: Hazard
+    runs: int
+    activated: int
+    valid: int  # activated runs with an outcome, of which the counts are a part
+    counts: Mapping[str, int]  # maps a class to the activated, valid runs that have it
+    shown: Collection[str]  # classes that it shows
+    # Activated, valid runs with a published class and no other; 0 if none is published.
+    fitting: int
+    without_effect: int  # activated, valid runs of class `none`, or of `message` alone
+    causes: Mapping[str, int]  # maps what stopped a run to the activated runs, failed ones too
+
+    def shows(self, names: Collection[str]) -> bool:
+        """Return whether it shows one of these classes."""
+        return not {*names}.isdisjoint(self.shown)
+
+    def mostly(self, causes: Collection[str]) -> bool:
+        """Return whether most activated runs have one of these causes."""
+        return 2 * sum(self.causes.get(cause, 0) for cause in causes) > self.activated
+
+    @property
+    def verdict(self) -> str:
+        """Return the verdict: one of the words in the module docstring."""
+        published = {*self.hazard.expected_class}
+        if not self.hazard.runnable:
+            return NOT_SIMULATED
+        if published & {"withheld", "unpublished"} or "completion" in self.hazard.source:
+            return UNPUBLISHED
+        if self.shown == published:
+            return AGREE
+        return PARTLY if self.shows(published) else DIFFER
+
+    @property
+    def reason(self) -> str:
+        """Return why it was not simulated, or the likely reason of a difference."""
+        if self.verdict == NOT_SIMULATED:
+            return self.hazard.documented_only
+        return self.hazard.departure if self.verdict in (PARTLY, DIFFER) else ""
+
+    @property
+    def said(self) -> str:
+        """Return its classes with their counts, most frequent first."""
+        return ", ".join(f"{name} {k}" for name, k in Counter(self.counts).most_common() if k)
+
+
+def hazard_outcomes(
+    frame: pd.DataFrame,
+    rows: Sequence[Hazard],
+    limit_mm: float = LIMIT_MM,
+    seen_share: float = SEEN_SHARE,
+) -> list[HazardOutcome]:
+    """Return one outcome per row of the library. Groups are named by hazards."""
+    flags = classes.classify_rows(frame, limit_mm)
+    ids = frame["group"].astype(str).map(hazards_of)
+
+    def outcome(row: Hazard) -> HazardOutcome:
+        mine = frame.loc[ids.map(lambda names: row.id in names).astype(bool)]
+        active, expected = mine.loc[mine["activated"].astype(bool)], {*row.expected_class}
+        own = flags.loc[active.index[active["failed"] == ""]]
+
+        def counted(shown: Sequence[bool]) -> set[str]:
+            names = {*own.columns[shown]}
+            if "message" in expected or "message" not in names:
+                return names
+            return names - {"message"} or {"none"}
+
+        counts, each = own.sum(), [counted(has) for has in own.to_numpy()]
+        return HazardOutcome(
+            row,
+            len(mine),
+            len(active),
+            len(own),
+            counts.to_dict(),
+            counted((counts > 0) & (counts >= seen_share * len(own))),
+            sum(bool(names) and names <= expected for names in each),
+            int((~own[[*UNAVAILABLE, *HARMFUL]].any(axis=1)).sum()),
+            Counter(active["response_cause"].astype(str)),
+        )
+
+    return [outcome(row) for row in rows]
+
+
 def compare(context: study.Context) -> study.Findings:
     """Compare rows of the list with the runs of each variant."""
     listed = tuple(injections().values())
@@ -148,19 +140,17 @@ def compare(context: study.Context) -> study.Findings:
         for name in (BASELINE, *LENGTHS)
     ]
     missing = [f"INJ {number_of(row)} ({row.id})" for row in listed if not row.runnable]
-    notes = study.read_notes(
-        NAME, missing=", ".join(missing), first_plc=FIRST_PLC, agreed=", ".join(agreed)
-    )
-    if failed := sum(one.activated - one.valid for one in baseline):
-        notes = (*notes, f"{failed} runs gave no valid outcome and are in no count.")
-    return study.Findings(
+    failed = sum(one.activated - one.valid for one in baseline)
+    found = study.findings(
+        NAME,
         (*_agreement_lines(baseline), *_total_lines(baseline)),
-        (
-            read_table(NAME, "rows", map(_row, baseline)),
-            read_table(NAME, "verdicts", verdict_rows(outcomes)),
-        ),
-        notes,
+        {"rows": map(_row, baseline), "verdicts": verdict_rows(outcomes)},
+        missing=", ".join(missing),
+        first_plc=FIRST_PLC,
+        agreed=", ".join(agreed),
     )
+    lost = (f"{failed} runs gave no valid outcome and are in no count.",) if failed else ()
+    return replace(found, notes=found.notes + lost)
 
 
 def injections() -> dict[int, Hazard]:
@@ -215,36 +205,30 @@ def _agreement_lines(found: Sequence[HazardOutcome]) -> Iterator[Line]:
 
 
 def _total_lines(found: Sequence[HazardOutcome]) -> Iterator[Line]:
-    console = [one for one in found if number_of(one.hazard) < FIRST_USB]
-    usb = [one for one in found if number_of(one.hazard) >= FIRST_USB]
-    published = Published("safecomp")
-
-    def harmful(one: HazardOutcome) -> bool:
-        return one.shows(HARMFUL)
-
-    def unspoken(one: HazardOutcome) -> bool:
-        return one.shows(UNAVAILABLE) and one.mostly(_UNSPOKEN)
-
-    def overdrive(one: HazardOutcome) -> bool:
-        return not harmful(one) and one.mostly(_DAC_CHECKS)
-
-    def hangs(one: HazardOutcome) -> bool:
-        return one.shows(UNAVAILABLE) and not harmful(one) and not one.mostly(_DAC_CHECKS)
-
-    for key, rows, holds in (
-        ("unintended", found, harmful),
-        ("usb_unresponsive", usb, unspoken),
-        ("console_harmful", console, harmful),
-        ("console_none", console, lambda one: one.shown == {"none"}),
-        ("console_overdrive", console, overdrive),
-        ("console_hang", console, hangs),
-    ):
-        simulated = [one for one in rows if one.hazard.runnable]
+    published, each = Published("safecomp"), [(one.hazard, _totals(one)) for one in found]
+    for key, row in published.numbers.items():
+        rows = [(hazard.runnable, counted[key]) for hazard, counted in each if key in counted]
+        if not rows:
+            continue
+        simulated = [counts for runnable, counts in rows if runnable]
         left = len(rows) - len(simulated)
         reason = f"{left} of the {len(rows)} rows are not simulated" if left else ""
-        value = StudyEstimate(sum(map(holds, simulated)), n=len(simulated), of="simulated rows")
-        what = published.numbers[key]["what"]
-        yield Line(what, "rows", published.estimate(key), value, reason=reason)
+        value = StudyEstimate(sum(simulated), n=len(simulated), of="simulated rows")
+        yield Line(row["what"], "rows", published.estimate(key), value, reason=reason)
 
 
-STUDY = study.study(NAME, variants=study.read_variants(NAME), compare=compare)
+def _totals(one: HazardOutcome) -> dict[str, bool]:
+    """Return whether each published number of its part of the robot counts this row."""
+    harmful, stands, dac = one.shows(HARMFUL), one.shows(UNAVAILABLE), one.mostly(_DAC_CHECKS)
+    if number_of(one.hazard) >= FIRST_USB:
+        return {"unintended": harmful, "usb_unresponsive": stands and one.mostly(_UNSPOKEN)}
+    return {
+        "unintended": harmful,
+        "console_harmful": harmful,
+        "console_none": one.shown == {"none"},
+        "console_overdrive": dac and not harmful,
+        "console_hang": stands and not harmful and not dac,
+    }
+
+
+STUDY = study.study(NAME, study.read_variants(NAME), compare)

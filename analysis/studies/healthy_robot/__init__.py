@@ -16,10 +16,10 @@ from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.store import folder
 from studies import kinds, runs, study
 from studies.dsn16 import recording
-from studies.hazards import severity
+from studies.hazards import classes
 from studies.healthy_robot import arm_errors, camera_log, tip_error
 from studies.healthy_robot.camera_log import CameraLog
-from studies.study import StudyEstimate, read_table
+from studies.study import StudyEstimate
 
 NAME, COLUMN = "healthy_robot", "param:plant.kinematic_errors.scale"
 FREE, FAULTS = "free", "faults"
@@ -32,7 +32,7 @@ SHARES = {
     "cue3": "cue at 3 mm",
     "cue1": "cue at 1 mm",
     "unwarned": "unintended motion before the cue of 3 mm, or without one",
-    "deeper": f"more than {severity.DEPTH_MM:g} mm deeper in the tissue than the golden run",
+    "deeper": f"more than {classes.DEPTH_MM:g} mm deeper in the tissue than the golden run",
 }
 """Events, as shares of faults that changed a bit."""
 ROBOTS = 500
@@ -76,7 +76,7 @@ def scaled_faults(path: Path) -> ScaledFaults:
     events = frame.assign(
         cue3=frame["cue0_first_ms"] >= 0,
         cue1=frame["cue1_first_ms"] >= 0,
-        deeper=deeper_mm > severity.DEPTH_MM,
+        deeper=deeper_mm > classes.DEPTH_MM,
     )[[*SHARES]]
     parts = {scale: events[np.isclose(frame[COLUMN], scale)] for scale in SCALES}
     common = sorted(set.intersection(*(set(part.index) for part in parts.values())))
@@ -87,65 +87,61 @@ def scaled_faults(path: Path) -> ScaledFaults:
 
 def mean(values: np.ndarray) -> Estimate:
     """Return the mean over robots, with a 95 % bootstrap interval over them."""
-    band = units.ratio_band(values, 1.0, units.group_units(np.arange(len(values))))
-    return Estimate(band.value, band.low, band.high)
+    return units.ratio_band(values, 1.0, units.group_units(np.arange(len(values))))
 
 
 def compare(context: study.Context) -> study.Findings:
     """Compare the recording, if there is one, with drawn robots, and headlines with errors."""
     path, pairs = recording.locate(camera_log.FILE), scaled_faults(context.folders[FAULTS])
-    lines, tables, notes = [], [], []
-    if path is None:
-        notes.append(f"Not at hand: {camera_log.FILE}. Set {recording.DATA} to its folder.")
-    else:
-        log, robots = camera_log.read(path), tip_error.draw(ROBOTS)
-        thin = log.rows(slice(None, None, EVERY))
-        factor, true = tip_error.factor(thin, robots), tip_error.tips_of(thin, robots)
-        lines += _report_lines(log, thin, true)
-        rows = _report_rows(log, thin, robots)
-        tables += [
-            read_table(NAME, "report", rows, robots=ROBOTS, factor=factor),
-            read_table(NAME, "explained", _explained_rows(log)),
-        ]
-    lines += _headline_lines(pairs, folder.read_all(context.folders[FREE]))
-    count = len(pairs.events[OFF])
-    tables.append(read_table(NAME, "headlines", _headline_rows(pairs), faults=count))
-    return study.Findings(tuple(lines), tuple(tables), (*notes, *study.read_notes(NAME)))
+    lines, tables, factor = [], {}, np.nan
+    notes = [f"Not at hand: {camera_log.FILE}. Set {recording.DATA} to its folder."]
+    if path is not None:
+        lines, tables, factor = _report_findings(camera_log.read(path))
+        notes = []
+    return study.findings(
+        NAME,
+        [*lines, *_headline_lines(pairs, folder.read_all(context.folders[FREE]))],
+        {**tables, "headlines": _headline_rows(pairs)},
+        notes,
+        robots=ROBOTS,
+        factor=factor,
+        faults=len(pairs.events[OFF]),
+    )
 
 
-def _report_lines(log: CameraLog, thin: CameraLog, true: np.ndarray) -> Iterator[study.Line]:
-    """Yield lines over the second half. `true`: tips of drawn robots at the rows of `thin`."""
-    _, seen = tip_error.errors_of(log, log.camera)
-    _, errors = tip_error.errors_of(thin, true)
-    (median, far), medians = np.quantile(seen, (0.5, 0.95)), np.median(errors, axis=1)
-    split = float(tip_error.between(log, log.camera)), tip_error.between(thin, true)
-    above = 100 * (errors > tip_error.LIMIT_M).mean(axis=1)
-    tails = np.quantile(errors, 0.95, axis=1) / medians
-    share = "share of the mean square error that is between trajectories"
-    for quantity, unit, value, drawn in (
-        ("tip error after registration, median", "mm", 1e3 * median, 1e3 * medians),
-        ("tip errors above 3 mm", "%", _beyond(seen), above),
-        (share, "", *split),
-        ("95 % quantile of the tip error over its median", "", far / median, tails),
-    ):
-        low, middle, high = np.quantile(drawn, (BAND[0], 0.5, BAND[1]))
-        of = "robots drawn, 10 to 90 % of them"
-        predicted = StudyEstimate(middle, low, high, ROBOTS, of)
-        yield study.Line(f"{quantity}, second half", unit, StudyEstimate(value), predicted)
-
-
-def _report_rows(log: CameraLog, thin: CameraLog, robots: np.ndarray) -> Iterator[tuple[str, ...]]:
-    first, second = tip_error.errors_of(log, log.camera)
-    yield _row("cameras, first half", first)
-    yield _row("cameras, second half", second)
-    for name, share in {"drawn robots": 1.0, "drawn robots, half the errors": HALF}.items():
-        errors = tip_error.predicted(thin, share * robots)[1]
-        yield _row(name, errors.ravel())
+def _report_findings(log: CameraLog) -> tuple[list[study.Line], study.Tables, float]:
+    """Return lines over the second half of a log, tables of errors and of what explains them, and
+    the factor on the distribution of errors that the log asks for.
+    """
+    robots, thin = tip_error.draw(ROBOTS), log.rows(slice(None, None, EVERY))
+    true = tip_error.tips_of(thin, robots)
+    first, seen = tip_error.errors_of(log, log.camera)
+    drawn, half = (tip_error.predicted(thin, share * robots)[1] for share in (FULL, HALF))
+    rows = [_row("cameras, first half", first), _row("cameras, second half", seen)]
+    for name, errors in {"drawn robots": drawn, "drawn robots, half the errors": half}.items():
         ends = np.quantile([_numbers(of_robot) for of_robot in errors], BAND, axis=0)
         bands = zip(*map(_written, ends), strict=True)
-        yield "  10 to 90 % of robots", *(f"{low} to {high}" for low, high in bands)
-    yield _row("null: no errors, or a rigid displacement", np.zeros(1))
-    yield _row("null: isotropic Gaussian of the first half's rms", tip_error.gaussian(log))
+        rows.append(_row(name, errors.ravel()))
+        rows.append(("  10 to 90 % of robots", *(f"{low} to {high}" for low, high in bands)))
+    rows.append(_row("null: no errors, or a rigid displacement", np.zeros(1)))
+    rows.append(_row("null: isotropic Gaussian of the first half's rms", tip_error.gaussian(log)))
+    (median, far), medians = np.quantile(seen, (0.5, 0.95)), np.median(drawn, axis=1)
+    between = float(tip_error.between(log, log.camera)), tip_error.between(thin, true)
+    above = 100 * (drawn > tip_error.LIMIT_M).mean(axis=1)
+    tails = np.quantile(drawn, 0.95, axis=1) / medians
+    lines = []
+    for quantity, unit, value, of_robots in (
+        ("tip error after registration, median", "mm", 1e3 * median, 1e3 * medians),
+        ("tip errors above 3 mm", "%", _beyond(seen), above),
+        ("share of the mean square error that is between trajectories", "", *between),
+        ("95 % quantile of the tip error over its median", "", far / median, tails),
+    ):
+        low, middle, high = np.quantile(of_robots, (BAND[0], 0.5, BAND[1]))
+        of = "robots drawn, 10 to 90 % of them"
+        predicted = StudyEstimate(middle, low, high, ROBOTS, of)
+        lines.append(study.Line(f"{quantity}, second half", unit, StudyEstimate(value), predicted))
+    tables = {"report": rows, "explained": _explained_rows(log)}
+    return lines, tables, tip_error.factor(thin, robots)
 
 
 def _numbers(errors: np.ndarray) -> list[float]:
@@ -166,14 +162,15 @@ def _row(name: str, errors: np.ndarray) -> tuple[str, ...]:
 
 
 def _explained_rows(log: CameraLog) -> Iterator[tuple[str, ...]]:
-    def cells(halves: tuple[np.ndarray, np.ndarray]) -> Iterator[str]:
-        yield from (f"{1e3 * np.median(errors):.2f}" for errors in halves)
-        yield f"{_beyond(halves[1]):.0f}"
+    def medians(*errors: np.ndarray) -> Iterator[str]:
+        return (f"{1e3 * np.median(some):.2f}" for some in errors)
 
     for name, parts in PARTS.items():
         fit = arm_errors.fit(log.rows(slice(None, None, EVERY_OF_FIT)), parts)
-        yield name, *cells(fit.left), f"{1e3 * float(np.median(fit.own[1])):.2f}"
-    yield "null: a static quadratic map of the joints", *cells(tip_error.quadratic_left(log)), ""
+        yield name, *medians(*fit.left), f"{_beyond(fit.left[1]):.0f}", *medians(fit.own[1])
+    left = tip_error.quadratic_left(log)
+    null = "null: a static quadratic map of the joints"
+    yield null, *medians(*left), f"{_beyond(left[1]):.0f}", ""
 
 
 def _headline_lines(pairs: ScaledFaults, free: pd.DataFrame) -> Iterator[study.Line]:
@@ -190,18 +187,13 @@ def _headline_lines(pairs: ScaledFaults, free: pd.DataFrame) -> Iterator[study.L
 
 
 def _headline_rows(pairs: ScaledFaults) -> Iterator[tuple[str, ...]]:
+    def percent(value: float, low: float, high: float, sign: str = "") -> str:
+        return "{} ({} to {})".format(*(f"{100 * x:{sign}.1f}" for x in (value, low, high)))
+
     for event, words in SHARES.items():
-        shares = (pairs.share(event, scale) for scale in SCALES)
-        changes = (pairs.change(event, scale) for scale in (HALF, FULL))
-        yield (
-            *(words, *(_in_percent(share.value, share.low, share.high, "") for share in shares)),
-            *(_in_percent(*change, "+") for change in changes),
-        )
-
-
-def _in_percent(value: float, low: float, high: float, sign: str) -> str:
-    texts = [f"{100 * number:{sign}.1f}" for number in (value, low, high)]
-    return f"{texts[0]} ({texts[1]} to {texts[2]})"
+        shares = (percent(*pairs.share(event, scale)[2:]) for scale in SCALES)
+        changes = (percent(*pairs.change(event, scale), "+") for scale in (HALF, FULL))
+        yield words, *shares, *changes
 
 
 STUDY = study.study(NAME, study.read_variants(NAME), compare)

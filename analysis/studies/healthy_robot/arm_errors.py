@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ravenjax.numbers.lazy import jax, jnp
-from studies.healthy_robot import rigid, tip_error
-from studies.healthy_robot.camera_log import CameraLog
+from studies.healthy_robot import tip_error
+from studies.healthy_robot.camera_log import CameraLog, halves
 from studies.healthy_robot.tip_error import PATHS, SPREAD
 
 # Assumed distance of a camera's point from the jaw axis, at most.
@@ -26,13 +26,13 @@ class ArmFit(NamedTuple):
     """The fit of one arm."""
 
     values: np.ndarray  # [16] kinematic errors at PATHS; 0 if not fitted
-    left: tuple[np.ndarray, np.ndarray]  # m, remaining tip errors on the first and the second half
-    own: tuple[np.ndarray, np.ndarray]  # m, tip errors of an arm with only `values`
+    left: list[np.ndarray]  # m, remaining tip errors on the first and the second half
+    own: list[np.ndarray]  # m, tip errors of an arm with only `values`
 
 
 def fit(log: CameraLog, parts: Collection[str]) -> ArmFit:
     """Return the most probable errors of some `parts`: joint_offset, ratio_error, links, point."""
-    first, _ = log.halves
+    first = log.rows(slice(len(log.joints) // 2))
     open_ = np.array([path.partition(".")[0] in parts for path in PATHS])
     spread = np.concatenate([np.full(6, 1e3), np.full(3, POINT_M), SPREAD])
     free = np.flatnonzero(np.concatenate([np.ones(6, bool), np.full(3, "point" in parts), open_]))
@@ -42,15 +42,14 @@ def fit(log: CameraLog, parts: Collection[str]) -> ArmFit:
         for _ in range(ITERATIONS):
             slope = np.asarray(_slope(x, first.joints, first.rotation))[..., free]
             left = first.camera - np.asarray(_predicted(x, first.joints, first.rotation))
-            weight = rigid.huber(np.linalg.norm(left, axis=1)) * readings / NOISE_M**2
+            weight = tip_error.huber(np.linalg.norm(left, axis=1)) * readings / NOISE_M**2
             prior = np.diag(spread[free] ** -2.0)
             normal = np.einsum("nak,n,nal->kl", slope, weight, slope) + prior
             pull = np.einsum("nak,n,na->k", slope, weight, left) - x[free] / spread[free] ** 2
             x[free] += np.linalg.solve(normal, pull)
         left = log.camera - np.asarray(_predicted(x, log.joints, log.rotation))
-    apart, middle = np.linalg.norm(left, axis=1), len(first.joints)
-    own = tip_error.predicted(log, x[None, 9:])
-    return ArmFit(x[9:], (apart[:middle], apart[middle:]), (own[0][0], own[1][0]))
+    own = [errors[0] for errors in tip_error.predicted(log, x[None, 9:])]
+    return ArmFit(x[9:], halves(np.linalg.norm(left, axis=1)), own)
 
 
 def _tips(x: jax.Array, joints: jax.Array, rotation: jax.Array) -> jax.Array:

@@ -27,10 +27,6 @@ BAD_M = 0.05
 """A row whose two positions are further apart than this, before any fit, is a bad frame."""
 
 
-# Compiles in a third of the time, for code that runs once.
-_QUICK = {"xla_disable_hlo_passes": "fusion"}
-
-
 class CameraLog(NamedTuple):
     """Rows by time. Everything is in the axes of frame 0, but the camera's origin is unknown."""
 
@@ -45,11 +41,10 @@ class CameraLog(NamedTuple):
         """Return some of the log's rows."""
         return CameraLog(*(column[index] for column in self))
 
-    @property
-    def halves(self) -> tuple[CameraLog, CameraLog]:
-        """Return the first half of the rows, that is fitted to, and the second."""
-        middle = len(self.joints) // 2
-        return self.rows(slice(middle)), self.rows(slice(middle, None))
+
+def halves(values: np.ndarray, axis: int = 0) -> list[np.ndarray]:
+    """Return the first half of rows, that is fitted to, and the second."""
+    return np.split(values, [values.shape[axis] // 2], axis)
 
 
 def read(path: Path) -> CameraLog:
@@ -84,7 +79,8 @@ def joints(position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
         return jnp.stack(angles), jnp.stack([valid for _, valid in solutions])
 
     with jax.enable_x64(True):
-        solve = jax.jit(jax.vmap(one), compiler_options=_QUICK)
+        # Compiles in a third of the time, for code that runs once.
+        solve = jax.jit(jax.vmap(one), compiler_options={"xla_disable_hlo_passes": "fusion"})
         candidates, valid = (np.asarray(x) for x in solve(position, rotation))
     home = np.array([*limits.HOME_JPOS[:5], 0.0, 0.0])
     apart = np.where(valid, np.square(candidates - home).sum(axis=-1), np.inf)

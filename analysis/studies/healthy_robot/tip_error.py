@@ -7,28 +7,61 @@ kinematic errors, so that half of the drawn robots have a larger median error on
 the cameras measured. It attributes the whole measured error to the arm: an upper bound.
 """
 
-import dataclasses
+from typing import NamedTuple
 
 import numpy as np
 
+from ravenjax.numbers import paths, tree
 from ravenjax.numbers.lazy import jax, jnp
 from ravenjax.numbers.vec import Vec
-from ravenjax.robots.raven2.arms import JOINTS
-from ravenjax.robots.raven2.geometry.built_links import LinkErrors
 from ravenjax.robots.raven2.plant import kinematic_errors
 from ravenjax.robots.raven2.plant.kinematic_errors import MEASURED, KinematicErrors
-from studies.healthy_robot import rigid
-from studies.healthy_robot.camera_log import ARM, CameraLog
+from ravenjax.robots.raven2.setup import RavenSetup
+from studies.healthy_robot.camera_log import ARM, CameraLog, halves
 
 LIMIT_M = 3e-3
+FAR_M = 2e-3
+"""Distances beyond this count linearly, as in Huber's loss."""
+ITERATIONS = 10
 PATHS, SPREAD = tuple(MEASURED), np.array(tuple(MEASURED.values()))
 
 
-def errors_of(log: CameraLog, true: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+class RigidMotion(NamedTuple):
+    """A rotation and a displacement, or one of each for each of many sets."""
+
+    rotation: np.ndarray  # [..., 3, 3]
+    translation: np.ndarray  # [..., 3] m
+
+    def __call__(self, points: np.ndarray) -> np.ndarray:
+        """Return moved points, [..., n, 3]."""
+        return points @ np.swapaxes(self.rotation, -1, -2) + self.translation[..., None, :]
+
+
+def fit_motion(points: np.ndarray, onto: np.ndarray) -> RigidMotion:
+    """Return the motion of `points` [n, 3] onto others [..., n, 3], m (Kabsch, Huber's loss)."""
+    weight, motion = np.ones(onto.shape[:-1]), RigidMotion(np.eye(3), np.zeros(3))
+    for _ in range(ITERATIONS):
+        share = (weight / weight.sum(axis=-1, keepdims=True))[..., None]
+        centre, other = (share * points).sum(axis=-2), (share * onto).sum(axis=-2)
+        spread = np.swapaxes(share * (points - centre[..., None, :]), -1, -2) @ (
+            onto - other[..., None, :]
+        )
+        left, _, right = np.linalg.svd(spread)
+        left[..., 2] *= np.sign(np.linalg.det(left @ right))[..., None]
+        rotation = np.swapaxes(left @ right, -1, -2)
+        motion = RigidMotion(rotation, other - (rotation @ centre[..., None])[..., 0])
+        weight = huber(np.linalg.norm(onto - motion(points), axis=-1))
+    return motion
+
+
+def huber(distance: np.ndarray) -> np.ndarray:
+    """Return the weight of the square of each distance, m."""
+    return 1.0 / np.maximum(1.0, distance / FAR_M)
+
+
+def errors_of(log: CameraLog, true: np.ndarray) -> list[np.ndarray]:
     """Return tip errors [..., n] (m) on both halves of a log, for tips [..., n, 3]."""
-    middle = len(log.joints) // 2
-    apart = np.linalg.norm(vectors_of(log, true), axis=-1)
-    return apart[..., :middle], apart[..., middle:]
+    return halves(np.linalg.norm(vectors_of(log, true), axis=-1), axis=-1)
 
 
 def rms(errors: np.ndarray) -> float:
@@ -37,15 +70,13 @@ def rms(errors: np.ndarray) -> float:
 
 def vectors_of(log: CameraLog, true: np.ndarray) -> np.ndarray:
     """Return the tip errors of `errors_of` as vectors, [..., n, 3] m."""
-    middle = len(log.joints) // 2
-    motion = rigid.fit(log.reported[:middle], true[..., :middle, :])
+    motion = fit_motion(halves(log.reported)[0], halves(true, axis=-2)[0])
     return true - motion(log.reported)
 
 
 def between(log: CameraLog, true: np.ndarray) -> np.ndarray:
     """Return the share of the second half's mean square error between trajectories, [...]."""
-    middle = len(log.joints) // 2
-    vectors, trajectory = vectors_of(log, true)[..., middle:, :], log.trajectory[middle:]
+    vectors, trajectory = halves(vectors_of(log, true), axis=-2)[1], halves(log.trajectory)[1]
     means = np.empty_like(vectors)
     for number in np.unique(trajectory):
         mine = trajectory == number
@@ -54,33 +85,24 @@ def between(log: CameraLog, true: np.ndarray) -> np.ndarray:
     return above / below
 
 
-def quadratic_left(log: CameraLog) -> tuple[np.ndarray, np.ndarray]:
+def quadratic_left(log: CameraLog) -> list[np.ndarray]:
     """Return what a null model leaves of the tip errors seen by cameras on both halves, m: a static
     quadratic map of the six joints, fitted to the first half.
     """
-    middle = len(log.joints) // 2
     joints = log.joints[:, :6]
-    scaled = (joints - joints[:middle].mean(axis=0)) / joints[:middle].std(axis=0)
+    first, seen = halves(joints)[0], vectors_of(log, log.camera)
+    scaled = (joints - first.mean(axis=0)) / first.std(axis=0)
     pairs = [scaled[:, i] * scaled[:, j] for i in range(6) for j in range(i, 6)]
     columns = np.column_stack([np.ones(len(scaled)), scaled, *pairs])
-    seen = vectors_of(log, log.camera)
-    best, *_ = np.linalg.lstsq(columns[:middle], seen[:middle], rcond=None)
-    left = np.linalg.norm(seen - columns @ best, axis=1)
-    return left[:middle], left[middle:]
+    best, *_ = np.linalg.lstsq(halves(columns)[0], halves(seen)[0], rcond=None)
+    return halves(np.linalg.norm(seen - columns @ best, axis=1))
 
 
 def with_values(values: jax.Array) -> KinematicErrors:
     """Return the record that has `values` [16] at PATHS."""
-    exact = kinematic_errors.no_errors()
-    entries = {path: values[k] for k, path in enumerate(PATHS)}
-    offset, ratio = (
-        Vec(entries.get(f"{part}.{joint}", 0.0) for joint in JOINTS)
-        for part in ("joint_offset", "ratio_error")
-    )
-    links = LinkErrors(
-        *(entries.get(f"links.{field.name}", 0.0) for field in dataclasses.fields(LinkErrors))
-    )
-    return dataclasses.replace(exact, joint_offset=offset, ratio_error=ratio, links=links)
+    exact, entries = kinematic_errors.no_errors(), {path: values[k] for k, path in enumerate(PATHS)}
+    leaves = paths.path_leaves(exact, RavenSetup())
+    return tree.fill_tree(exact, [entries.get(path, number) for path, number in leaves])
 
 
 def true_tips(values: jax.Array, joints: jax.Array) -> jax.Array:
@@ -98,7 +120,7 @@ def draw(robots: int, seed: int = 0) -> np.ndarray:
     return np.random.default_rng(seed).normal(size=(robots, len(PATHS))) * SPREAD
 
 
-def predicted(log: CameraLog, robots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def predicted(log: CameraLog, robots: np.ndarray) -> list[np.ndarray]:
     """Return tip errors [robots, n] (m) on both halves of a log, for errors [robots, 16]."""
     return errors_of(log, tips_of(log, robots))
 
@@ -123,5 +145,5 @@ def factor(log: CameraLog, robots: np.ndarray) -> float:
 def gaussian(log: CameraLog, seed: int = 0) -> np.ndarray:
     """Return [n] tip errors of a null model, m: isotropic normal with the first half's rms."""
     deviation = rms(errors_of(log, log.camera)[0]) / np.sqrt(3.0)
-    normal = np.random.default_rng(seed).normal(size=(len(log.halves[1].joints), 3))
+    normal = np.random.default_rng(seed).normal(size=(len(halves(log.joints)[1]), 3))
     return np.linalg.norm(deviation * normal, axis=1)

@@ -10,6 +10,7 @@ as independent, so the intervals are too wide rather than too narrow.
 
 import math
 from collections.abc import Iterable, Mapping
+from functools import reduce
 from pathlib import Path
 from typing import NamedTuple
 
@@ -112,19 +113,17 @@ def operators(runs: pd.DataFrame) -> Operators:
     numbers = np.stack(np.meshgrid(*fine, indexing="ij"), axis=-1).reshape(-1, len(NUMBERS))
     # Rounding must not place a number outside of the grid
     inside = np.clip(np.log(numbers), *(np.log([at[end] for at in values]) for end in (0, -1)))
-    place = tuple(np.searchsorted(at, runs[name]) for at, name in zip(values, NUMBERS, strict=True))
-    condition, weight = runs["condition"].to_numpy(str), runs["weight"].to_numpy(float)
-    weighted = runs[[*SIMULATED, "done"]].to_numpy(float) * weight[:, None]
     rates = {}
-    for one in np.unique(condition):
-        total = np.zeros((*map(len, values), weighted.shape[1]))
-        mine = condition == one
-        np.add.at(total, tuple(at[mine] for at in place), weighted[mine])
+    for condition, mine in runs.sort_values([*NUMBERS]).groupby("condition"):
+        weighted = mine[[*SIMULATED, "done"]].to_numpy(float) * mine[["weight"]].to_numpy(float)
+        # Of each operator: the runs of all lengths of losses, and of all motions
+        runs_of_each = weighted.reshape(*map(len, values), -1, weighted.shape[1])
+        total = reduce(np.add, np.moveaxis(runs_of_each, -2, 0))
         # An operator who makes no progress needs very long, not infinitely
         done = np.maximum(total[..., -1], 1e-3 * total[..., 0])
         grid = total[..., :-1] / done[..., None]
         at = RegularGridInterpolator([np.log(of) for of in values], grid)
-        rates[str(one)] = at(inside)
+        rates[str(condition)] = at(inside)
     return Operators(numbers, rates)
 
 
@@ -155,13 +154,15 @@ def fit(every: Operators, people: People, seen: Iterable[str] = LOWEST) -> int:
     return int((square.sum(axis=1) + every.distance_squared()).argmin())
 
 
+def mildest(condition: str) -> str:
+    """Return the condition of LOWEST with the same kind of network fault."""
+    return next(one for one in LOWEST if one[:3] == condition[:3])
+
+
 def nulls(condition: str, people: People) -> dict[str, np.ndarray]:
     """Return the ratios to NORMAL that null models predict, by the model's name."""
-    lost, delay = LOST.get(condition, 0.0), DELAY_S.get(condition, 0.0)
-    more = 1 / (1 - lost)
-    kind = condition.partition("-")[0]
-    lowest = next(one for one in LOWEST if one.startswith(kind))
-    severity = {**LOST, **DELAY_S}
+    more, delay = 1 / (1 - LOST.get(condition, 0.0)), DELAY_S.get(condition, 0.0)
+    lowest, severity = mildest(condition), {**LOST, **DELAY_S}
     slope = severity[condition] / severity[lowest]
     return {
         "as without a fault": np.ones(4),

@@ -17,6 +17,6 @@ Effects in the cables, above all backlash, are visible only if they also move th
 
 The intervals of a fit are not too narrow if the virtual robot differs from the logged robot only in
 the fitted parameters. A test used logs of 14 s from twenty virtual robots, each with 44 values
-drawn from the priors. Of these 880 values, 847 (96 %) lay inside their 90 % intervals, and at least
-37 of 44 for each robot. Real robots differ in more ways, so their covariance is only a guide.
+drawn from the priors. Of these 880 values, 852 (97 %) lay inside their 90 % intervals, and at least
+39 of 44 for each robot. A real robot differs in more ways, so its intervals may be too narrow.
 """

@@ -1,7 +1,8 @@
 """Reads a log of one robot arm: desired and measured joint positions in each control cycle.
 
 A table (.csv, .parquet) has one row per sample. Names of columns end in the name of a joint, from
-shoulder to grasp2. A log may leave joints out. Of several such pairs of columns, the first is used.
+shoulder to grasp2. A log may leave joints out. A table needs one of these sets of columns; if it
+has several, the first is used.
 
 - `jpos_d_JOINT` and `jpos_JOINT`: desired and measured joint positions, rad or m.
 - `mpos_d_JOINT` and `mpos_JOINT`: desired and measured motor angles, rad.
@@ -12,13 +13,14 @@ A name may end in `_deg` (motors and angles), `_deg_s` or `_mm` (insertion). The
 column `time_s`, or in one with another unit. Without such a column, samples are `period_ms` apart.
 If there is a column `runlevel`, only the longest stretch in run level pedal-down is used.
 
-A bag of ROS 1 or ROS 2 is converted to such a table. The joint positions come from one of:
+A bag of ROS 1 or 2 is converted to such a table. Joint positions come from one of these topics.
 
 - raven2's `raven_2/raven_state`: `jpos` and `jpos_d` have eight numbers per arm, of which the
   fourth is unused. raven2 multiplies all of them by 180/pi, even the insertion.
 - CRTK's `/arm1/measured_js` and `/arm1/setpoint_js` (arm1 is gold, arm2 green), rad and m. raven2
   publishes the measurements of each arm under the other arm's name (branch crtk,
-  src/raven/local_io.cpp). This module thus pairs desired positions with measured ones that follow.
+  src/raven/local_io.cpp). This module therefore uses, of both arms, the measured positions that
+  are nearer to the desired positions.
 """
 
 import dataclasses

@@ -1,22 +1,23 @@
 """Compiles a campaign's tick to WebAssembly, and describes as JSON how a page runs it.
 
-Numbers are in single precision or are 32-bit integers. Binaries and motions are little-endian words
-in base64. `static/engine.js` reads the object of `describe_program`, with these keys:
+Numbers are float32 or int32. Binaries and motions are little-endian words in base64. The script
+`static/engine.js` reads the object of `describe_program`, with these keys:
 
-- arms, ticks, tick_ms, cue (haptic set of the verdict), slots (faults of a run), observe_ms
-- parameters: those that the page can change, in the order of a run's inputs
-- channels: where faults act; the code of a fault is the channel's index in this list, from 1
-- effects: code; a network effect also has the channel, effect and value that it injects
-- triggers, fields (types of a fault's numbers), forever (length of an endless window)
-- motion, motions: the campaign's own, "" for a recording; float32 columns one after the other
-- programs: outcomes, replay, and acted (outcomes with one more fault slot, for an action). Each is
-  a module with the positions of its numbers in memory, in bytes. It imports
-  env.__linear_memory only. width: robots side by side in a vector. series: numbers that a golden
-  run stores in each tick, and a faulty run reads. outputs, of replay: words written in each tick
-  after the series.
-- actions: number of each action that `acted` can take; empty for a robot without actions
-- harm_limit_mm: limit of motion after a stop, which is harm, too; null if the campaign defines harm
-- verdict: the names of outcomes, and the response of each check
+- arms, ticks, tick_ms, observe_ms: of the campaign; cue: number of the verdict's haptic set
+- parameters: list of the parameters that the page can change, in the order of a run's inputs
+- channels: list of places where faults act; the code of a fault is its index here, from 1
+- effects: effect -> code; a network effect also names its channel and its value there
+- slots: number of faults of a run; triggers: trigger -> code; fields: number of a fault -> type
+- forever: length in ticks of an endless fault window
+- motion: name of the campaign's motion, "" for a recording
+- motions: name of a motion -> its float32 columns, one after the other
+- programs: `outcomes` computes outcomes, `replay` also time series, and `acted` outcomes with an
+  action in one more fault slot. Each program has a binary that imports only its memory, and these
+  numbers: positions of its numbers in memory (bytes); width, robots side by side in a vector;
+  series, numbers of a tick that a golden run stores and a faulty run reads; outputs, of `replay`
+- actions: action -> number, for `acted`; empty for a robot without actions
+- harm_limit_mm: a larger motion after a stop is harm, too; null if the campaign defines harm itself
+- verdict: names of outcomes, and the response of each check
 - examples: the first fault of each group
 - worker: text of `static/worker.js`, which a page starts from a Blob
 """

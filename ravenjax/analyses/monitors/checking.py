@@ -213,9 +213,9 @@ def _read_log(source: Path, monitor: Monitor, record: dict[str, Any]) -> pd.Data
     arms = record["monitor"].get("arms", ())
     if len(arms) > 1:
         raise UserError(
-            f"{source}: a log has one arm, but scores of the calibration are the larger ones of the"
-            f" arms {' and '.join(arms)}. Calibrate with --set 'campaign.arms=[\"NAME\"]' for the"
-            " arm of the log"
+            f"{source}: the log has one arm, but a score of the calibration is the largest score of"
+            f" the arms {' and '.join(arms)}. Calibrate again with the arm of the log alone: --set"
+            " 'campaign.arms=[\"NAME\"]'"
         )
     names = ["live", *input_expressions(monitor.terms, monitor.segments)]
     try:

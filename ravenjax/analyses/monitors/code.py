@@ -1,10 +1,10 @@
 """Generates a monitor's source code: Python for campaigns, and C99 for the software of a robot.
 
-Both files compute the same bits. They read every number as a float, and NaN as 0. Reading NaN as 0
-also prevents an engine from fusing the read with the next subtraction. The C code does the same
-operations in the same order as the Python file, and rounds each result to float. It only subtracts,
-divides and compares, so a compiler cannot fuse a product with a sum. Therefore every compiler with
-IEEE arithmetic gives the same bits. With -ffast-math the bits may differ.
+Both files compute the same bits. They read every number as a float, and NaN as 0. This test for NaN
+also stops an engine from fusing the product that made a number with the subtraction that uses it.
+The C code does the same operations in the same order as the Python file, and rounds each result to
+float. It has no product, so a compiler cannot fuse a product with a sum. Every compiler with IEEE
+arithmetic therefore gives the same bits. With -ffast-math the bits may differ.
 """
 
 from collections.abc import Sequence

@@ -1,5 +1,4 @@
-"""Defines a calibrated monitor as data: scores of signals, the scale of each score, and a
-threshold."""
+"""Defines a calibrated monitor as data: scores of signals, their scales, and a threshold."""
 
 import dataclasses
 import re

@@ -1,2 +1,1 @@
-"""Searches for the smallest harmful fault, the inputs that matter most, and the probability of rare
-events."""
+"""Finds the smallest harmful fault, the inputs that matter most, and the rates of rare events."""

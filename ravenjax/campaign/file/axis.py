@@ -233,7 +233,7 @@ class KeyDefinition(NamedTuple):
             low, high = axis.extent
             raise ValueError(
                 f"got {kind} = {format_value(list(raw))}, expected {self.expected}: write whole"
-                f" ends, such as {math.floor(low)} and {math.ceil(high)}"
+                f" numbers as limits, such as {math.floor(low)} and {math.ceil(high)}"
             )
         return axis
 
@@ -302,7 +302,7 @@ def word_axis(what: str, known: Iterable[str] | None = None) -> KeyDefinition:
     def parse(raw) -> str:
         # Returns a word, which must be one of the known words.
         if not isinstance(raw, str):
-            raise ValueError(f"got {format_value(raw)}, expected {expected}, a list or a choice")
+            raise ValueError(f"got {format_value(raw)}, expected {expected} or a list of names")
         if known is not None and raw not in known:
             raise ValueError(describe_unknown_name(what, raw, known))
         return raw

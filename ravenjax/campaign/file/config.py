@@ -1,4 +1,4 @@
-"""Defines the pydantic model of a whole campaign file, and values from several sections.
+"""Defines the pydantic model of a whole campaign file. Properties combine several sections.
 
 A robot may add sections. `loading` reads a file, and `semantics` checks rules for several sections.
 """

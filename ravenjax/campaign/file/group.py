@@ -1,5 +1,7 @@
 """Defines the keys of the table [[group]] of a campaign file: faults and design."""
 
+from __future__ import annotations
+
 import difflib
 import itertools
 from collections.abc import Iterator, Mapping
@@ -138,7 +140,7 @@ class Fault(Section):
     refused, except at usb_out if campaign.dac_words is set"""
 
     @model_validator(mode="after")
-    def _fits(self) -> "Fault":
+    def _fits(self) -> Fault:
         """Check rules that need no robot. Raise ValueError with a message that names the key."""
         if self.start_ms.phases and self.trigger.listed != ("time",):
             raise ValueError(
@@ -211,7 +213,7 @@ class Group(Section):
         return raw
 
     @model_validator(mode="after")
-    def _design(self) -> "Group":
+    def _design(self) -> Group:
         # Checks that the keys fit the group's design.
         if self.design in SAMPLED and self.runs is None:
             raise ValueError(f"design = {self.design!r} needs the key 'runs', the number of draws")

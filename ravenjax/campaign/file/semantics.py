@@ -239,7 +239,7 @@ def _find_value_error(
         if not axis.fits_whole_numbers:
             return (
                 f"got {axis.kind} = {list(axis.values)}, but {channel.name} is a whole number"
-                f" ({channel.unit}): write whole ends, such as {math.floor(low)} and"
+                f" ({channel.unit}): write whole numbers as limits, such as {math.floor(low)} and"
                 f" {math.ceil(high)}"
             )
         value = math.trunc(value)

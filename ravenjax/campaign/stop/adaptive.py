@@ -52,7 +52,7 @@ def run_adaptively(
     looks: list[Look] = []
     # Number of draws of each group that were computed, and that the next look needs.
     computed = np.zeros(len(draws), np.int64)
-    counts = rule.first_sizes()
+    counts = rule.sizes()[0]
     while True:
         spans = [
             range(group.rows_of(first).stop, group.rows_of(last).stop)

@@ -29,8 +29,7 @@ CALL_TICKS = 2**18
 class LaneCourse:
     """The tick in which each vector of a group begins, and the tick in which each lane ends."""
 
-    # int [vectors]: ticks of snapshots of `trunk`; 0: from the beginning.
-    begins: np.ndarray
+    begins: np.ndarray  # int [vectors]: ticks of snapshots of `trunk`; 0: from the beginning
     ends: np.ndarray  # int [lanes]: the first tick that the lane does not run
     trunk: Trunk | None = None  # the golden run that the lanes start from
 
@@ -90,18 +89,18 @@ class LaneGroup:
         """Set the tick of the first row in memory, for later calls."""
         self._row_tick = tick
 
-    def compute_rows(self, first: int, until: int, after: int | None = None) -> None:
-        """Compute the rows of ticks `first` to before `until`.
+    def compute_rows(self, first: int, until: int, copy_to: int | None = None) -> None:
+        """Advance the group from tick `first` to before `until`, and write a row for each tick.
 
-        after: address for a copy of the group's state at the end.
+        copy_to: address for a copy of the group's state at the end; None: no copy.
         """
         state = row_address(self.group_state)
         buffers = row_address(self._group_inputs), state, row_address(self.lanes.tables)
-        row = row_address(self._rows, first - self._row_tick)
-        inputs = self._tick_input_arguments(first, 0)
-        self._call("shared_run", *buffers, *inputs, row, first, until - first)
-        if after is not None and self.group_state.size:
-            self._call("copy_bytes", after, state, self.group_state.size)
+        inputs = self._tick_input_arguments(first, lane=0)
+        first_row = row_address(self._rows, first - self._row_tick)
+        self._call("shared_run", *buffers, *inputs, first_row, first, until - first)
+        if copy_to is not None and self.group_state.size:
+            self._call("copy_bytes", copy_to, state, self.group_state.size)
 
     def advance(self, v: int, first: int, until: int) -> None:
         """Run vector `v` from tick `first` to before `until`. Rows of these ticks must exist."""
@@ -109,18 +108,15 @@ class LaneGroup:
         # Address of the outputs, and the bytes to the next tick and to the next number.
         if out is None:
             unread = self._unread_outputs
-            output_arguments = row_address(unread), 0, unread.strides[0]
+            outputs = row_address(unread), 0, unread.strides[0]
         else:
             address = row_address(out, first - self.lanes.first) + lane * out.itemsize
-            output_arguments = (address, *out.strides[:2])
-        buffers = self._inputs, self._prologue, self.state
-        # The order of the parameters of `lane_run`, see llvm.toml.
-        self._call(
-            "lane_run",
-            *(row_address(buffer, v) for buffer in buffers),
-            *(row_address(self.lanes.tables), *self._tick_input_arguments(first, lane)),
-            *(row_address(self._rows, first - self._row_tick), *output_arguments, until - first),
-        )
+            outputs = (address, *out.strides[:2])
+        vector = (row_address(buffer, v) for buffer in (self._inputs, self._prologue, self.state))
+        tables, inputs = row_address(self.lanes.tables), self._tick_input_arguments(first, lane)
+        row = row_address(self._rows, first - self._row_tick)
+        # The arguments are in the order of the parameters of `lane_run` in llvm.toml.
+        self._call("lane_run", *vector, tables, *inputs, row, *outputs, until - first)
 
     def _tick_input_arguments(self, tick: int, lane: int):
         """Return the address of a tick's inputs from `lane` on, bytes per tick and per number."""
@@ -216,6 +212,7 @@ class VectorCode:
         snapshots = Trunk.allocate(every, max(1, -(-last // every)), shared_words, len(words))
         result_row = {end: row for row, end in enumerate(ends.tolist())}
         now = 0
+        # Stops at each snapshot and at each end.
         for stop in sorted({*range(0, last, every), *result_row}):
             for first in range(now, stop, every):
                 until = min(first + every, stop)
@@ -230,6 +227,7 @@ class VectorCode:
                 snapshots.lane[stop // every] = state[words]
                 snapshots.group[stop // every] = shared
         group.run_calls()
+        # Lanes are equal, so the first lane of each row of results is enough.
         return snapshots, [column[:: self.width][: len(ends)] for column in group.columns()]
 
     @cached_property
@@ -238,11 +236,12 @@ class VectorCode:
         return np.stack([self.kernel.state.words(lane) for lane in range(self.width)])
 
     def _start_from_snapshots(self, group: LaneGroup, course: LaneCourse, golden_run: Trunk):
-        # Sets the states of a group's lanes from the snapshots of their golden run.
+        # Sets the state of a group, and those of its vectors, to that of the golden run before the
+        # tick in which they begin. Tick 0 needs no snapshot.
         if course.first:
             snapshot = golden_run.group[course.first // golden_run.every]
             group.group_state.view(np.uint32)[0] = snapshot
         states = group.state.view(np.uint32)
-        for v, begin in enumerate(course.begins.tolist()):
-            if begin:
-                states[v][self._state_words] = golden_run.lane[begin // golden_run.every]
+        for v, tick in enumerate(course.begins.tolist()):
+            if tick:
+                states[v][self._state_words] = golden_run.lane[tick // golden_run.every]

@@ -24,9 +24,8 @@ from ravenjax.numbers import tree
 MIN_LANES, MAX_LANES = 256, 1024
 """Least and greatest number of lanes of a block.
 
-With fewer lanes, what the group shares is a large part of the work. With many threads, Python then
-takes longer to prepare the next block than the threads take to compute one. With more lanes, the
-last blocks leave threads idle.
+With fewer lanes, the shared numbers are a large part of the work, and Python prepares blocks more
+slowly than many threads compute them. With more lanes, the last blocks leave threads idle.
 """
 BLOCKS = 8
 """Least number of blocks per thread, if blocks have more than MIN_LANES lanes."""
@@ -69,38 +68,40 @@ class SimdKernel(traced.PrintedKernel):
         """Run a block like `run`. Return also the signals of the first lane, arrays [ticks]."""
         result, out = self._run(block, motion, None)
         tick = self.forms(block, motion).traced
+        # `out` is [ticks, outputs, lanes], and the signals come after the reference series.
         columns = np.ascontiguousarray(out[:, tick.series :, 0].T)
-        numbers = map(_from_slots, columns, tree.tree_leaves(tick.signals))
-        return result, tree.fill_tree(tick.signals, list(numbers))
+        signals = map(_from_slots, columns, tree.tree_leaves(tick.signals))
+        return result, tree.fill_tree(tick.signals, list(signals))
 
     def trunk(
         self, block: Block, motion: Motion, last: int, ends: np.ndarray
     ) -> tuple[Trunk, dict[str, np.ndarray]]:
-        """See `interface.Kernel`."""
+        """Return snapshots of a golden run and its outcomes; see `interface.BranchingKernel`."""
         code, inputs = self._code(block, motion, True), traced.lane_inputs(self.program, block)
         until = max([last, *ends.tolist()])
-        lanes = np.arange(self.width)
-        golden_series = self._golden_series(block, lanes, grouped=True, first=0, last=until)
+        golden_series = self._golden_series(block, np.arange(self.width), True, 0, until)
         lanes = Lanes(inputs, golden_series, traced.motion_tables(motion), None)
         trunk, columns = code.trunk(lanes, last, ends)
         return trunk, dict(zip(self.forms(block, motion).traced.outcomes, columns, strict=True))
 
     def _run(self, block: Block, motion: Motion, progress: Progress | None):
-        # Returns the results of a block, and the raw outputs [ticks, outputs, lanes]. Lanes that
-        # share inputs form a group. Groups are computed one after the other.
+        # Returns the results of a block, and the outputs of its ticks: the reference series, then
+        # the signals, [ticks, outputs, lanes]. Only golden runs and signals keep the outputs.
         tick, ticks = self.forms(block, motion).traced, self.program.ticks
         inputs, group, grouped = self._groups(block)
         code, tables = self._code(block, motion, grouped), traced.motion_tables(motion)
-        lanes, keep = len(group), self.signals or block.reference is None
+        lanes, keep_outputs = len(group), self.signals or block.reference is None
+        # With signals, which have several types, each output fills a slot of 64 bits.
         dtype = np.dtype(np.uint64) if self.signals else self._dtype
-        out = np.zeros((ticks if keep else 0, code.kernel.outputs, lanes), dtype)
+        out = np.zeros((ticks if keep_outputs else 0, code.kernel.outputs, lanes), dtype)
         outcomes = []
+        # Groups, whose lanes share inputs, are computed one after the other.
         for number in range(group.max() + 1):
             members = np.flatnonzero(group == number)
             # The last vector is filled by repeating the last lane.
             vector_lanes = members[np.minimum(np.arange(self.size(len(members))), len(members) - 1)]
             course = self._course(block, vector_lanes, grouped)
-            first, last = (0, ticks) if keep else (course.first, course.last)
+            first, last = (0, ticks) if keep_outputs else (course.first, course.last)
             # The output is large, so one group of all lanes writes into it without a copy.
             one_group = len(vector_lanes) == lanes
             group_out = out if one_group else np.zeros((*out.shape[:2], len(vector_lanes)), dtype)
@@ -108,11 +109,11 @@ class SimdKernel(traced.PrintedKernel):
                 inputs=[column[vector_lanes] for column in inputs],
                 tick_inputs=self._golden_series(block, vector_lanes, grouped, first, last),
                 tables=tables,
-                out=group_out if keep else None,
+                out=group_out if keep_outputs else None,
                 first=first,
             )
             columns = code.run_course(vectors, course, progress)
-            # Count also the ticks that no lane had to run.
+            # `run_course` has counted the ticks that lanes run. The others count as finished, too.
             if progress is not None:
                 progress(ticks * len(vector_lanes) - self.width * course.vector_ticks)
             outcomes = outcomes or [np.zeros(lanes, column.dtype) for column in columns]
@@ -122,8 +123,7 @@ class SimdKernel(traced.PrintedKernel):
                 out[:, :, members] = group_out[:, :, : len(members)]
         reference = out[:, : tick.series]
         if self.signals:
-            numbers = np.ascontiguousarray(reference).view(self._dtype)
-            reference = numbers[:, :, :: 8 // self._dtype.itemsize]
+            reference = _from_slots(np.ascontiguousarray(reference), self._dtype)
         return BlockResult(dict(zip(tick.outcomes, outcomes, strict=True)), reference), out
 
     def _groups(self, block: Block):
@@ -136,19 +136,21 @@ class SimdKernel(traced.PrintedKernel):
         return inputs, group if grouped else np.zeros_like(group), grouped
 
     def _course(self, block: Block, lanes: np.ndarray, grouped: bool) -> LaneCourse:
-        # Plans the ticks of lanes: in which tick each vector begins and each lane ends.
+        # Plans in which tick each vector of lanes begins and each lane ends. Until a fault acts,
+        # lanes equal their golden run, so vectors can begin at its snapshots.
         ends = np.full(len(lanes), self.program.ticks) if block.ends is None else block.ends[lanes]
         begins = np.zeros(len(lanes) // self.width, np.int64)
-        trunk = block.trunk(int(lanes[0])) if grouped else None
-        if trunk is not None and block.acts is not None:
-            begins = trunk.start_ticks(block.acts[lanes].reshape(-1, self.width).min(axis=1))
-        return LaneCourse(begins, ends, trunk)
+        golden_run = block.trunk(int(lanes[0])) if grouped else None
+        if golden_run is not None and block.acts is not None:
+            first_acts = block.acts[lanes].reshape(-1, self.width).min(axis=1)
+            begins = golden_run.start_ticks(first_acts)
+        return LaneCourse(begins, ends, golden_run)
 
     def _golden_series(
         self, block: Block, lanes: np.ndarray, grouped: bool, first: int, last: int
     ) -> np.ndarray:
-        # Returns the reference series of the lanes' golden runs from tick `first` to before `last`;
-        # zeros if lanes are not compared. See `Lanes.tick_inputs` for the shape.
+        # Returns the series of golden runs from tick `first` to before `last`: [ticks, series] if
+        # grouped, else [ticks, series, lanes]; one tick of zeros if lanes are not compared.
         if not block.compared or block.reference is None:
             series = self.program.loop.series_length(self.program.setup)
             return np.zeros((1, series) if grouped else (1, series, len(lanes)), self._dtype)
@@ -157,7 +159,7 @@ class SimdKernel(traced.PrintedKernel):
         return np.ascontiguousarray(series)
 
     def _code(self, block: Block, motion: Motion, grouped: bool) -> VectorCode:
-        # Returns the compiled code for this block, from the cache if it was compiled before.
+        # Returns the compiled code for this block. `forms` caches it, and its text on disk.
         forms, host = self.forms(block, motion), self._host
         key = "simd", self.signals, grouped, self.width, host.text
 
@@ -169,10 +171,10 @@ class SimdKernel(traced.PrintedKernel):
         return forms.code(key, lambda: VectorCode(forms.printed(key, print_code), self.objects))
 
 
-def _from_slots(column: np.ndarray, dtype: np.dtype) -> np.ndarray:
-    """Return the numbers of a column that is stored in slots of 64 bits."""
-    numbers = column.view(np.int32 if dtype.kind == "b" else dtype)
-    return numbers[:: 8 // max(4, dtype.itemsize)].astype(dtype)
+def _from_slots(slots: np.ndarray, dtype: np.dtype) -> np.ndarray:
+    """Return the numbers that slots of 64 bits begin with, in an array of the same shape."""
+    numbers = slots.view(np.int32 if dtype.kind == "b" else dtype)
+    return numbers[..., :: 8 // max(4, dtype.itemsize)].astype(dtype)
 
 
 def lanes_of_block(runs: int, threads: int, width: int) -> int:
@@ -186,8 +188,7 @@ def lanes_of_block(runs: int, threads: int, width: int) -> int:
 class SimdEngine:
     """Engine that uses all cores of a CPU and its widest vectors."""
 
-    # Cache of compiled code that outlives the process.
-    objects: jit.Objects | None = None
+    objects: jit.Objects | None = None  # cache of compiled code that outlives the process
     name: str = "simd"
 
     @property

@@ -10,8 +10,7 @@ numbers that are equal in a group are computed once for the group. The module ha
     lane_finish   writes the results of the lanes
 
 `make_calls` makes a list of calls of these functions. This file also defines the layout of their
-buffers. A buffer of lanes contains `width` consecutive values of each number, and a buffer of
-groups contains one value.
+buffers. A buffer of lanes has `width` consecutive values of each number, one of groups one value.
 """
 
 import bisect
@@ -172,8 +171,6 @@ class _LlvmModule(LoopPrinting[Place]):
         lines = [*self.functions, calls, *sorted(self.declared), attributes, BRANCH_WEIGHTS]
         return dataclasses.replace(self.buffers, text="\n".join(lines))
 
-    # --- addresses of inputs ---
-
     def _lane_state_places(self):
         # Index in the state -> place in the buffer of a lane.
         return _places_by_number(self.lane_state, self.buffers.state, "%state")
@@ -181,8 +178,6 @@ class _LlvmModule(LoopPrinting[Place]):
     def _group_state_places(self, pointer: str = "%state", splat: bool = False):
         # Index in the state -> place in the buffer of a group. splat: each lane reads the number.
         return _places_by_number(self.split.shared_state, self.buffers.group_state, pointer, splat)
-
-    # --- functions ---
 
     def _function(self, name: str, printer: LlvmPrinter):
         # Adds a function without a loop, whose body is the lines of the printer.
@@ -192,7 +187,7 @@ class _LlvmModule(LoopPrinting[Place]):
         self.declared |= printer.declared
 
     def _loop(self, name: str, printer: LlvmPrinter, steps: dict[str, str]):
-        """Add a function that repeats its body. steps: bytes by which each pointer advances."""
+        """Add a function that repeats its body. steps: pointer -> bytes it advances per tick."""
         self.functions.append(repeat_lines(name, _noalias_parameters(name), printer, steps, " #0"))
         self.declared |= printer.declared
 
@@ -203,8 +198,9 @@ class _LlvmModule(LoopPrinting[Place]):
         self._function("shared_begin", printer)
 
     def _shared_run(self):
-        # Prints the loop over ticks for the numbers that all lanes of a group share.
-        printer = LlvmPrinter(1, self.features, "again")
+        # Prints the loop over ticks of a group. A tick reads the group's inputs and its own, writes
+        # the new state of the group, and writes the numbers that lanes read to the tick's row.
+        printer = LlvmPrinter(1, self.features, in_loop=True)
         split, buffers, state = self.split, self.buffers, self._group_state_places()
         sources = self.sources(self.step, buffers.group_inputs.places("%inputs"), state)
         tick_values = self._add_tick_inputs(printer, sources, shared=True)
@@ -216,6 +212,7 @@ class _LlvmModule(LoopPrinting[Place]):
         """Add the places of the tick's inputs to `sources`; return the tick's number as a value."""
         tick_values: dict[int, str] = {}
         for i, k in self.tick_reads.items():
+            # Input 0 is the tick's number. Only the shared code counts ticks; lanes read the row.
             if k:
                 offset = printer.op(f"mul i64 %in_step, {k - 1}")
                 sources[i] = Place(printer.op(f"getelementptr i8, ptr %in, i64 {offset}"))
@@ -225,7 +222,8 @@ class _LlvmModule(LoopPrinting[Place]):
         return tick_values
 
     def _lane_begin(self):
-        # Prints the first state of the lanes, and the numbers that are constant in time.
+        # Prints the first state of a vector of lanes and the prologue: numbers that are constant in
+        # time, which `lane_run` reads from the buffer `held`.
         printer = LlvmPrinter(self.width, self.features)
         inputs, state = self.buffers.inputs.places("%inputs"), self._lane_state_places()
         self.print_begin(printer, inputs, state)
@@ -235,8 +233,9 @@ class _LlvmModule(LoopPrinting[Place]):
         self._function("lane_begin", printer)
 
     def _lane_run(self):
-        # Prints the loop over ticks of one vector of lanes.
-        printer = LlvmPrinter(self.width, self.features, "again")
+        # Prints the loop over ticks of one vector of lanes. A tick reads the lanes' inputs, its own
+        # inputs, the prologue and the group's row, and writes the lanes' new state and outputs.
+        printer = LlvmPrinter(self.width, self.features, in_loop=True)
         split, buffers, state = self.split, self.buffers, self._lane_state_places()
         sources = self.sources(self.step, buffers.inputs.places("%inputs"), state)
         self._add_tick_inputs(printer, sources, shared=False)
@@ -246,9 +245,8 @@ class _LlvmModule(LoopPrinting[Place]):
         for k, i in enumerate(self.outputs):
             offset = printer.op(f"mul i64 %out_step, {k}")
             outputs.append((i, Place(printer.op(f"getelementptr i8, ptr %out, i64 {offset}"))))
-        changed = {k: state[k] for k in split.lane_state}
-        order = schedule_operations
-        self.print_step(printer, split.lane, sources, changed, outputs, schedule=order)
+        stored = {k: state[k] for k in split.lane_state}
+        self.print_step(printer, split.lane, sources, stored, outputs, schedule=schedule_operations)
         steps = {"in": "%in_stride", "row": str(buffers.row.bytes), "out": "%out_stride"}
         self._loop("lane_run", printer, steps)
 

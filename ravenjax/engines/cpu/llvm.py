@@ -28,13 +28,11 @@ _TYPES: dict[str, str] = {**_STORED, "bool": "i1"}
 class LlvmPrinter(Printing[Place]):
     """Prints the body of one function for `width` lanes on a CPU with these features."""
 
-    def __init__(self, width: int, features: frozenset[str], block: str = "entry"):
-        """block: label of the basic block in which the lines begin."""
+    def __init__(self, width: int, features: frozenset[str], in_loop: bool = False):
+        """in_loop: whether the lines become the body of a loop, by `repeat_lines`."""
         super().__init__()
-        self.width, self.features, self.block = width, features, block
+        self.width, self.features, self.block = width, features, "again" if in_loop else "entry"
         self.declared: set[str] = set()
-
-    # --- a program ---
 
     def _operation(self, program: Program, i: int, inputs: list[str]) -> str:
         # Prints one operation. Returns the name of its result.
@@ -74,8 +72,6 @@ class LlvmPrinter(Printing[Place]):
             values.append(self.op(f"phi {self.type(dtype)} {sources}"))
         self.block = after
         return values
-
-    # --- text ---
 
     def type(self, dtype: str) -> str:
         """Return the LLVM type of a number in registers."""
@@ -142,8 +138,6 @@ class LlvmPrinter(Printing[Place]):
             value = self.op(f"sext {self.type('bool')} {value} to {self._vector_of('i32')}")
         target = f"{self._vector_of(_STORED[dtype])} {value}, ptr {self.address(place)}"
         self.lines.append(f"store {target}, align {stored_size(dtype)}")
-
-    # --- operations ---
 
     def _select_as_floats(self, dtype: str, inputs: list[str]) -> str:
         """Select one of two integers as if they were floats.
@@ -234,7 +228,8 @@ class LlvmPrinter(Printing[Place]):
         if dtype != "int32":
             suffix = f"{self._type_suffix(dtype)}.{self._type_suffix(source)}"
             return self.call(wide, f"llvm.fpto{_KINDS[dtype][0]}i.sat.{suffix}", (before, x))
-        # The truncation is right except for NaN and for values that are too large.
+        # `_truncate` gives -2^31 for NaN and for numbers out of range. This is wrong for numbers of
+        # 2^31 and more (oge: greater or equal), and for NaN (uno: unequal to itself).
         result = self._truncate(source, x)
         is_too_large = f"oge {before} {x}, {self._constant(source, 2147483648.0)}"
         for condition, value in ((is_too_large, 2**31 - 1), (f"uno {before} {x}, {x}", 0)):
@@ -260,13 +255,15 @@ class LlvmPrinter(Printing[Place]):
     def _truncate(self, source: str, x: str) -> str:
         """Convert floats to int32 as C's `(int)x` on x86: numbers that do not fit become -2^31."""
         wide, before = self.type("int32"), self.type(source)
-        form = TEXTS["truncations"].get(str(self.width))
-        if source == "float32" and form and form["feature"] in self.features:
-            return self.call(wide, f"llvm.x86.{form['function']}", (before, x), *form["more"])
+        x86 = TEXTS["truncations"].get(str(self.width))
+        if source == "float32" and x86 and x86["feature"] in self.features:
+            # `more` are the arguments after the number.
+            return self.call(wide, f"llvm.x86.{x86['function']}", (before, x), *x86["more"])
         suffix = f"{self._type_suffix('int32')}.{self._type_suffix(source)}"
-        near = self.call(wide, f"llvm.fptosi.sat.{suffix}", (before, x))
-        fits = self.op(f"fcmp olt {before} {x}, {self._constant(source, 2147483648.0)}")
-        return self.select("int32", fits, near, self._constant("int32", -(2**31)))
+        saturated = self.call(wide, f"llvm.fptosi.sat.{suffix}", (before, x))
+        # Saturation gives -2^31 for too small numbers. NaN is not below 2^31 either.
+        is_below = self.op(f"fcmp olt {before} {x}, {self._constant(source, 2147483648.0)}")
+        return self.select("int32", is_below, saturated, self._constant("int32", -(2**31)))
 
     def _lookup(self, program: Program, table: int, index: str) -> str:
         """Return one number of a table. The tables are consecutive in memory."""

@@ -2,8 +2,7 @@
 
 The robot runs the operations of engine `simd` for one lane and gives the same bits. State, inputs
 and tables are plain memory. Between two ticks the caller may change inputs, for example to start a
-fault. The caller may also copy the state and run the copy, and may write the operator's motion row
-by row.
+fault. The caller may also run a copy of the state, and write the operator's motion row by row.
 """
 
 from collections.abc import Callable, Sequence
@@ -47,24 +46,25 @@ class StepCode:
 
         def make():
             # Traces the three functions and prints them as one module.
-            first, state = traced.trace_function(begin, self.inputs.shapes())
+            begin_program, state = traced.trace_function(begin, self.inputs.shapes())
             columns = tuple(jax.ShapeDtypeStruct((n,), np.float32) for n in self.tables)
-            middle, (_, out) = traced.trace_function(
+            step_program, (_, outputs) = traced.trace_function(
                 lambda inputs, state, row, tables: step(inputs, state, row[0], row[1], tables),
                 *(self.inputs.shapes(), state, self.step_inputs.shapes(), columns),
             )
-            last, outcomes = traced.trace_function(finish, self.inputs.shapes(), state)
-            if any(x.dtype != np.float32 for x in tree.tree_leaves(out)):
+            finish_program, outcomes = traced.trace_function(finish, self.inputs.shapes(), state)
+            dtypes = [x.dtype for x in tree.tree_leaves(outputs)]
+            if any(dtype != np.float32 for dtype in dtypes):
                 raise TypeError("every output of a tick must be float32")
-            kind, fixed = RecordKind.of(state), self.inputs.layout
-            # Each: a program, and the layouts of its inputs in the order of `StateTransition`.
+            kind, fixed, row = RecordKind.of(state), self.inputs.layout, self.step_inputs.layout
+            # A transition is a program with the layouts of its inputs: fixed, state, step inputs.
+            # The state is an output of `begin`, and a step input of `finish`.
             transitions = {
-                "begin": StateTransition(first, fixed, EMPTY, EMPTY),
-                "step": StateTransition(middle, fixed, kind.layout, self.step_inputs.layout),
-                "finish": StateTransition(last, fixed, EMPTY, kind.layout),
+                "begin": StateTransition(begin_program, fixed, EMPTY, EMPTY),
+                "step": StateTransition(step_program, fixed, kind.layout, row),
+                "finish": StateTransition(finish_program, fixed, EMPTY, kind.layout),
             }
-            named, outputs = RecordKind.of(outcomes), len(tree.tree_leaves(out))
-            return transition.print_module(transitions), kind, named, outputs
+            return transition.print_module(transitions), kind, RecordKind.of(outcomes), len(dtypes)
 
         # The generated code depends on the CPU's instructions.
         types = [str(kind.layout) + repr(kind.record) for kind in (self.inputs, self.step_inputs)]
@@ -78,8 +78,7 @@ class Stepper:
     """One robot that runs a `StepCode`.
 
     The caller writes to the arrays `inputs`, `step_inputs` and `tables`. `inputs[k][0] = x` changes
-    an input, and `step_inputs[k][0] = x` an input of the next tick. `tables[k]` is a table that
-    several steppers may share.
+    an input, and `step_inputs[k][0] = x` an input of the next tick. Steppers may share tables.
     """
 
     def __init__(self, code: StepCode, inputs: Any, tables: np.ndarray | None = None):

@@ -200,7 +200,10 @@ class BoundTransition:
 def print_module(
     transitions: Mapping[str, StateTransition], features: Set[str] | None = None
 ) -> str:
-    """Return LLVM IR with a function for each transition. features: CPU features; None: host's."""
+    """Return LLVM IR with a function for each transition, which makes it once for each row.
+
+    features: CPU features; None: host's.
+    """
     features = jit.host_target().features if features is None else features
     texts, declared = [], set[str]()
     for name, transition in transitions.items():
@@ -211,16 +214,17 @@ def print_module(
 
 
 def _print_transition(transition: StateTransition, features: Set[str]) -> LlvmPrinter:
-    # Prints the loop over the steps of one transition.
+    # Prints one step of a transition, the body of the loop over steps.
     program = transition.program
     state = transition.state.places("%state")
-    places = transition.fixed.places("%fixed") + state
-    places += transition.step_inputs.places("%step_inputs")
-    sources = {i: places[k] for i, k in program.reads.items()}
+    step_inputs = transition.step_inputs.places("%step_inputs")
+    # The inputs of the program, in their order. `reads`: operation -> index of the input.
+    inputs = [*transition.fixed.places("%fixed"), *state, *step_inputs]
+    sources = {i: inputs[k] for i, k in program.reads.items()}
     targets = [*state, *transition.step_outputs.places("%step_outputs")]
     results = list(zip(program.outputs, targets, strict=True))
     order = [i for i in program.needed() if program.operations[i].name not in ("input", "constant")]
-    printer = LlvmPrinter(1, frozenset(features), "again")
+    printer = LlvmPrinter(1, frozenset(features), in_loop=True)
     arranged = arrange_regions(program.operations, order, program.outputs)
     printer.run(program, schedule_operations(program.operations, arranged), sources, results)
     return printer

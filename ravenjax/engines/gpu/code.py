@@ -70,6 +70,7 @@ class CudaCode:
         self, lanes: Lanes, places: Places, course: BlockCourse, progress: Progress | None = None
     ) -> list[np.ndarray]:
         """Run lanes through the ticks of `course`; return their results, each [lanes]."""
+        # Blocks that run at different times would wait for each other after each launch.
         one_launch = self.grouped and course.scattered and lanes.out is None
         chunk = course.last - course.first if one_launch else CHUNK
         with DeviceSession(self.device) as session:
@@ -128,7 +129,7 @@ class _Run:
         self.snapshots: dict[str, object] = {}
 
     def trunk(self) -> Trunk:
-        """Run the lanes; return snapshots of the first lane and of its group before each chunk."""
+        """Run lanes that equal a golden run; return its snapshots, one before each chunk."""
         source, session = self.code.source, self.session
         count = -(-self.course.last // self.chunk)
         snapshots = Trunk.allocate(self.chunk, count, source.group_state, source.state)
@@ -155,7 +156,7 @@ class _Run:
             count = min(self.chunk, course.last - first)
             if k + 1 < len(starts):
                 if k:
-                    # The launch before the last reads the buffers that are written next.
+                    # Chunk k + 1 overwrites the buffers that the lanes read in chunk k - 1.
                     session.finish(finished[k - 1])
                 marks.append(self._make_rows(k + 1, starts[k + 1]))
             session.wait(main, marks[k])
@@ -182,12 +183,12 @@ class _Run:
             self._launch_for_groups("shared_begin", *arguments)
         else:
             session.write(self.group_state, course.group_state, session.urgent)
-        where = self.blocks, self.threads, session.main
-        session.launch(code.functions["lane_begin"], *where, self.inputs, self.state, self.total)
+        grid = self.blocks, self.threads, session.main
+        session.launch(code.functions["lane_begin"], *grid, self.inputs, self.state, self.total)
         if len(course.snapshots):
             snapshots = session.upload(course.snapshots)
-            starts = session.upload(course.snapshot.view(np.uint32))
-            session.launch(code.functions["lane_branch"], *where, snapshots, starts, self.state)
+            of_warp = session.upload(course.snapshot_of_warp.view(np.uint32))
+            session.launch(code.functions["lane_branch"], *grid, snapshots, of_warp, self.state)
 
     def _store_snapshot(self, what: str, words: int, stream, state, row: int):
         """Copy the state of the "group" or the "lane" to its snapshots, if snapshots are made."""
@@ -199,11 +200,14 @@ class _Run:
 
     def _launch_for_groups(self, name: str, *arguments: object):
         # Launches a kernel with one thread per group, on the stream of rows.
-        where = -(-self.groups // WARP), WARP, self.session.urgent
-        self.session.launch(self.code.functions[name], *where, *arguments)
+        grid = -(-self.groups // WARP), WARP, self.session.urgent
+        self.session.launch(self.code.functions[name], *grid, *arguments)
 
     def _make_rows(self, k: int, first: int) -> object:
-        """Start computing the rows of chunk `k`; return a mark that is reached at the end."""
+        """Start computing each group's rows of chunk `k`, on stream `urgent`, beside the lanes.
+
+        Chunks use two buffers in turn. Returns a mark that the stream reaches after the rows.
+        """
         count, buffer = min(self.chunk, self.course.last - first), self.given[k % 2]
         urgent, source = self.session.urgent, self.code.source
         tick_inputs = self.lanes.tick_inputs

@@ -58,12 +58,10 @@ class BlockCourse:
 
     # int32 [blocks, 2]: the first tick of each block, and the first tick that it does not run.
     spans: np.ndarray
-    # int32 [threads]: the first tick that the thread's lane does not run.
-    ends: np.ndarray
-    # uint32 [snapshots, words]: states of a lane from which warps start.
-    snapshots: np.ndarray
-    # int32 [warps]: index of the snapshot of each warp; -1: the warp starts in tick 0.
-    snapshot: np.ndarray
+    ends: np.ndarray  # int32 [threads]: the first tick that the thread's lane does not run
+    snapshots: np.ndarray  # uint32 [snapshots, words]: states of a lane from which warps start
+    # int32 [warps]: index of each warp's snapshot in `snapshots`; -1: it starts in tick 0.
+    snapshot_of_warp: np.ndarray
     # uint32 [groups, words]: state of each group at tick `first`; None: `first` is 0.
     group_state: np.ndarray | None
 
@@ -107,23 +105,26 @@ def plan_course(
     acts = np.zeros_like(ends) if acts is None else acts
     trunks = [None] * len(places.first) if trunks is None else trunks
     thread_ends = ends[places.lane].astype(np.int32)
-    earliest = np.minimum(acts[places.lane], thread_ends - 1).reshape(-1, WARP).min(axis=1)
-    begins = np.zeros(len(earliest), np.int64)
+    # First tick that a lane of each warp needs. Every lane runs at least its last tick.
+    needed = np.minimum(acts[places.lane], thread_ends - 1).reshape(-1, WARP).min(axis=1)
+    warp_begins = np.zeros(len(needed), np.int64)
     for number, trunk in enumerate(trunks):
         is_member = places.group == number
         if trunk is not None:
-            begins[is_member] = trunk.start_ticks(earliest[is_member])
-    begins = begins.reshape(-1, threads // WARP).min(axis=1)
+            warp_begins[is_member] = trunk.start_ticks(needed[is_member])
+    begins = warp_begins.reshape(-1, threads // WARP).min(axis=1)
     block_ends = thread_ends.reshape(-1, threads).max(axis=1)
     spans = np.stack([begins, block_ends], axis=1).astype(np.int32)
-
-    snapshot_number = np.repeat(begins // EVERY, threads // WARP)
-    rows = np.stack([places.group, snapshot_number], axis=1)
-    pairs, snapshot = np.unique(rows, axis=0, return_inverse=True)
-    states = [trunks[group].lane[row] for group, row in pairs.tolist() if row]
-    position = np.cumsum(pairs[:, 1] > 0) - 1
-    snapshot = np.where(snapshot_number > 0, position[snapshot.reshape(-1)], -1).astype(np.int32)
     first = int(begins.min()) // EVERY
-    shared = np.stack([trunk.group[first] for trunk in trunks if trunk]) if first else None
+    group_state = np.stack([trunk.group[first] for trunk in trunks if trunk]) if first else None
+
+    # Number of each warp's snapshot in its group's golden run; 0: it starts without a snapshot.
+    snapshot_number = np.repeat(begins // EVERY, threads // WARP)
+    has_snapshot = snapshot_number > 0
+    pairs = np.stack([places.group, snapshot_number], axis=1)[has_snapshot]
+    used_pairs, index = np.unique(pairs, axis=0, return_inverse=True)
+    states = [trunks[group].lane[row] for group, row in used_pairs.tolist()]
     snapshots = np.stack(states) if states else np.zeros((0, 0), np.uint32)
-    return BlockCourse(spans, thread_ends, snapshots, snapshot, shared)
+    snapshot_of_warp = np.full(len(has_snapshot), -1, np.int32)
+    snapshot_of_warp[has_snapshot] = index.reshape(-1)
+    return BlockCourse(spans, thread_ends, snapshots, snapshot_of_warp, group_state)

@@ -1,9 +1,8 @@
 """Prints a program without loops as CUDA C: one statement per operation, one robot per thread.
 
 The code calls only the functions of prelude.cu.j2, and no mathematical library. `OPTIONS` forbid
-the compiler to fuse operations or to flush denormal numbers, so every operation on floats is
-rounded separately. Therefore all devices give the same bits, except for the payload of a NaN.
-Numbers have 32 bits.
+the compiler to fuse operations or to flush denormal numbers: every operation rounds its result.
+All devices therefore give the same bits, except for the payload of a NaN. Numbers have 32 bits.
 """
 
 from collections.abc import Sequence
@@ -94,7 +93,7 @@ class CudaPrinter(Printing[str]):
 def _operation_text(name: str, dtype: str, sources: Sequence[str], x: Sequence[str], known) -> str:
     """Return the C text of an operation.
 
-    x: texts of the operands. sources: their types. known: the first operand's constant, else None.
+    x: texts of the operands. sources: their types. known: first operand's value, None if unknown.
     """
     real, source = dtype == "float32", sources[0]
     if "float64" in (dtype, *sources):
@@ -109,6 +108,7 @@ def _operation_text(name: str, dtype: str, sources: Sequence[str], x: Sequence[s
             return f"{'!' if dtype == 'bool' else '~'}{x[0]}"
         case "max" | "min":
             function = "larger" if name == "max" else "smaller"
+            # An instruction of the GPU does the same if the first operand is neither 0 nor NaN.
             plain = real and known is not None and known != 0 and not np.isnan(known)
             return f"{function}{'_than' if plain else ''}({x[0]}, {x[1]})"
         case "bitcast" | "convert":

@@ -68,17 +68,18 @@ class CudaKernel(traced.PrintedKernel):
     def trunk(
         self, block: Block, motion: Motion, last: int, ends: np.ndarray
     ) -> tuple[Trunk, dict[str, np.ndarray]]:
-        """See `interface.Kernel`."""
-        golden_run = _repeated(block, np.full(self.size(1), self.program.ticks))
+        """See `interface.BranchingKernel`."""
+        golden_run = _repeat_lane(block, np.full(self.size(1), self.program.ticks))
         with self._seat() as device:
             inputs, places, _ = self._placed(golden_run, device)
             code = self._code(golden_run, motion, True, device)
             tables, golden = traced.motion_tables(motion), _golden_series(golden_run, places, True)
             trunk = code.trunk(Lanes(inputs, golden, tables, None), places, last)
+        # A second run has one lane for each end. It needs at least one lane.
         if len(ends):
-            return trunk, self.run(_repeated(block, ends), motion).outcomes
-        none = [typed_column(np.zeros(0, np.uint32), dtype) for dtype in code.source.results]
-        return trunk, dict(zip(self.forms(block, motion).traced.outcomes, none, strict=True))
+            return trunk, self.run(_repeat_lane(block, ends), motion).outcomes
+        empty = [typed_column(np.zeros(0, np.uint32), dtype) for dtype in code.source.results]
+        return trunk, dict(zip(self.forms(block, motion).traced.outcomes, empty, strict=True))
 
     @contextlib.contextmanager
     def _seat(self) -> Iterator[Device]:
@@ -90,57 +91,62 @@ class CudaKernel(traced.PrintedKernel):
             self._seats.put(device)
 
     def run(self, block: Block, motion: Motion, progress: Progress | None = None) -> BlockResult:
-        """See `interface.Kernel`."""
+        """Run one block on a device that has a free thread; see `interface.Kernel`."""
         with self._seat() as device:
             inputs, places, grouped = self._placed(block, device)
             code = self._code(block, motion, grouped, device)
+            # Only golden runs return their reference series.
             ticks = self.program.ticks if block.reference is None else 0
-            signals = np.empty((ticks, code.source.outputs, len(places.thread)), np.uint32)
+            series = np.empty((ticks, code.source.outputs, len(places.thread)), np.uint32)
             tables, golden = traced.motion_tables(motion), _golden_series(block, places, grouped)
-            lanes = Lanes(inputs, golden, tables, signals if ticks else None)
+            lanes = Lanes(inputs, golden, tables, series if ticks else None)
             course = self._course(block, places, grouped, code)
             outcomes = code.run_course(lanes, places, course, progress)
         names = self.forms(block, motion).traced.outcomes
-        return BlockResult(dict(zip(names, outcomes, strict=True)), signals.view(np.float32))
+        return BlockResult(dict(zip(names, outcomes, strict=True)), series.view(np.float32))
 
     def _placed(self, block: Block, device: Device):
         """Return a block's inputs, the threads of its lanes, and whether lanes run by group.
 
-        Lanes run by group if all groups fit on the device, or if at most half of its threads idle.
+        Lanes run by group if this needs no more warps than fit on the device, or at most twice as
+        many warps as without groups.
         """
         form = form_for(device)
         inputs, group = self.groups(block)
-        warps = int((-(-np.bincount(group) // WARP)).sum())
+        group_warps = int((-(-np.bincount(group) // WARP)).sum())
+        fewest_warps = -(-len(group) // WARP)
         resident_warps = device.multiprocessors * form.threads // WARP
-        grouped = warps <= max(resident_warps, 2 * -(-len(group) // WARP))
+        grouped = group_warps <= max(resident_warps, 2 * fewest_warps)
         places = place_lanes(group if grouped else np.zeros_like(group), form.threads)
         return inputs, places, grouped
 
     def _course(self, block: Block, places: Places, grouped: bool, code: CudaCode) -> BlockCourse:
         # Plans the ticks of all threads, and the snapshots from which they start.
         ends = np.full(len(places.thread), self.program.ticks) if block.ends is None else block.ends
-        # Golden runs need the outputs of every tick, so they begin in tick 0.
+        # Golden runs need the outputs of every tick, so they begin in tick 0. So do lanes that are
+        # not grouped, because lanes of a block can have different golden runs.
         if block.reference is None or not grouped:
             return plan_course(places, code.form.threads, ends)
         trunks = [block.trunk(lane) for lane in places.first.tolist()]
         return plan_course(places, code.form.threads, ends, block.acts, trunks)
 
     def _code(self, block: Block, motion: Motion, grouped: bool, device: Device) -> CudaCode:
-        # Returns the compiled code for this block, from the cache if it was compiled before.
-        forms, form = self.forms(block, motion), form_for(device)
+        # Returns the compiled code for this block. `cache` keeps it, and its text on disk.
+        cache, form = self.forms(block, motion), form_for(device)
 
-        def printed():
-            loop, shared = forms.traced.without_signals(), len(self.program.varied)
+        def print_code():
+            loop, shared = cache.traced.without_signals(), len(self.program.varied)
             return print_loop(split_lanes(loop, shared, grouped), form, grouped)
 
-        def make():
-            source = forms.printed(("cuda", grouped, form), printed)
+        def compile_code():
+            source = cache.printed(("cuda", grouped, form), print_code)
             return CudaCode(source, grouped, device, form, self.objects)
 
-        return forms.code(("cuda", grouped, device), make)
+        return cache.code(("cuda", grouped, device), compile_code)
 
 
-def _repeated(block: Block, ends: np.ndarray) -> Block:
+def _repeat_lane(block: Block, ends: np.ndarray) -> Block:
+    # Returns a block with the first lane of `block` once for each end, from tick 0 to this end.
     repeated = block.select_lanes(np.zeros(len(ends), np.int64))
     return dataclasses.replace(repeated, acts=None, ends=None if block.ends is None else ends)
 
@@ -148,20 +154,22 @@ def _repeated(block: Block, ends: np.ndarray) -> Block:
 def block_lanes(runs: int, devices: tuple[Device, ...]) -> int:
     """Return the number of lanes of a block, for a campaign of `runs` runs.
 
-    Each device gets the same number of blocks, and each block fills the device a whole number of
-    times, if there are enough runs.
+    With enough runs, each block fills a device a whole number of times, at most WAVES times. Each
+    device gets the same number of blocks.
     """
     resident_lanes = devices[0].multiprocessors * form_for(devices[0]).threads
-    share = -(-runs // len(devices))
-    blocks = -(-share // (resident_lanes * WAVES))
-    unit = resident_lanes if share > resident_lanes else WARP
-    return -(-share // blocks // unit) * unit
+    device_runs = -(-runs // len(devices))
+    device_blocks = -(-device_runs // (resident_lanes * WAVES))
+    lanes = -(-device_runs // device_blocks)
+    multiple = resident_lanes if device_runs > resident_lanes else WARP
+    return -(-lanes // multiple) * multiple
 
 
 def _golden_series(block: Block, places: Places, grouped: bool) -> np.ndarray:
     """Return the reference series of the golden runs, in the layout that the code reads.
 
-    If lanes are not compared, the array is empty, and the code reads zeros.
+    It is [groups, ticks, series] if grouped, else [ticks, series, threads]. If lanes are not
+    compared, it is empty, and the code reads zeros.
     """
     if not block.compared:
         return np.zeros((0, 0, 0), np.float32)
@@ -174,8 +182,7 @@ def _golden_series(block: Block, places: Places, grouped: bool) -> np.ndarray:
 class CudaEngine:
     """Engine that uses every visible NVIDIA GPU."""
 
-    # Cache of compiled code that outlives the process.
-    objects: Objects | None = None
+    objects: Objects | None = None  # cache of compiled code that outlives the process
     name: str = "cuda"
 
     @property

@@ -7,15 +7,15 @@ group, and the numbers that are equal in a group are computed once for the group
     shared_run      advances each group by some ticks and writes one row of numbers per tick
     lane_begin      computes the first state of each lane from its inputs; one thread per lane
     lane_branch     sets the state of the lanes of some warps from snapshots
-    lane_run        advances each lane by the same ticks and reads its group's rows, from the first
-                    tick of its block to the lane's end
+    lane_run        advances each lane by the same ticks and reads its group's row in each tick
     lane_finish     writes the results of each lane
     group_snapshot  copies the state of the first group; one thread per number
     lane_snapshot   copies the state of the first lane; one thread per number
 
-A lane that has ended waits for the other lanes of its block, while its group continues. The lane's
-results need numbers of the group's state at the lane's last tick. That tick therefore stores these
-numbers in the buffer `saved`. A row contains the same numbers.
+For example, 100 faults of one golden run may be 100 lanes of one group. `shared_run` computes 500
+ticks of what they share and writes 500 rows. `lane_run` then computes the 100 lanes and reads these
+rows. A lane may end before the last of these ticks, while its group continues. The results of the
+lane also need the group's numbers of that tick, so `lane_run` copies them to the buffer `saved`.
 
 This file also defines the layout of the buffers. Every number takes a 32-bit word. Lanes fill whole
 blocks of threads, and the lanes of a warp belong to one group. Inputs, `saved` and results of lanes
@@ -65,8 +65,7 @@ class KernelSource:
     text: str
     results: tuple[str, ...]  # types
     outputs: int  # number of outputs of each tick
-    # Number of inputs of each tick, without the tick's number.
-    tick_inputs: int
+    tick_inputs: int  # number of inputs of each tick, without the tick's number
     state: int
     group_state: int
     saved: int
@@ -128,8 +127,6 @@ class _CudaModule(LoopPrinting[str]):
             shared_bytes=-(-len(self.in_shared) // VECTOR) * VECTOR * 4 * self.form.threads,
         )
 
-    # --- words ---
-
     def _input_words(self, template: str) -> list[str]:
         return [template.format(k) for k in range(self.inputs)]
 
@@ -140,7 +137,7 @@ class _CudaModule(LoopPrinting[str]):
 
     @staticmethod
     def _lane_word(name: str) -> str:
-        # Returns C code for a word of this lane; {} is the word's number.
+        # Returns a template of C code for a word of this lane; {} takes the word's number.
         return f"{name}[{{}} * (size_t)lanes]"
 
     def _count_reads(self):
@@ -159,7 +156,7 @@ class _CudaModule(LoopPrinting[str]):
         because one instruction reads neighbours.
         """
         read_counts, first_readers = self._count_reads()
-        # Index in the state -> operation that reads it.
+        # Index in the state -> operation that reads it; -1 below if no operation does.
         operation_of = {k - self.inputs: i for i, k in self.step.reads.items()}
         numbers = (*self.split.lane_state, *self.split.held_state)
         order = sorted(numbers, key=lambda k: read_counts[operation_of.get(k, -1)])
@@ -183,21 +180,23 @@ class _CudaModule(LoopPrinting[str]):
         return tuple(k for k in self.split.shared_state if k in indices)
 
     def _state_in_loop(self):
-        # State that is used often lies in shared memory, the rest in global memory.
+        """Return the words of the state in the loop over ticks: index in the state -> C code.
+
+        Words that are read often lie in shared memory, [vector, thread, member of the vector].
+        Others lie in device memory, [word, thread]; if they are many, by assembly (`Far`).
+        """
         is_plain = len(self.in_device_memory) <= _MAX_PLAIN_WORDS
         template = "state[{} * {}]" if is_plain else "Far{{state + {} * {}}}"
         threads, places = self.form.threads, {}
         for position, k in enumerate(self.in_device_memory):
             places[k] = template.format(position, threads)
         for position, k in enumerate(self.in_shared):
-            group, member = divmod(position, VECTOR)
-            places[k] = f"room[{group * threads * VECTOR + member}]"
+            vector, member = divmod(position, VECTOR)
+            places[k] = f"room[{vector * threads * VECTOR + member}]"
         return places
 
     def _state_word(self, position: int) -> str:
         return f"state[{position} * {self.form.threads}]"
-
-    # --- statements of kernels ---
 
     def _shared_begin(self) -> str:
         printer = CudaPrinter()
@@ -206,12 +205,13 @@ class _CudaModule(LoopPrinting[str]):
         return printer.text()
 
     def _shared_run(self) -> str:
-        # Prints one tick of the numbers that all lanes of a group share.
+        # Prints one tick of the numbers that all lanes of a group share. They depend on the group's
+        # inputs and state, and on the tick's inputs `given`. Those that lanes read go to the row.
         printer = CudaPrinter("    ")
         state = {k: f"s{position}" for position, k in enumerate(self.split.shared_state)}
         given = f"given[(size_t)tick * {self.tick_inputs} + {{}}]"
-        words, tick_values = self._tick_input_words(given)
-        sources = self.sources(self.step, self._input_words("inputs[{}]"), state) | words
+        tick_words, tick_values = self._tick_input_words(given)
+        sources = self.sources(self.step, self._input_words("inputs[{}]"), state) | tick_words
         row = [(i, f"row[{position}]") for position, i in enumerate(self.in_row)]
         self.print_step(printer, self.split.shared, sources, state, row, tick_values)
         return printer.text()
@@ -223,7 +223,12 @@ class _CudaModule(LoopPrinting[str]):
         return printer.text()
 
     def _lane_run(self):
-        # Prints the loop over ticks of one lane, and the code before and after it.
+        """Return values for `lane_run` in kernel.cu.j2, the loop over ticks of one lane.
+
+        lane_run: statements of a tick. prologue, packed: see `_print_prologue`. inputs_read: lane
+        inputs that a tick reads. near: words in shared memory, and their copies between launches.
+        in_step: whether warps begin each tick together. saved: words to save of the last row.
+        """
         step, split, form = self.step, self.split, self.form
         state = self._state_in_loop()
         inputs = self.sources(step, self._input_words("in{}"), state)
@@ -231,11 +236,13 @@ class _CudaModule(LoopPrinting[str]):
 
         printer = CudaPrinter("    ")
         given = f"given[((size_t)tick * {self.tick_inputs} + {{}}) * lanes + lane]"
-        words, tick_values = self._tick_input_words(given)
+        tick_words, tick_values = self._tick_input_words(given)
         position_in_row = {i: position for position, i in enumerate(self.in_row)}
         # A row is read in vectors of four words, whose members are x, y, z and w.
         rows = {i: f"row[{k // VECTOR}].{'xyzw'[k % VECTOR]}" for i, k in position_in_row.items()}
-        sources = inputs | ({} if self.given_by_group else words) | rows | prologue_words
+        # If tick inputs are equal in a group, only the row depends on them.
+        own_words = {} if self.given_by_group else tick_words
+        sources = inputs | own_words | rows | prologue_words
         changed = {k: state[k] for k in split.lane_state}
         outputs = [(i, f"o{position}") for position, i in enumerate(self.outputs)]
         self.print_step(printer, split.lane, sources, changed, outputs, tick_values)
@@ -255,10 +262,10 @@ class _CudaModule(LoopPrinting[str]):
         }
 
     def _print_prologue(self, inputs: dict[int, str]):
-        """Return the code that computes a lane's constant numbers before the loop over ticks.
+        """Print the code that computes a lane's constant numbers before the loop over ticks.
 
-        Returns the names of the words that contain packed truth values, operation -> C code of its
-        number in the loop, and the code.
+        Returns the names of words that each pack 32 truth values, a dict from operation to the C
+        code of its number in the loop, and the printed code.
         """
         printer = CudaPrinter()
         numbers = self.split.prologue_results
@@ -276,10 +283,11 @@ class _CudaModule(LoopPrinting[str]):
         return names, words_of, printer.text()
 
     def _lane_finish(self) -> str:
-        # Prints the outcomes of one lane from its last state.
-        printer, saved = CudaPrinter(), self._lane_word("saved")
+        # Prints the outcomes of one lane from its last state and the saved state of its group.
+        printer = CudaPrinter()
+        saved_word, result_word = self._lane_word("saved"), self._lane_word("results")
         state = {k: self._state_word(place) for place, k in enumerate(self.lane_state)}
-        state |= {k: saved.format(position) for position, k in enumerate(self.saved)}
-        results = map(self._lane_word("results").format, range(len(self.finish.outputs)))
+        state |= {k: saved_word.format(place) for place, k in enumerate(self.saved)}
+        results = map(result_word.format, range(len(self.finish.outputs)))
         self.print_finish(printer, self._input_words(self._lane_word("inputs")), state, results)
         return printer.text()

@@ -72,7 +72,7 @@ def link_module(code: bytes, defined: Sequence[str], names: Sequence[str]) -> by
     count, name = imports.number(), (imports.content().decode(), imports.content().decode())
     if count != 1 or name != MEMORY:
         got = f"{count} imports, first {'.'.join(name)}"
-        raise Unlinkable(f"the object has {got}, expected only its memory")
+        raise Unlinkable(f"the object has {got}; expected only the import env.__linear_memory")
     exports = [
         encode_leb128(len(name)) + name.encode() + b"\0" + encode_leb128(defined.index(name))
         for name in names

@@ -39,8 +39,7 @@ ACCELERATOR_LANES = 2**19
 """Largest number of lanes of a block on each accelerator.
 
 A tick launches some 400 kernels, which takes 1.7 ms on an H100, so large blocks are the fastest
-(analysis/engines/gpu.md). With 2**20 lanes an array of engine mjx exceeds 2**31 bytes, and its
-results were wrong.
+(analysis/engines/gpu.md). With 2**20 lanes an array of mjx exceeds 2**31 bytes and is wrong.
 """
 LANE_BYTES = 2**14
 """Device memory of each lane in bytes: its state and the intermediate results of a tick."""
@@ -63,6 +62,7 @@ def _accelerators() -> tuple[Any, ...]:
 
 def _choose_lanes(runs: int, cores: int, by_mjx: bool) -> int:
     """Return the lanes of a block: for all accelerators together, or for one CPU core."""
+    # Runs of each core, largest number of lanes, and the number of which lanes are a multiple.
     share, limit, multiple = -(-runs // cores), SMALL_LANES, LANE_MULTIPLE
     if devices := _accelerators():
         memory = min(device.memory_stats()["bytes_limit"] for device in devices)
@@ -70,9 +70,10 @@ def _choose_lanes(runs: int, cores: int, by_mjx: bool) -> int:
         share, limit = runs, min(ACCELERATOR_LANES, fitting) * len(devices)
         multiple = LANE_MULTIPLE * len(devices)
     elif share >= 4 * SMALL_LANES and not by_mjx:
-        # Blocks of equal size, because a smaller one computes as many lanes. A second size of block
-        # has to be compiled, which is too slow for fewer runs.
-        limit = -(-share // -(-share // CPU_LANES))
+        # The fewest blocks, of one size, because a smaller block would compute as many lanes. Fewer
+        # runs use SMALL_LANES, because compiling for another size would take too long.
+        blocks = -(-share // CPU_LANES)
+        limit = -(-share // blocks)
     return -(-min(limit, share) // multiple) * multiple
 
 
@@ -94,24 +95,26 @@ def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> 
     outcomes so far, the lanes' reference series and, if kept, every signal of the first lane
     [length]. Both series are [length, series, lanes]. ends: value of `traced.lane_ends`.
     """
-    # The last segment extends beyond the run.
-    overshoots = program.ticks % length != 0
+    # If the last segment extends beyond the run, lanes without an own end stop at the run's end.
+    run_end = (program.ticks,) if program.ticks % length else ()
 
-    def advance(varied, faults, end, state, now, reference, motion):
-        end = end or ((program.ticks,) if overshoots else ())
-        moved = program.step(varied, faults, end, state, now, reference, motion)
+    def advance(varied, faults, own_end, state, now, reference, motion):
+        moved = program.step(varied, faults, own_end or run_end, state, now, reference, motion)
         return moved if keep_signals else (*moved[:2], ())
 
     def segment(varied, faults, ends, state, first, reference, motion):
         # Advances all lanes by `length` ticks. At tick 0 they start from the initial state.
-        fresh = jax.vmap(program.begin, axis_size=reference.shape[2])(varied)
+        lanes = reference.shape[2]
+        fresh = jax.vmap(program.begin, axis_size=lanes)(varied)
         state = jax.tree.map(lambda a, b: jnp.where(first == 0, a, b), fresh, state)
 
         def body(carry, x):
+            # Lanes are axis 0, but axis 1 of a row of the reference. now, motion: no axis of lanes.
             advance_all = jax.vmap(advance, in_axes=(0, 0, 0, 0, None, 1, None))
             now, row = x
             new, series, signals = advance_all(varied, faults, ends, carry, now, row, motion)
-            return new, (jnp.stack(series), jax.tree.map(lambda leaf: leaf[0], signals))
+            first_lane = jax.tree.map(lambda leaf: leaf[0], signals)
+            return new, (jnp.stack(series), first_lane)
 
         rows = first + jnp.arange(length, dtype=jnp.int32), reference
         state, (series, signals) = lax.scan(body, state, rows)
@@ -178,13 +181,14 @@ class ScanKernel:
         The last row is repeated if the segment ends after the run.
         """
         if not block.compared:
-            return _place(np.zeros((self.length, self.series, lanes), self.dtype), 2)
+            return _place(np.zeros((self.length, self.series, lanes), self.dtype), axis=2)
         assert block.reference is not None
         rows = np.minimum(np.arange(first, first + self.length), len(block.reference) - 1)
         golden = np.arange(lanes) if block.golden is None else block.golden
-        runs, golden = np.unique(golden, return_inverse=True)
-        series = jnp.take(jnp.asarray(block.reference[rows][:, :, runs]), _place(golden), axis=2)
-        return _place(series, 2)
+        # Each golden run is copied to the device once, although several lanes may have it.
+        runs, run_of_lane = np.unique(golden, return_inverse=True)
+        series = jnp.asarray(block.reference[rows][:, :, runs])
+        return _place(jnp.take(series, _place(run_of_lane), axis=2), axis=2)
 
     def run(self, block: Block, motion: Motion, progress: Progress | None = None) -> BlockResult:
         """See `interface.Kernel`."""
@@ -208,6 +212,7 @@ class ScanKernel:
                     reference = self._reference(block, first, lanes)
                 inputs = varied, faults, ends, state, jnp.int32(first), reference, columns
                 state, outcomes, series, signals = compiled(*inputs)
+                # Only golden runs and traces return their series.
                 if block.reference is None or self.keep_signals:
                     read = series[:, :, : block.rows or lanes]
                     chunks.append(jax.tree.map(np.asarray, (read, signals)))

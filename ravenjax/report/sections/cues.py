@@ -1,11 +1,12 @@
 """Section "Haptic sweep": missed hazards and false cues of haptic sets, and the best threshold.
 
-A hazard is an unintended motion here. The cue missed the hazard if the run had no cue, or if the
-golden run had one by then. A false cue is the first of a fault-free motion. Faults count once.
+In this section a hazard is an unintended motion. A cue missed the hazard if it did not come, or if
+it also came in the golden run by then. Each fault counts with one run. Of each fault-free motion
+only the first cue counts, as a false cue.
 
 If the confidence intervals of missed hazards and false cues leave only one best threshold
-(`stats.alarms.choice`), the report names this threshold. Otherwise the report names all thresholds
-that may be best, and the hours of fault-free motion that would decide between more of them.
+(`stats.alarms.choice`), the report names it. Otherwise the report names all thresholds that may be
+best, and the hours of fault-free motion that would probably exclude some of them.
 """
 
 import math

@@ -23,7 +23,7 @@ from ravenjax.stats.alarms.false_alarms import AlarmRate
 from ravenjax.stats.alarms.roc import CurveBand
 from ravenjax.stats.intervals import Estimate, Rate
 
-CHECKS, ALL_CHECKS, CUE = "built-in checks", "all checks, your own too", "haptic cue"
+CHECKS, ALL_CHECKS, CUE = "built-in checks", "all checks, including your own", "haptic cue"
 GRID = np.unique(np.concatenate([np.linspace(0, 0.1, 41), np.linspace(0.1, 1, 91)]))
 """Abscissas of the curves, denser at low rates of alarms, because detectors are used there."""
 DRAWS = 1_000_000

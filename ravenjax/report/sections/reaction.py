@@ -1,8 +1,9 @@
 """Sections "Reaction" and "Crossed parameters": compare runs of the same faults with and without
 the operator's reaction, and with each value of a crossed parameter.
 
-A pair is two runs that differ only in crossed parameters. In one of them the operator does not
-react, or the parameter has its first value. A fault has a pair for each value of the others.
+A pair is two runs that differ in one crossed parameter. In one run this parameter has its first
+value, or the operator does not react. The other crossed parameters are equal in both runs. If they
+have several values, a fault has one pair for each combination of these values.
 """
 
 import math

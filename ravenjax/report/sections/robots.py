@@ -1,7 +1,7 @@
-"""Section "Robots": the rate that one more robot may have, if robots are drawn from a file.
+"""Section "Robots": the rate that a further robot may have, if robots are drawn from a file.
 
-All parameters of a robot are drawn together. The interval is a prediction interval for a robot that
-was not drawn. It shows how much robots differ, so more faults per robot narrow it little.
+All parameters of a robot are drawn together. The interval is a prediction interval for the rate of
+a robot that was not drawn. More faults per robot narrow it little, because robots differ.
 """
 
 from collections.abc import Mapping

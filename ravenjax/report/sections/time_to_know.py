@@ -25,7 +25,7 @@ def incidence_curves(runs: Runs) -> tuple[Chart | None, dict[str, int]]:
     for name, colour, delays in (
         ("haptic cue", CUE, incidence_curve(cue)),
         ("alarm or stop by a check", RESPONSE, incidence_curve(alarm_delays)),
-        ("first of all, for unintended motions", SAME, runs.once(answers.detection_answers).delay),
+        ("cue or alarm, unintended motions", SAME, runs.once(answers.detection_answers).delay),
     ):
         if delays.events:
             # Enumerated faults have no confidence band.

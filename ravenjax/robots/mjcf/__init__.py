@@ -232,5 +232,5 @@ def _driven(model: mujoco.MjModel, a: int, joints: list[int], kinds: list[str]) 
         )
     place = joints.index(int(model.actuator_trnid[a, 0]))
     if kinds[place]:
-        raise UserError(f"actuator {name}: its joint has another one; expected one for each joint")
+        raise UserError(f"actuator {name}: its joint has two actuators, expected only one")
     return place

@@ -54,12 +54,12 @@ class Operator(Section):
         path_keys = keys & {"tip", "file"}
         has_path_alone = len(path_keys) == 1 and keys == path_keys
         if not (has_path_alone if self.motion == "tip" else not path_keys):
-            raise ValueError("motion 'tip' takes tip or file alone, and 'sines' takes the others")
+            raise ValueError("motion 'tip' takes only tip or file, 'sines' seed, amplitude and hz")
         sizes = {len(row) for row in self.tip}
         # A quaternion of zeros is no orientation.
         has_orientations = all(any(row[4:]) for row in self.tip)
         if sizes not in (set(), {4}) and not (sizes == {8} and has_orientations):
-            raise ValueError("expected places of 4 numbers each, or of 8 with a quaternion")
+            raise ValueError("tip: expected rows of [s, x, y, z] or [s, x, y, z, qw, qx, qy, qz]")
         return self
 
 

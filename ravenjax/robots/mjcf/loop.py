@@ -1,8 +1,8 @@
 """One tick of an arm from an MJCF file: packet, sense, check, control, move, watch.
 
 The set points of the operator arrive in packets and are clipped to the joints' ranges. The
-controller is the model's own actuators, with the torques that hold the arm against gravity added. A
-motor has a PD law. After a check has stopped the arm, brakes slow it down.
+controller is the model's own actuators, with the torques that hold the arm against gravity added.
+An actuator of type <motor> gets a PD controller. After a check has stopped the arm, brakes slow it.
 
 The nominal model is the same arm, moved by the operator's set points, without faults and checks.
 Its controller carries all of gravity.

@@ -1,2 +1,1 @@
-"""Measures the quality of an alarm: ROC curve, false alarms per hour, and the choice between
-alarms."""
+"""Measures the quality of an alarm: ROC curve, false alarms per hour, choice between alarms."""

@@ -35,7 +35,7 @@ class AlarmCounts(NamedTuple):
 def missed_difference(alarms: AlarmCounts) -> Estimate:
     """Return the difference of missed shares for each pair of alarms, arrays [alarms, alarms].
 
-    It is the share that the first alarm misses minus the share that the second alarm misses.
+    It is the share that only the first alarm misses minus the share that only the second misses.
     """
     if not alarms.sampled:
         value = (alarms.only - alarms.only.T) / alarms.hazards
@@ -46,7 +46,7 @@ def missed_difference(alarms: AlarmCounts) -> Estimate:
 def false_rates(alarms: AlarmCounts, times: float = 1.0) -> Estimate:
     """Return false alarms per hour with exact Poisson intervals, arrays [alarms].
 
-    `times`: factor on the hours, with unchanged rates. If it is infinite, there is no interval.
+    `times`: the interval is that after this many times the hours; it has no width if infinite.
     """
     if np.isinf(times):
         value = alarms.count / alarms.hours
@@ -77,13 +77,13 @@ def rarest_alarms(
     false = false_rates(alarms, times)
     # The tolerance allows for rounding.
     keeps_limit = false.high <= per_hour * (1 + 1e-9)
-    # The first alarm misses more than a second one, which keeps the limit.
+    # [first, second]: the first alarm misses more than the second, and the second keeps the limit.
     is_worse = (missed_difference(alarms).low > 0) & keeps_limit[None, :]
     return (false.low <= per_hour) & ~is_worse.any(axis=1), keeps_limit
 
 
 def hours_to_decide(possible: Callable[[float], np.ndarray]) -> float:
-    """Return the factor on the hours beyond which more hours exclude no further alarm.
+    """Return by what factor the hours must grow until more hours exclude no further alarm.
 
     Rates are assumed to be unchanged. The result is NaN if the present hours are enough, and
     infinite if the factor would be above MAX_FACTOR. `possible`: maps the factor to the alarms that

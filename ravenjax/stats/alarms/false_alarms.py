@@ -38,6 +38,7 @@ def hours_to_bound(per_hour: float, count: int = 0) -> float:
     After these hours the upper end of the exact interval (`alarm_rate`) is `per_hour`. Without an
     alarm, 3.69 / per_hour hours are needed at 95 %.
     """
+    # The upper end after one hour. The upper end is inversely proportional to the hours.
     return alarm_rate(count, 1.0).high / per_hour
 
 
@@ -45,21 +46,19 @@ def ending_rate(alarm: np.ndarray, hours: np.ndarray) -> AlarmRate:
     """Return alarms per hour if an alarm ends its operation, as `FalseAlarmTarget` defines.
 
     `alarm`: bool [operations], independent. `hours`: [operations], length of the whole operation.
-    Only hours of operations without an alarm count, so the rate may exceed one per operation. The
-    interval comes from the exact interval of the share of operations with an alarm: its odds,
-    divided by the mean hours of an operation without an alarm. The rate is infinite if all
-    operations had an alarm.
+    The rate is the number of alarms divided by the hours of operations without an alarm. This is p
+    / (1 - p) / m, for the share p of operations with an alarm and the mean length m of operations
+    without an alarm. The formula also gives both ends of the interval, from the exact interval of
+    p. The rate is infinite if all operations had an alarm.
     """
     count, hours_without_alarm = int(alarm.sum()), hours[~alarm]
     if not hours.sum() > 0:
         return AlarmRate(count)
     share = clopper_pearson(count, len(alarm))
-    # Without such an operation, its mean duration is unknown.
+    # If all operations had an alarm, the longest operation takes the place of the mean.
     has_mean = hours_without_alarm.any()
     mean = float(hours_without_alarm.mean() if has_mean else hours.max())
-    low, high = (
-        end / (1.0 - end) / mean if end < 1.0 else math.inf for end in (share.low, share.high)
-    )
+    low, high = (p / (1.0 - p) / mean if p < 1.0 else math.inf for p in (share.low, share.high))
     total = float(hours_without_alarm.sum())
     return AlarmRate(count, total, count / total if total else math.inf, low, high)
 

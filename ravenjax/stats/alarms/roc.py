@@ -1,5 +1,4 @@
-"""Measures how well a score separates harmful from harmless runs, by ROC and precision-recall
-curves.
+"""Measures by ROC and precision-recall curves how a score separates harmful and harmless runs.
 
 A run has an alarm at a threshold if its score is at least the threshold. A score of -inf never
 gives an alarm. Labels are bool: True for a run that should have an alarm.
@@ -39,8 +38,7 @@ def curve_bands(
     precision at the highest threshold whose recall reaches each value of `grid` above the first,
     which is 0. Its area is the average precision. `cluster`: label of each run's cluster [n];
     np.arange(n) if runs are independent. The bands are pointwise. Raise ValueError if a score is
-    NaN or a label is missing. scikit-learn would sort for each resample, which is about 5 times
-    slower.
+    NaN or a label is missing. scikit-learn sorts for each resample and is about 5 times slower.
     """
     values, truth = np.asarray(score, float), np.asarray(positive, bool)
     if np.isnan(values).any():
@@ -49,13 +47,13 @@ def curve_bands(
         )
     order = np.argsort(-values, kind="stable")
     falling = values[order]
-    # Of equal scores, the last has the counts of all.
-    last = np.flatnonzero(np.append(falling[1:] != falling[:-1], True))
+    # Index of the last run of each score. Counts up to this run include all runs of the score.
+    last_of_score = np.flatnonzero(np.append(falling[1:] != falling[:-1], True))
     recalls = grid[1:]
 
     def curves(hits: np.ndarray, false_alarms: np.ndarray) -> np.ndarray:
-        # Returns both curves, each with its area, from the counts at each threshold, the highest
-        # first. The ROC curve begins at 0, above the highest score.
+        # Returns [ROC curve at `grid`, its area, precisions at `recalls`, average precision], from
+        # the counts at each threshold, the highest first. The ROC curve begins at (0, 0).
         tpr, fpr = (np.insert(count, 0, 0.0) / count[-1] for count in (hits, false_alarms))
         roc = np.append(np.interp(grid, fpr, tpr), np.trapezoid(tpr, fpr))
         recall, precision = hits / hits[-1], hits / (hits + false_alarms)
@@ -68,8 +66,8 @@ def curve_bands(
     def statistic(weight: np.ndarray) -> np.ndarray:
         # Returns the curves for each resample. weight: of each run in each resample [b, runs].
         ordered = weight[:, order]
-        hits = np.cumsum(ordered * truth[order], axis=1)[:, last]
-        false_alarms = np.cumsum(ordered * ~truth[order], axis=1)[:, last]
+        hits = np.cumsum(ordered * truth[order], axis=1)[:, last_of_score]
+        false_alarms = np.cumsum(ordered * ~truth[order], axis=1)[:, last_of_score]
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.stack([curves(*counts) for counts in zip(hits, false_alarms, strict=True)])
 

@@ -2,8 +2,7 @@
 
 A *unit* was chosen independently of the other units, such as a kind of fault, an operator or a
 recording. The rows of a unit resemble each other. The unit is the highest level that was sampled. A
-*stratum* is a subset of the units that the design fixes. Units are resampled only within their
-stratum.
+*stratum* is a subset of the units that the design fixes. Each stratum is resampled separately.
 
 The bootstrap is that of Rao and Wu (J. Am. Stat. Assoc. 83, 1988) with m = n - 1. It draws n - 1 of
 the n units of a stratum with replacement, each with weight n / (n - 1). The variance of a mean is
@@ -50,6 +49,7 @@ class Units(NamedTuple):
 
     def weights(self, resamples: int = RESAMPLES, seed: int = 0) -> np.ndarray:
         """Return each unit's weight in each resample, [resamples, units]; mean 1 per stratum."""
+        # Rao and Wu: n - 1 draws of the n units of a stratum, each with weight n / (n - 1).
         rng = np.random.default_rng(seed)
         weight = np.empty((resamples, self.count))
         for members in _units_by_stratum(self.stratum):
@@ -150,9 +150,7 @@ def rate_band(hit: ArrayLike, among: Units, *, resamples: int = RESAMPLES, seed:
 
 
 def _units_by_stratum(stratum: np.ndarray) -> list[np.ndarray]:
-    """Return the units of each stratum. Strata of one unit are merged: with each other, or else
-    with the smallest other stratum.
-    """
+    """Return the units of each stratum. Strata of one unit are merged; one alone joins another."""
     strata = [np.flatnonzero(stratum == number) for number in np.unique(stratum)]
     large_strata = sorted((members for members in strata if len(members) > 1), key=len)
     single_units = [members for members in strata if len(members) == 1]
@@ -176,8 +174,7 @@ def bootstrap(
 
     `statistic`: maps indices of drawn units [b, m] to values [b, ...]. `batch`: largest b, which
     limits memory and does not change the result. With fewer than about 20 units the band is too
-    narrow. The same seed gives the same band. Resamples without a value (NaN) are left out. Raise
-    ValueError for fewer than 2 units.
+    narrow. Resamples without a value (NaN) are left out. Raise ValueError for fewer than 2 units.
     """
     if units < 2:
         raise ValueError(f"a bootstrap needs at least 2 independent units, got {units}")

@@ -12,8 +12,7 @@ a random world, 2005). Two tests are valid for any distribution:
   its largest value exceeds 1/level with a probability of at most the level, at any time.
 
 The tests are combined by Bonferroni's inequality. Each unit contributes one operation, because
-operations of the same operator or robot are not independent. A single robot with many operations is
-one draw of a robot.
+operations of the same operator or robot are not independent.
 """
 
 from typing import Any, NamedTuple

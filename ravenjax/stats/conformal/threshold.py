@@ -2,22 +2,21 @@
 confidence.
 
 The score of an operation is its maximum over time, so an operation has an alarm if its score
-exceeds the threshold. The sampled units are operators, each with some robots. A unit's loss is the
-mean over its operations (`target`), in 0..1, and losses of units are independent. The risk of a
-threshold is the expected loss of a new unit.
+exceeds the threshold. The sampled units are operators, each with some robots. The loss of a unit,
+0 to 1, is about the share of its operations with an alarm (`FalseAlarmTarget` defines it). Losses
+of units are independent. The risk of a threshold is the expected loss of a new unit.
 
 The hypothesis that the risk is above the target is tested at 1 - confidence. A threshold is
-accepted if the test rejects this hypothesis. Risk falls with the threshold. So the smallest
-threshold for which it and all higher thresholds are accepted keeps the target with that confidence.
-This is true over the draw of the units and for any distribution of the scores (Bates et al., J. ACM
-68, 2021, theorem 1).
+accepted if the test rejects this hypothesis. The risk falls with the threshold. The function takes
+the smallest threshold at and above which all thresholds are accepted. With the stated confidence
+over the draw of the units, its risk is below the target, for any distribution of the scores (Bates
+et al., J. ACM 68, 2021, theorem 1).
 
-The test is by betting (`excess_p`). It is valid for losses of any distribution and needs fewer
-units the less they differ. With one operation per unit, whose loss is 0 or 1, the test is exact. It
-then equals the order statistic of Wilks (Ann. Math. Stat. 12, 1941): as many alarms among n as the
-binomial tail allows. Units with several operations are clusters and are counted as units.
-`first_operations` takes one operation of each unit, called subsampling by Dunn, Wasserman, Ramdas
-(JASA 118, 2023).
+The test is by betting (`excess_p`). It is valid for losses of any distribution. If the losses of
+units differ little, fewer units are enough. With one operation per unit and a loss of 0 or 1, the
+test is an exact binomial test, and the threshold is the order statistic of Wilks (Ann. Math. Stat.
+12, 1941). Units with several operations are clusters and count as units. `first_operations` takes
+one operation of each unit, called subsampling by Dunn, Wasserman, Ramdas (JASA 118, 2023).
 """
 
 from __future__ import annotations
@@ -67,8 +66,7 @@ class FalseAlarmTarget(NamedTuple):
 
         L = A + (1 - A) r (T - H) / (1 + r T),        a = r T / (1 + r T)
 
-    If H = T, L is A. If alarms do not end operations, a is approximately the largest share of
-    operations with an alarm.
+    If H = T, L is A. If alarms do not end operations, a is about the largest share with an alarm.
     """
 
     per_hour: float  # largest rate of false alarms (r)
@@ -84,10 +82,10 @@ class FalseAlarmTarget(NamedTuple):
     @property
     def min_units(self) -> int:
         """The smallest number n of independent units without an alarm that is enough to show the
-        limit with confidence c: (1 - a)^n <= 1 - c.
+        limit: (1 - risk)^n <= 1 - confidence.
 
-        n times the length of an operation is about -ln(1 - c) / r, for any length. Raise ValueError
-        unless rate and length are above 0 and the confidence is between 0 and 1.
+        The hours of n operations are about -ln(1 - confidence) / per_hour, for any length. Raise
+        ValueError unless rate and length are above 0 and the confidence is between 0 and 1.
         """
         expected = self.per_hour * self.length_h
         if not (self.per_hour > 0 and self.length_h > 0 and math.isfinite(expected)):
@@ -101,20 +99,21 @@ class FalseAlarmTarget(NamedTuple):
 
     @property
     def min_clusters(self) -> int:
-        """The smallest number n of units without loss that is enough to show the limit by the
-        betting test, which is used if units have several operations.
+        """The smallest number n of units without loss with which the betting test of `excess_p`
+        shows that the mean loss is at most `risk`; for units of several operations.
 
-        The capital of the test grows by the factor 1 + a per unit: (1 + a)^n >= 1 / (1 - c). If
-        detectors are not always active, more units are needed.
+        Each unit multiplies the capital of the test by 1 + risk. The capital has to reach
+        1 / (1 - confidence). If detectors are not always active, more units are needed.
         """
         clusters = -math.log(alpha_of(self.confidence)) / math.log1p(self.risk)
         # The tolerance prevents that rounding adds a unit.
         return max(self.min_units, math.ceil(clusters - 1e-9))
 
     def without_alarm(self, hours: np.ndarray) -> np.ndarray:
-        """Return the loss L of operations without an alarm [operations], r (T - H) / (1 + r T).
+        """Return the loss r (T - H) / (1 + r T) of operations without an alarm, [operations].
 
-        hours: time in which detectors are active [operations], H. Raise ValueError outside of 0..T.
+        H is `hours`, the time in which detectors are active [operations]; r is `per_hour`, and T is
+        `length_h`. Raise ValueError if hours are not in 0..T.
         """
         # Rounding may make the hours slightly larger than the duration.
         if not ((hours >= 0) & (hours <= self.length_h * (1 + 1e-9))).all():
@@ -192,11 +191,11 @@ def excess_p(losses: np.ndarray, risk: float, confidence: float, exact: bool = F
     """Return the p-value of the hypothesis that the mean loss is above `risk`.
 
     losses: of independent units, [units] in 0..1. Their order must not depend on the losses.
-    `exact`: losses are 0 or 1, so their sum is binomial. Otherwise the test bets against the
-    hypothesis, one unit after the other. The capital begins with 1, and each unit multiplies it by
-    1 - bet * (loss - risk). If the hypothesis is true, the capital ever reaches 20 with a
-    probability of at most 1 in 20. Bets are the predictable plug-in bets of Waudby-Smith and
-    Ramdas (J. R. Stat. Soc. B 86, 2024) for this confidence, at most 1.
+    `exact`: losses are 0 or 1, and the p-value is that of their binomial sum. Otherwise the test
+    is the betting test of Waudby-Smith and Ramdas (J. R. Stat. Soc. B 86, 2024). A capital of 1 is
+    multiplied for each unit by 1 - bet * (loss - risk), so it grows if losses are below `risk`. If
+    the hypothesis is true, the capital ever reaches c with a probability of at most 1 / c. Bets are
+    the paper's predictable plug-in bets, at most 1; they are best for `confidence`.
     """
     from scipy.stats import binom  # slow to import
 
@@ -204,10 +203,10 @@ def excess_p(losses: np.ndarray, risk: float, confidence: float, exact: bool = F
     if exact:
         return float(binom.cdf(round(float(losses.sum())), units, risk))
     count = np.arange(1, units + 1)
-    # Running mean and variance of the losses, which begin with one assumed loss.
+    # Mean and variance of the losses so far. The first loss is an assumed one, equal to `risk`.
     mean = (risk + np.cumsum(losses)) / (1 + count)
     variance_after = (risk / 4 + np.cumsum((losses - mean) ** 2)) / (1 + count)
-    # A bet may use only losses before its unit.
+    # A bet may depend only on the losses before its own.
     variance = np.concatenate([[risk / 4], variance_after[:-1]])
     bet = np.minimum(1.0, np.sqrt(-2.0 * np.log(alpha_of(confidence)) / (units * variance)))
     log_capital = np.cumsum(np.log1p(-bet * (losses - risk)))
@@ -229,7 +228,7 @@ def signal_scales(peaks: np.ndarray) -> np.ndarray:
     has scale 1. Raise ValueError without operations, or if a maximum is infinite or NaN.
     """
     if not len(peaks) or not np.isfinite(peaks).all():
-        raise ValueError("scales need finite maxima of at least one operation")
+        raise ValueError("got no operation, or an infinite or NaN maximum of a signal: no scales")
     scales = np.quantile(peaks, SCALE_QUANTILE, axis=0)
     # A signal that hardly changes in one segment gets a scale above 0 there.
     largest = scales.max(axis=-1, keepdims=True)
@@ -241,9 +240,8 @@ def joint_scores(peaks: np.ndarray, scales: np.ndarray) -> np.ndarray:
     """Return the score of each operation: the largest of its maxima divided by their scales.
 
     peaks: maxima [operations, signals * segments]. scales: [signals, segments]. A failed operation
-    has a maximum NaN, and its score is infinite. The computation is in float32, as in a monitor.
-    Division by a positive number keeps the order. So the score equals, to the bit, the largest of
-    the monitor's scores over time.
+    has a maximum NaN, and its score is infinite. The score equals, to the bit, the largest of a
+    monitor's scores over time, because both use float32 and division keeps the order.
     """
     maxima = peaks.reshape(len(peaks), -1).astype(np.float32)
     scores = (maxima / scales.astype(np.float32).ravel()).max(axis=1)

@@ -40,12 +40,11 @@ class MorrisEffects(NamedTuple):
 
 
 def sobol_sample(d: int, n: int, seed: int) -> np.ndarray:
-    """Return Saltelli's design for d inputs: unit-cube points [n (d + 2), d] from n base points, a
-    power of two.
+    """Return Saltelli's design for d inputs: points of the unit cube, [n (d + 2), d].
 
-    A_i and B_i are the halves of the points of a scrambled Sobol sequence in 2 d dimensions. Block
-    i contains A_i, then for each input A_i with this input of B_i, then B_i, as in
-    SALib.sample.sobol.
+    n is a power of two. A_i and B_i are the halves of the n points of a scrambled Sobol sequence in
+    2 d dimensions. As in SALib.sample.sobol, block i contains A_i, then for each input A_i with
+    this input of B_i, then B_i.
     """
     from scipy.stats import qmc
 
@@ -89,11 +88,10 @@ def sobol_analyse(outputs: np.ndarray, d: int, *, resamples: int, seed: int = 0)
 
 
 def morris_sample(d: int, n: int, seed: int, levels: int = 4) -> np.ndarray:
-    """Return Morris' design for d inputs: n trajectories of d + 1 unit-cube points, [n (d + 1), d],
-    by SALib.
+    """Return Morris' design for d inputs by SALib: points of the unit cube, [n (d + 1), d].
 
-    Each step of a trajectory moves one input by levels / (2 (levels - 1)) of its range. `levels` is
-    an even number.
+    Each of the n trajectories has d + 1 points. A step moves one input by levels / (2 (levels - 1))
+    of its range. `levels` is even.
     """
     from SALib.sample.morris import sample
 

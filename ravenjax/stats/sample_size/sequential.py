@@ -4,16 +4,14 @@ A user who looks at m sample sizes and stops at a convenient one has m chances t
 rate of a stratum therefore has a confidence sequence: intervals that hold at all sizes together
 (`anytime_bounds`), so that a look costs nothing. Every sequence has confidence 1 - (1 - confidence)
 / (strata x rates). By Bonferroni's inequality, all of them hold together with the wanted
-confidence. This includes sizes that depend on the data, because the study stopped or gave one
-stratum more draws than another.
+confidence. This includes sizes that depend on the data.
 
 The rate of the whole table is that of strata weighted by their sizes. Its sequence is that of a
 plain sample with the effective number of runs (`stratified_rate`), at 1 - (1 - confidence) / rates.
 This interval is approximate.
 
 Runs count as independent draws. A table that is itself the population, such as a shuffled grid, is
-drawn without replacement. Its intervals are therefore wider than necessary. `analysis/stopping`
-simulates both.
+drawn without replacement, so its intervals are too wide; `analysis/stopping` simulates this case.
 """
 
 import dataclasses
@@ -87,8 +85,7 @@ class Look(BaseModel):
     # Number of all draws of each stratum, the weights of a rate over several strata.
     held: dict[str, int]
     intervals: tuple[Interval, ...]
-    # Largest half-width of the strata in `waiting`, or of all strata; fraction.
-    widest: _Number
+    widest: _Number  # largest half-width of the strata in `waiting`, or of all strata; fraction
     # Strata whose intervals are too wide and that are not completely computed; "": whole table.
     waiting: tuple[str, ...]
     stop: bool  # True if the campaign ends after this look
@@ -121,23 +118,17 @@ class Sequential:
 
     @property
     def each(self) -> float:
-        """The confidence of each interval: by Bonferroni's inequality, the chance to miss is
-        divided by the number of intervals.
-        """
+        """The confidence of each interval: the intervals share the chance to miss (Bonferroni)."""
         populations = int(self.judged.sum()) if self.of == "groups" else 1
         return 1 - alpha_of(self.confidence) / (populations * len(self.rates))
 
     def sizes(self) -> np.ndarray:
-        """Return the planned numbers of draws, int64 [looks, strata]; at least one per stratum."""
+        """Return the planned draws before each look, int64 [looks, strata], at least 1 each."""
         # The tolerance prevents that rounding adds a draw.
         planned = np.ceil(np.outer(self.shares, self.size) - 1e-9).astype(np.int64)
         planned = np.clip(planned, np.minimum(1, self.size), self.size)
         # Strata that need no precise rates are computed at the first look.
         return np.where(self.judged, planned, self.size)
-
-    def first_sizes(self) -> np.ndarray:
-        """Return the number of draws of each stratum before the first look, int64 [strata]."""
-        return self.sizes()[0]
 
     def decide(self, number: int, taken: np.ndarray, k: np.ndarray, n: np.ndarray) -> Look:
         """Return the result and the decision of look `number` (from 1), with k[rate, stratum]
@@ -167,19 +158,19 @@ class Sequential:
             stop=not waiting or number == len(self.shares),
             half_width=self.half_width,
             each=self.each,
+            # Whether these are the planned sizes of one look.
             even=bool((taken == self.sizes()).all(axis=1).any()),
         )
 
     def next_sizes(self, look: Look, k: np.ndarray, n: np.ndarray) -> np.ndarray:
-        """Return the number of draws of each stratum before the next look, int64 [strata]. Numbers
-        never decrease.
+        """Return the number of draws of each stratum before the next look, int64 [strata].
 
-        With allocation `neyman`, the planned total is distributed so that intervals become as
-        narrow as possible. For the rate of the whole table, draws are in proportion to size times
-        standard deviation (Neyman 1934). For separate rates of strata they are in proportion to the
-        variance, which makes the widest interval narrowest, and at most as many as a stratum
-        probably needs. Of several rates the largest deviation is used. Strata that are precise
-        enough get no draws. Then each number is rounded up to a planned size.
+        k: events [rates, strata]. n: valid draws [strata]. Numbers never decrease. With allocation
+        `neyman`, the planned total is distributed among the strata that `look` is waiting for, and
+        each number is rounded up to a planned size. For the rate of the whole table, draws are in
+        proportion to size times standard deviation (Neyman 1934). For separate rates of strata they
+        are in proportion to the variance, which makes the widest interval narrowest, and a stratum
+        gets at most what it probably needs. Of several rates the largest deviation counts.
         """
         sizes, counts = self.sizes(), np.array(list(look.taken.values()), np.int64)
         if self.allocation == "proportional":
@@ -200,9 +191,11 @@ class Sequential:
         return np.where(sizes >= allocated, sizes, sizes[-1]).min(axis=0)
 
     def _needed_draws(self, k: np.ndarray, n: np.ndarray) -> np.ndarray:
-        """Return how many more draws each stratum probably needs, at least 1; for the rate of the
-        whole table, all draws of the stratum.
+        """Return how many more draws each stratum probably needs, at least 1: int64 [strata].
+
+        k: events [rates, strata]. n: valid draws [strata].
         """
+        # A rate of the whole table does not limit the draws of a single stratum.
         if self.of == "whole":
             return self.size
         alpha = alpha_of(self.each)
@@ -232,8 +225,7 @@ class Sequential:
             elif not (runs > 0).all():
                 rate_by_stratum = {"": Rate()}
             else:
-                # Draws without a valid run, such as faults that never act, are not counted in the
-                # size of a stratum.
+                # The size of a stratum does not count draws without a valid run.
                 weight = self.size[judged] * runs / taken[judged]
                 estimate = stratified_rate(hits, runs, weight, self.each, self.half_width)
                 rate_by_stratum = {"": Rate(int(hits.sum()), int(runs.sum()), *estimate)}
@@ -290,6 +282,7 @@ def allocate_runs(total: int, weight: ArrayLike, least: ArrayLike, most: ArrayLi
     """
     weights, low, high = np.asarray(weight, float), np.asarray(least), np.asarray(most)
     total = int(np.clip(total, low.sum(), high.sum()))
+    # Strata with a weight get all that they may. What is left is for the others.
     full = np.where(weights > 0, high, low)
     if total > full.sum():
         return allocate_runs(total, np.ones(len(weights)), full, high)

@@ -18,11 +18,11 @@ from ravenjax.vocabulary.packets import CHOICES, EVERY_CYCLE
 FOLDER = "fault_free"
 UNVARIED = ("still", "tip")
 """Generated motions that are the same for every seed."""
-_NOT_OF_ROBOT = ("name", "description", "seed", "duration_s", "limit", "chunk")
+_UNUSED_CAMPAIGN_KEYS = ("name", "description", "seed", "duration_s", "limit", "chunk")
 """Keys of [campaign] that do not describe the robot."""
 SCALE = "scale"
 """The only key of [operator] that describes the robot; the other keys describe the motion."""
-_WITHOUT_PART = ("group", "outcomes", "reaction", "stop", "cross")
+_UNUSED_TABLES = ("group", "outcomes", "reaction", "stop", "cross")
 """Tables of a campaign file that do not affect fault-free motion up to the first cue."""
 REACTION = "reaction."
 """Prefix of the paths of parameters that describe the operator's reaction to a cue."""
@@ -48,7 +48,7 @@ NO_COMPANIONS = Companions((), ())
 def find_fault_free(folder: Path, campaign: Manifest) -> Companions:
     """Return the fault-free results in the subfolder FOLDER of a result folder, sorted by name.
 
-    campaign: manifest of the result folder.
+    campaign: manifest of the result folder. A motion that an earlier result has is excluded.
     """
     parent = Path(folder) / FOLDER
     paths = sorted(path for path in parent.iterdir() if path.is_dir()) if parent.is_dir() else []
@@ -60,8 +60,9 @@ def find_fault_free(folder: Path, campaign: Manifest) -> Companions:
         except StoreError as error:
             excluded.append(f"{path.name}: {str(error).removeprefix(f'{path}: ')}")
             continue
-        known = motion_of(manifest) in motions_so_far
-        if why := _difference(campaign, manifest) or "the same motion" * known:
+        is_known = motion_of(manifest) in motions_so_far
+        why = _difference(campaign, manifest) or ("the same motion" if is_known else "")
+        if why:
             excluded.append(f"{path.name}: {why}")
         elif manifest.parts:
             motions_so_far.add(motion_of(manifest))
@@ -72,11 +73,12 @@ def find_fault_free(folder: Path, campaign: Manifest) -> Companions:
 def motion_of(manifest: Manifest) -> str:
     """Return text that identifies the operator's motion in a campaign.
 
-    Two campaigns have equal texts if their motions are the same, or if one motion continues the
-    other. With noise or with packets of random durations, the text also includes the seed, because
-    the same motion of the hands then causes another motion of the robot.
+    The text contains no duration, so a motion and a longer version of this motion have equal texts.
+    With noise or with packets of random durations, the text also includes the seed, because the
+    same motion of the hands then causes another motion of the robot.
     """
-    operator = _without(manifest.config.get("operator") or {}, (SCALE,))
+    # The teleoperation scale is left out, because it describes the robot: `robot_tables` has it.
+    operator = _omit(manifest.config.get("operator") or {}, (SCALE,))
     campaign = manifest.config.get("campaign") or {}
     usual = CHOICES[EVERY_CYCLE]
     random = campaign.get("noise") or campaign.get("packets", usual) != usual
@@ -84,26 +86,26 @@ def motion_of(manifest: Manifest) -> str:
 
 
 def _difference(campaign: Manifest, other: Manifest) -> str:
-    # Returns why fault-free runs do not belong to the campaign, "" if they do.
+    # Returns why the fault-free runs of `other` do not belong to a campaign, or "".
     if campaign.code_hash != other.code_hash:
         return f"computed by another version of the code, {other.code_hash[:16]}"
     for name in ("cues", "detectors"):
         if getattr(campaign, name) != getattr(other, name):
             return f"has other {name}"
-    changes = manifests.find_differences(robot_tables(other.config), robot_tables(campaign.config))
-    return "; ".join(changes).replace(" requested", " in the campaign")
+    tables = robot_tables(other.config), robot_tables(campaign.config)
+    return "; ".join(manifests.find_differences(*tables, "in the campaign"))
 
 
 def robot_tables(config: Nested) -> Nested:
     """Return the tables of a campaign that decide how the robot follows fault-free motion."""
-    parts = _without(config, _WITHOUT_PART)
-    parts["campaign"] = _without(config.get("campaign", {}), _NOT_OF_ROBOT)
-    parts["operator"] = {SCALE: config.get("operator", {}).get(SCALE)}
-    parts["parameters"] = without_reaction(config.get("parameters", {}))
-    return parts
+    tables = _omit(config, _UNUSED_TABLES)
+    tables["campaign"] = _omit(config.get("campaign", {}), _UNUSED_CAMPAIGN_KEYS)
+    tables["operator"] = {SCALE: config.get("operator", {}).get(SCALE)}
+    tables["parameters"] = without_reaction(config.get("parameters", {}))
+    return tables
 
 
-def _without(table: Nested, names: tuple[str, ...]) -> Nested:
+def _omit(table: Nested, names: tuple[str, ...]) -> Nested:
     return {name: value for name, value in table.items() if name not in names}
 
 

@@ -7,7 +7,7 @@ can be repeated after an interruption, or with further shards.
 
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -59,7 +59,7 @@ def merge_shards(out: Path, shards: Sequence[Path], partial: bool = False) -> Me
     records = {folder: manifests.read_manifest(folder) for folder in folders}
     first = folders[0]
     for folder in folders[1:]:
-        _require_same(first, records[first], folder, records[folder])
+        _require_same(first, folder, records)
     sources = _disjoint([part for folder in folders for part in _parts(folder, records[folder])])
     wanted = range(records[first].runs)
     missing = list(parts.missing_rows([source.part for source in sources], [wanted]))
@@ -87,13 +87,14 @@ def _folders(out: Path, shards: Sequence[Path]) -> list[Path]:
     return [*own, *places.values()]
 
 
-def _require_same(first: Path, one: Manifest, other: Path, two: Manifest):
-    # Refuses a folder of another campaign, or with other code, or of a device that matters.
-    device = one.device if one.engine in PORTABLE else two.device
-    alike = two.model_copy(update={"shard": one.shard, "device": device})
-    differences = one.differences(alike, "there")
-    if one.runs != two.runs:
-        differences.append(f"runs: {one.runs} here, {two.runs} there")
+def _require_same(first: Path, other: Path, manifest_of: Mapping[Path, Manifest]):
+    # Refuses the folder `other` if it is no shard of the campaign in `first`.
+    here, there = manifest_of[first], manifest_of[other]
+    # Shards may differ in their number, and in the device if the engine computes the same on all.
+    allowed = {"shard": here.shard} | ({"device": here.device} if here.engine in PORTABLE else {})
+    differences = here.differences(there.model_copy(update=allowed), "there")
+    if here.runs != there.runs:
+        differences.append(f"runs: {here.runs} here, {there.runs} there")
     if differences:
         lines = list_lines(differences)
         raise StoreError(

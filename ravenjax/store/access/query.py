@@ -2,8 +2,8 @@
 
 Every query reads from the view `results`, one row per run. Its columns are those of
 `ravenjax.store.schema`, and `row`, the number of the run. Data that exceeds the given memory is
-written to a temporary folder, which is deleted at the end. Only the files that the manifest names
-are read, after their checksums are compared.
+written to a temporary folder, which is deleted at the end. Only the manifest's files are read,
+after a check of their checksums.
 """
 
 from __future__ import annotations
@@ -97,8 +97,8 @@ def open_folder(path: str | Path) -> ResultTable:
 def open_parts(files: Sequence[Path], aside: Path | None, numbered: bool = False) -> ResultTable:
     """Open the rows of these Parquet files for queries, without checks.
 
-    aside: folder for temporary files, if it is writable. numbered: add columns `filename` and
-    `file_row_number`, which counts from 0.
+    aside: folder for temporary files, if it is writable. numbered: add filename and
+    file_row_number.
     """
     table = open_empty(aside)
     more = ", filename = true, file_row_number = true" if numbered else ""
@@ -130,8 +130,8 @@ def whole_parts(path: Path) -> list[Path]:
 def open_empty(aside: Path | None = None, memory_mb: int | None = None) -> ResultTable:
     """Return a connection without a table.
 
-    aside: see `open_parts`. memory_mb: memory of DuckDB, MB; None: the environment variable
-    RAVENJAX_QUERY_MB, else MEMORY_MB.
+    aside: folder for temporary files, if it is writable. memory_mb: memory of DuckDB, MB; None: the
+    environment variable RAVENJAX_QUERY_MB, else MEMORY_MB.
     """
     import duckdb
 
@@ -154,8 +154,8 @@ def open_empty(aside: Path | None = None, memory_mb: int | None = None) -> Resul
         with contextlib.suppress(duckdb.InvalidInputException):
             connection.execute("SET enable_progress_bar = false")
         # With compression, intermediate tables need a third of the space.
-        connection.execute("ATTACH ':memory:' AS aside (COMPRESS)")
-        connection.execute("USE aside")
+        connection.execute("ATTACH ':memory:' AS compressed (COMPRESS)")
+        connection.execute("USE compressed")
         table = closing.pop_all()
         table.connection = connection
         return table

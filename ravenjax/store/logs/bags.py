@@ -5,8 +5,7 @@ ROS 1 (.bag) or of ROS 2 (a folder), with the same topics, types and times.
 
 In ROS 1 a header has a sequence number, which is 0, and there is no rcl_interfaces/Log;
 `/ravenjax/events` has the same events. A trace begins at time 0, which ROS 1 interprets as "no
-time": its players omit such messages. In a bag of ROS 1, all times of a trace are therefore one
-second later.
+time": its players omit such messages. In a bag of ROS 1, all times of a trace are one second later.
 """
 
 from __future__ import annotations
@@ -60,8 +59,8 @@ def read_topic(path: Path, reader: AnyReader, topic: str, stamped: bool) -> Topi
     """Read the messages of one topic. Raise UserError if there are none.
 
     Times are those of the message headers. They are times of arrival if `stamped` is False, or if
-    all headers have the same time. A single message with time 0 was sent before the sender knew
-    the time. It is left out, with a note.
+    all headers have the same time. A message with time 0 was sent before the sender knew the time.
+    If the other times count from 1970, such messages are left out, with a note.
     """
     connections = [one for one in reader.connections if one.topic == topic]
     arrived, stamps, messages = [], [], []
@@ -79,7 +78,7 @@ def read_topic(path: Path, reader: AnyReader, topic: str, stamped: bool) -> Topi
         return TopicMessages(topic, f"log times of {topic}", times, number, messages, ())
     notes: tuple[str, ...] = ()
     known = at != 0
-    # The trace of a run also begins at time 0, but its second message is soon after.
+    # Times since 1970 exceed a day. A trace of a run counts from 0, so its first time is right.
     if not known.all() and at[known].min() > DAY_NS:
         first = int(np.argmin(known))
         notes = (
@@ -95,8 +94,8 @@ def read_joints(path: Path, states: TopicMessages) -> np.ndarray:
     """Return joint positions [n, 7] of sensor_msgs/JointState, rad and m.
 
     A joint that no message has is NaN. Names are those of ravenjax or of raven2. A message without
-    names has the seven joints in order. Raise UserError for other names, and for a message that
-    lacks a joint that other messages have.
+    names has the seven joints in order. Raise UserError for other names, or if a message lacks a
+    joint of others.
     """
     joints = np.full((len(states.messages), len(JOINTS)), np.nan)
     for row, (number, one) in enumerate(zip(states.number, states.messages, strict=True)):
@@ -169,8 +168,8 @@ def write_bag(source: Path, ros: Ros, out: Path | None) -> WrittenBag:
     """Write the bag of a recording, which is an MCAP file of ROS 2 or the folder of a session.
 
     out: path of the bag. The default is beside the recording, with its name and the ending `.bag`
-    or `_ros2`. Raise UserError if the recording cannot be read or `out` exists, and StoreError if
-    writing fails.
+    or `_ros2`. Raise UserError if the recording is unreadable or `out` exists, StoreError if it
+    cannot be written.
     """
     recording = source / RECORDING if source.is_dir() else source
     if not recording.is_file() or recording.suffix != ".mcap":

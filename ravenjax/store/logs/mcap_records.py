@@ -124,8 +124,7 @@ def scan_records(path: Path) -> Scan:
 def _read_record(data: mmap.mmap, offset: int) -> tuple[McapRecord, int]:
     """Return the record that begins at byte `offset`, and the byte after its end.
 
-    Raise any exception if its bytes are inconsistent. The record, encoded again, must have the same
-    length.
+    It may raise any kind of exception if the bytes are inconsistent, also with their length.
     """
     end = offset + _HEAD + int.from_bytes(data[offset + 1 : offset + _HEAD], "little")
     record = _parse(data[offset:end])
@@ -143,7 +142,7 @@ def _parse(content: bytes) -> McapRecord:
 def _split(chunk: Chunk) -> Iterator[tuple[int, bytes, int, int]]:
     """Yield (opcode, bytes of the chunk, begin and end of the content) of each record in a chunk.
 
-    Raise any exception if the chunk is damaged.
+    It may raise any kind of exception if the chunk is damaged.
     """
     stream, size = get_chunk_data_stream(chunk, validate_crc=True)
     content, offset = stream.read(size), 0
@@ -195,8 +194,7 @@ def recover_records(path: Path, out: Path | None = None) -> Recovered:
     """Write the complete records of the MCAP file `path` to `out`; None: `recovered_path`.
 
     Messages keep their order, times and numbers. If `out` is `path`, the file is replaced
-    atomically. Raise StoreError if `path` cannot be read or has no complete message, or writing
-    fails.
+    atomically. Raise StoreError if reading or writing fails, or if no message is complete.
     """
     out = recovered_path(path) if out is None else out
     scanned = scan_records(path)

@@ -49,21 +49,23 @@ class MessageTypes:
         return (0, stamp, frame) if self.ros == "ros1" else (stamp, frame)
 
     def message(self, kind: str, *values: Any) -> Any:
-        """Return a message with these values of its fields, in order. A field that is a message
-        itself is a sequence of values.
-        """
+        """Return a message with these values of its fields; a message in a field is a sequence."""
         from rosbags.interfaces import Nodetype
 
         fields = []
         node: Any
         for (_, node), value in zip(self.store.fielddefs[kind][1], values, strict=True):
             nodetype, content = node
+            # The type of the field is a message, a simple type, or an array of one of these.
             if nodetype == Nodetype.NAME:
                 parts = (float(v) if isinstance(v, np.floating) else v for v in value)
                 value = self.message(content, *parts)
-            elif nodetype != Nodetype.BASE and content[0][0] == Nodetype.NAME:
-                value = [self.message(content[0][1], *entry) for entry in value]
-            elif nodetype != Nodetype.BASE and (element := content[0][1][0]) != "string":
-                value = np.asarray(value, element)
+            elif nodetype != Nodetype.BASE:
+                # For a simple type, `element` is (name, limit of the length).
+                element_type, element = content[0]
+                if element_type == Nodetype.NAME:
+                    value = [self.message(element, *entry) for entry in value]
+                elif element[0] != "string":
+                    value = np.asarray(value, element[0])
             fields.append(value)
         return self.store.types[kind](*fields)

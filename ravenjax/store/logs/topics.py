@@ -2,11 +2,10 @@
 
 Names are those of CRTK in raven2: gold is arm1, green is arm2. Poses are in frame 0 of their arm,
 `armN_frame0`. CRTK's `armN_base` is a different frame. If the orientation of a tip is unknown, the
-message is a point instead of a pose.
+message is a point.
 
 The names in a message and its size are the same in every tick. Therefore rosbags encodes one
-message of each topic, with placeholders for times and numbers. NumPy then replaces them by the
-values of every tick.
+message of each topic, with placeholders for times and numbers. NumPy replaces them in each tick.
 """
 
 import functools
@@ -38,7 +37,7 @@ TRANSFORMS = "tf2_msgs/msg/TFMessage"
 SIGNALS_TYPE = "ravenjax_msgs/msg/Signals"
 TEXT, LOG_ENTRY = "std_msgs/msg/String", "rcl_interfaces/msg/Log"
 _SECOND_NS = 1_000_000_000
-_STAMP_MARK, _FIRST_MARK = 0x5A5A5A5A, 1e6
+_STAMP_PLACEHOLDER, _FIRST_PLACEHOLDER = 0x5A5A5A5A, 1e6
 """Placeholders in an encoded message: for seconds and nanoseconds of a time, and for the first
 number. The placeholder of each further number is larger by 1.
 """
@@ -107,7 +106,7 @@ def tip_frame(arm: str, which: str) -> str:
 @functools.cache
 def joint_state(arm: str, name: str, joints: tuple[str, ...], *present: bool) -> Topic:
     """Return a topic of JointState. present: whether it has position, velocity and effort."""
-    marks = iter(np.split(_marks(3 * len(joints)), 3))
+    marks = iter(np.split(_placeholders(3 * len(joints)), 3))
     filled = [next(marks) if there else () for there in present]
     return _topic(arm, name, JOINT_STATE, list(joints), *filled)
 
@@ -117,17 +116,18 @@ def tip_topic(arm: str, name: str, schema: str = POSE) -> Topic:
     """Return a topic of an arm. Its numbers are, for PoseStamped, x, y, z in m and a quaternion
     x, y, z, w; for WrenchStamped, three of force and three of torque; for PointStamped, x, y, z.
     """
-    fields = {POSE: (_marks(3), _marks(4, 3)), WRENCH: (_marks(3), _marks(3, 3)), POINT: _marks(3)}
+    xyz = _placeholders(3)
+    fields = {POSE: (xyz, _placeholders(4, 3)), WRENCH: (xyz, _placeholders(3, 3)), POINT: xyz}
     return _topic(arm, name, schema, fields[schema])
 
 
 @functools.cache
 def frames_topic(pairs: tuple[tuple[str, str], ...]) -> Topic:
     """Return the topic of frames, a TFMessage. For each pair (parent, child), its numbers are x, y,
-    z in m and a quaternion x, y, z, w.
+    z in m and a quaternion x, y, z, w. The message has placeholders for them.
     """
     transforms = [
-        (_header(parent), child, (_marks(3, 7 * i), _marks(4, 7 * i + 3)))
+        (_header(parent), child, (_placeholders(3, 7 * i), _placeholders(4, 7 * i + 3)))
         for i, (parent, child) in enumerate(pairs)
     ]
     return _template(FRAMES, ros2_types().message(TRANSFORMS, transforms))
@@ -185,6 +185,7 @@ def signals_topic(names: Sequence[str], single: bool = False) -> Topic:
     needed = f"{'=' * 80}\nMSG: std_msgs/Header\n{_definition(HEADER)}"
     # The message is encoded here, because rosbags would compile an encoder for hundreds of fields.
     head = ros2_types().encode(ros2_types().message(HEADER, *_header("")))
+    # CDR aligns numbers, counted from byte 4. Its own header is before, and the time is after.
     head += bytes(-(len(head) - 4) % size)
     template, spans = head + bytes(size * len(names)), ((len(head), len(names)),)
     definition = f"std_msgs/Header header\n{fields}{needed}"
@@ -201,8 +202,8 @@ class LogWriter:
         metadata: Mapping[str, str],
         chunk_bytes: int = 1 << 20,
     ):
-        """metadata: content of the record `METADATA`. chunk_bytes: size of a chunk. If the process
-        is killed, at most one chunk is lost.
+        """metadata: content of the record `METADATA`. chunk_bytes: size of a chunk. A killed
+        process loses one chunk at most.
         """
         self._writer = Writer(file, chunk_size=chunk_bytes)
         self._writer.start(profile="ros2", library="ravenjax")
@@ -268,8 +269,8 @@ def arm_name(arm: str) -> str:
 def rotation_quaternions(rotation: np.ndarray) -> np.ndarray:
     """Return unit quaternions x, y, z, w [T, ..., 4] of rotation matrices [T, ..., 3, 3].
 
-    Rounding errors are removed. A matrix that is no rotation gives NaN. Signs are chosen so that
-    quaternions have no jumps from tick to tick.
+    Rounding errors are removed. A matrix that is no rotation gives NaN. Signs are chosen to avoid
+    jumps.
     """
     # The import takes half a second. A real-time program should call this function once before.
     from scipy.spatial.transform import Rotation
@@ -297,11 +298,11 @@ def _definition(schema: str) -> str:
 
 
 def _header(frame: str) -> tuple[Any, ...]:
-    return (_STAMP_MARK, _STAMP_MARK), frame
+    return (_STAMP_PLACEHOLDER, _STAMP_PLACEHOLDER), frame
 
 
-def _marks(count: int, first: int = 0) -> np.ndarray:
-    return _FIRST_MARK + first + np.arange(count)
+def _placeholders(count: int, first: int = 0) -> np.ndarray:
+    return _FIRST_PLACEHOLDER + first + np.arange(count)
 
 
 def _topic(arm: str, name: str, schema: str, *fields) -> Topic:
@@ -310,17 +311,19 @@ def _topic(arm: str, name: str, schema: str, *fields) -> Topic:
 
 
 def _template(name: str, message) -> Topic:
-    # Encodes a message with placeholders, to find the bytes of each number.
+    # Encodes a message. Finds the bytes of its numbers: number k is `_FIRST_PLACEHOLDER` + k.
     template, spans = ros2_types().encode(message), []
-    count = 0
-    while (mark := struct.pack("<d", _FIRST_MARK + count)) in template:
-        start = template.index(mark)
-        if spans and start == spans[-1][0] + 8 * spans[-1][1]:
-            spans[-1] = spans[-1][0], spans[-1][1] + 1
+    number = 0
+    while (encoded := struct.pack("<d", _FIRST_PLACEHOLDER + number)) in template:
+        place = template.index(encoded)
+        start, count = spans[-1] if spans else (0, 0)
+        # Adjacent numbers are one span.
+        if place == start + 8 * count:
+            spans[-1] = start, count + 1
         else:
-            spans.append((start, 1))
-        count += 1
-    stamp = struct.pack("<II", _STAMP_MARK, _STAMP_MARK)
+            spans.append((place, 1))
+        number += 1
+    stamp = struct.pack("<II", _STAMP_PLACEHOLDER, _STAMP_PLACEHOLDER)
     stamps = tuple(match.start() for match in re.finditer(re.escape(stamp), template))
     schema = message.__msgtype__
     return Topic(name, schema, _definition(schema), template, stamps, tuple(spans))

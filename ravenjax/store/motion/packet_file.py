@@ -1,7 +1,6 @@
 """Reads a recorded stream of a console's packets as a motion of the operator's hands.
 
-A packet contains an increment of the tip's pose. The motion is their sum, from the pose after
-homing.
+A packet contains an increment of the tip's pose. The motion is their sum from the homed pose.
 
 A table (Parquet) has a column `packet` (124 bytes each) and a column of arrival times. A network
 capture (.pcap, .pcapng), as tcpdump and Wireshark write it, contains both. A console's packets are
@@ -62,7 +61,7 @@ class PacketStream(NamedTuple):
     grasp_mrad: np.ndarray  # [T, A] change of the grasp, positive closes
     # [T] 0 up or 1 down; a packet that the robot ignores keeps the value before it.
     pedal: np.ndarray
-    counted: np.ndarray  # bool [T], whether the robot executes the packet
+    accepted: np.ndarray  # bool [T], whether the robot executes the packet
     packets: RawPackets  # undecoded packets with arrival times, s
 
 
@@ -89,7 +88,7 @@ def read_packets(path: Path) -> RawPackets:
     packets = _read_capture(path) if capture else _read_table(path, files.read_table(path))
     if len(packets.datagrams) < 2:
         raise UserError(f"{path}: contains {len(packets.datagrams)} packets; expected at least 2")
-    since = stamps.seconds_since_first(packets.time)
+    since = stamps.times_since_first(packets.time)
     if not np.isfinite(since).all() or (np.diff(since) < 0).any() or since[-1] <= 0:
         raise UserError(
             f"{path}: {f'column {packets.clock}' if packets.clock else 'times of the capture'} must"
@@ -137,7 +136,7 @@ def _read_capture(path: Path) -> RawPackets:
         there = ", ".join(f"{count} to port {port}" for port, count in ports.most_common(4))
         raise UserError(
             f"{path}: expected a console's packets, UDP datagrams of {FIELDS.size} bytes or more to"
-            f" port {UDP_PORT} or to one other port; got {there or 'none'}"
+            f" port {UDP_PORT}, or all to a single other port; got {there or 'none'}"
         )
     port = UDP_PORT if UDP_PORT in ports else next(iter(ports))
     to_port = [datagram for datagram in datagrams if datagram.port == port]
@@ -216,18 +215,19 @@ def read_track(
 ) -> Track:
     """Return the tip poses that a packet stream commands. home: start pose of each arm."""
     read = read_stream(path, arms, console)
-    rows, dropped = len(read.counted), int((~read.counted).sum())
+    rows, dropped = len(read.accepted), int((~read.accepted).sum())
     if dropped > MOST_MISFITS * rows:
-        back = np.flatnonzero(np.diff([fields[0] for fields in read.packets.fields]) <= 0)
-        what = "Packets before them are missing. Record on the robot's computer or network"
-        if back.size > MOST_MISFITS * rows:
-            what = (
-                f"Packet numbers repeat or decrease {back.size} times, because two streams are"
+        numbers = [fields[0] for fields in read.packets.fields]
+        decreases = np.flatnonzero(np.diff(numbers) <= 0)
+        cause = "Packets before them are missing. Record on the robot's computer or network"
+        if decreases.size > MOST_MISFITS * rows:
+            cause = (
+                f"Packet numbers repeat or decrease {decreases.size} times, because two streams are"
                 " mixed, or because each packet was recorded twice. Record one console, once"
             )
-        elif back.size:
-            what = f"Packet numbers decrease after packet {back[0]}. Cut the file there"
-        raise UserError(f"{path}: the robot would drop {dropped:,} of {rows:,} packets. {what}")
+        elif decreases.size:
+            cause = f"Packet numbers decrease after packet {decreases[0]}. Cut the file there"
+        raise UserError(f"{path}: the robot would drop {dropped:,} of {rows:,} packets. {cause}")
     tracks: dict[str, ArmTrack] = {}
     for i, arm in enumerate(arms):
         axes = np.array(ITP_AXES[arm], float)
@@ -266,6 +266,7 @@ def _profile(
             choice.accept_packet()
     if choice.profile is not None:
         return choice.profile
+    # The packets do not decide. The first profile counts whose rules at least 90 % of them follow.
     fits = matching_profile(fields, profiles, arms)
     if not fits:
         raise UserError(
@@ -278,48 +279,50 @@ def _profile(
 def _in_seconds(path: Path, packets: RawPackets, profile: ConsoleProfile) -> RawPackets:
     """Return packets with their arrival times in seconds, and a description of their clock.
 
-    If only another unit than the column's agrees with the profile's rate, use it and add a note.
+    If the packets come at the profile's rate only in another unit than the column's, use this unit
+    and add a note. Raise UserError if they come at this rate in no unit, or in several other units.
     """
-    since, name = packets.time, packets.clock
+    times, name = packets.time, packets.clock
     if not name:
         return packets._replace(clock="times of the capture")
-    expected, unit = profile.stream.rate_hz, name.rpartition("_")[2]
-    # The longest 2 % of steps are left out, because a pause does not indicate another unit.
-    steps = np.sort(np.diff(since))[: math.floor(0.98 * (len(since) - 1)) or None]
-    usual, mean = 1.0 / (steps.mean() or since[-1] / len(since)), (len(since) - 1) / since[-1]
-    near = [
+    expected_hz, unit = profile.stream.rate_hz, name.rpartition("_")[2]
+    # Without the longest 2 % of steps: a pause indicates no other unit. A single step stays.
+    steps = np.sort(np.diff(times))[: math.floor(0.98 * (len(times) - 1)) or None]
+    # A coarse clock may repeat times, so these steps may all be 0.
+    usual_step = steps.mean() or times[-1] / len(times)
+    agreeing = [
         other
-        for other, size in stamps.UNITS.items()
-        if expected / RATE_AGREES <= usual / size <= expected * RATE_AGREES
+        for other, unit_s in stamps.UNITS.items()
+        if expected_hz / RATE_AGREES <= 1.0 / usual_step / unit_s <= expected_hz * RATE_AGREES
     ]
-    rates = {other: f"{mean / size:.4g}" for other, size in stamps.UNITS.items()}
+    mean_rate = (len(times) - 1) / times[-1]
+    rates = {other: f"{mean_rate / unit_s:.4g}" for other, unit_s in stamps.UNITS.items()}
     notes: tuple[str, ...] = ()
-    if unit not in near:
-        if len(near) != 1:
+    if unit not in agreeing:
+        if len(agreeing) != 1:
             raise UserError(
                 f"{path}: by column {name}, {rates[unit]} packets arrive per second, but console"
-                f" {profile.name} sends {expected:g}. Write the right unit into the column's name,"
-                " or the rate into a console profile of your own"
+                f" {profile.name} sends {expected_hz:g}. Write the right unit into the column's"
+                " name, or the rate into a console profile of your own"
             )
         notes = (
-            f"column {name} is read in {near[0]}, which gives {rates[near[0]]} packets per second;"
-            f" in {unit} it would be {rates[unit]}",
+            f"column {name} is read in {agreeing[0]}, which gives {rates[agreeing[0]]} packets per"
+            f" second; in {unit} it would be {rates[unit]}",
         )
-        unit = near[0]
-    return packets._replace(time=since * stamps.UNITS[unit], clock=f"column {name}", notes=notes)
+        unit = agreeing[0]
+    return packets._replace(time=times * stamps.UNITS[unit], clock=f"column {name}", notes=notes)
 
 
 def read_stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketStream:
     """Return the decoded packets of a Parquet file or a network capture.
 
-    console: name or file of a console profile, or "auto". Raise UserError if the packets do not
-    fit.
+    console: name or file of a console profile, or "auto". Raise UserError if they do not fit.
     """
     packets, profile = time_packets(path, console, arms)
     fields, count = packets.fields, len(arms)
     rows = len(fields)
     still = PacketReading(((0, 0, 0),) * count, ((0.0, 0.0, 0.0, 1.0),) * count, (0,) * count)
-    readings, pedal, counted = [still] * rows, np.zeros(rows), np.zeros(rows, bool)
+    readings, pedal, accepted = [still] * rows, np.zeros(rows), np.zeros(rows, bool)
     reader, misfits, last = PacketReader(profile, arms), [], fields[0][0] - 1
     why: Misfit | None = None
     # Time of the last packet that continued the stream.
@@ -336,8 +339,8 @@ def read_stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketSt
             reader.accept_packet()
             last, heard_s = number, time_s
             if joined:
-                readings[row], counted[row] = result, True
-        pedal[row] = packet[MODE] if counted[row] else pedal[row - 1] if row else 0
+                readings[row], accepted[row] = result, True
+        pedal[row] = packet[MODE] if accepted[row] else pedal[row - 1] if row else 0
     if len(misfits) > MOST_MISFITS * rows:
         others = [other for other in loading.bundled_profiles() if other != profile]
         fits = matching_profile(misfits, others, arms)
@@ -349,7 +352,7 @@ def read_stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketSt
             f" because of {why}; {advice}"
         )
     delta, quat, grasp = (np.array(column, float) for column in zip(*readings, strict=True))
-    return PacketStream(profile, delta, quat, grasp, pedal, counted, packets)
+    return PacketStream(profile, delta, quat, grasp, pedal, accepted, packets)
 
 
 def _restarts(number: int, last: int, silence_s: float) -> bool:

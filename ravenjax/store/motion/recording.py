@@ -102,8 +102,8 @@ def _read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -
                 f" {' or a '.join(kinds)}: remove operator.{name} from the campaign"
             )
     for name in ("rotation", "offset_mm"):
-        given = getattr(options, name) or arms
-        if lacking := [arm for arm in arms if isinstance(given, dict) and arm not in given]:
+        given = getattr(options, name)
+        if isinstance(given, dict) and (lacking := [arm for arm in arms if arm not in given]):
             raise UserError(
                 f"{path}: operator.{name} has values for {', '.join(given)}, expected also one for"
                 f" {lacking[0]}; write a value without names of arms if all have the same"
@@ -184,7 +184,9 @@ def _times(track: Track, options: ReplayOptions) -> dict[str, np.ndarray]:
     times = {}
     for arm, samples in track.arms.items():
         if samples.time_s is None:
-            times[arm] = np.arange(len(samples)) / (options.rate_hz or math.nan)
+            # `stamps.sample_times` has refused samples without times and without a rate.
+            assert options.rate_hz is not None
+            times[arm] = np.arange(len(samples)) / options.rate_hz
         else:
             stamps.require_plausible(track.path, samples.time_s, track.clock, options)
             times[arm] = samples.time_s

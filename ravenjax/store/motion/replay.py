@@ -96,12 +96,13 @@ class OperatorReplay:
         path = resampling.at_rows(recording.poses.position[:, i], self.rows)
         steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
         distance = np.linalg.norm(path, axis=1) * 1e3
+        # What the low-pass filter removed from the positions: RMS, maximum, and its time.
         removed = None
         if recording.options.cutoff_hz is not None:
-            moved = (recording.unfiltered - recording.poses.position)[begin : self.end, i]
-            size = np.linalg.norm(moved, axis=1) * 1e3
-            at_s = (begin + int(np.argmax(size))) * TICK_S
-            removed = np.sqrt(np.mean(size**2)), size.max(), at_s
+            removed_m = (recording.unfiltered - recording.poses.position)[begin : self.end, i]
+            removed_mm = np.linalg.norm(removed_m, axis=1) * 1e3
+            peak_s = (begin + int(np.argmax(removed_mm))) * TICK_S
+            removed = np.sqrt(np.mean(removed_mm**2)), removed_mm.max(), peak_s
         return ArmSummary(
             arm=arm,
             orientation="home" if samples.quat is None else "recorded",
@@ -150,6 +151,7 @@ def replay_motion(
     path = Path(path)
     require_readable(path)
     parts = sorted(path.iterdir()) if path.is_dir() else [path]
+    # `_replay` keeps its last results. A changed file has other states, so it is read again.
     states = tuple((file.stat().st_mtime_ns, file.stat().st_size) for file in parts)
     return _replay(path, states, arms, options or ReplayOptions(), ticks, scale, bounds)
 
@@ -167,8 +169,9 @@ def _replay(
 ) -> OperatorReplay:
     recording = load_recording(path, arms, options)
     reachable = reach_poses(recording.poses, bounds)
-    begin, after = _window(recording)
-    course = timeline.make_timeline(path, after - begin, ticks, options)
+    begin, window_end = _window(recording)
+    course = timeline.make_timeline(path, window_end - begin, ticks, options)
+    # The row after the last that is replayed. The 1e-9 is for rounding errors, also below.
     end = begin + math.ceil(float(course.row.max()) - 1e-9) + 1
     _require_covered(recording, begin, end)
     _require_inside(recording, reachable, begin, end, bounds)
@@ -262,20 +265,20 @@ def _require_covered(recording: HandRecording, begin: int, end: int):
     if jumps:
         raise spikes.spike_error(path, jumps, recording.options.spikes)
     limit = recording.options.max_gap_s
+    # Length in s, row before the gap, and begin in s.
     gaps = [
-        gap
-        for gap in recording.gaps
-        if gap[2] - gap[1] > limit and gap[1] < last and gap[2] > first
+        (until - at, row, at)
+        for row, at, until in recording.gaps
+        if until - at > limit and at < last and until > first
     ]
     if not gaps:
         return
-    row, at, until = gaps[0]
-    worst = max(gaps, key=lambda gap: gap[2] - gap[1])
-    longest = worst[2] - worst[1]
+    length, row, at = gaps[0]
+    longest, longest_row, _ = max(gaps, key=lambda gap: gap[0])
     raise UserError(
-        f"{path}: gap of {until - at:.3f} s after row {row} (t = {at:.3f} s); expected at most"
+        f"{path}: gap of {length:.3f} s after row {row} (t = {at:.3f} s); expected at most"
         f" {limit:g} s between samples. {len(gaps)} such gaps, the longest {longest:.3f} s after"
-        f" row {worst[0]}. Replay a part without gaps: operator.window_s within"
+        f" row {longest_row}. Replay a part without gaps: operator.window_s within"
         f" {format_spans(_longest_first(recording, recording.covered))}; or interpolate over the"
         f" gaps: operator.max_gap_s = {math.ceil(longest * 100) / 100:g}"
     )
@@ -322,10 +325,10 @@ def _longest_first(
 def _require_moving(
     recording: HandRecording, begin: int, end: int, rows: np.ndarray
 ) -> tuple[str, ...]:
-    """Raise UserError if no arm moves in the rows with the pedal down.
+    """Raise UserError if no arm moves while the pedal is down. Return a notice if only some move.
 
-    Most faults have no effect while nothing moves, so a campaign would show too little harm. Return
-    a notice if only some arms move.
+    rows: replayed rows with the pedal down, with fractions. Most faults have no effect while
+    nothing moves, so a campaign would show too little harm.
     """
     span = f"from {begin * TICK_S:.3f} to {end * TICK_S:.3f} s"
     if not len(rows):
@@ -333,6 +336,7 @@ def _require_moving(
             f"{recording.path}: the pedal is never down {span}, so the robot would not move. Choose"
             " another part (operator.window_s), or remove the column surgeon_mode"
         )
+    # The nearest whole rows.
     used, poses = np.unique(np.rint(rows).astype(int)), recording.poses
     extent_m = np.ptp(poses.position[used], axis=0).max(axis=1)
     cosine = np.abs(np.sum(poses.quat[used] * poses.quat[used[:1]], axis=2)).min(axis=0)

@@ -128,33 +128,31 @@ class Samples:
 
 
 def read_table(path: Path, options: ReplayOptions, header: str) -> Samples:
-    """Return the columns of a table under ravenjax's names for them.
+    """Return the columns of a table under ravenjax's names for them, and the times of its rows.
 
     header: a header line that error messages propose.
     """
-    # `ours`: ravenjax's name -> the file's name.
-    given, ours = options.columns, {}
-    if given == "jigsaws":
-        given = JIGSAWS
-    if isinstance(given, dict):
-        ours, given = given, []
-    names = [name.strip(" -") or f"column {i}" for i, name in enumerate(given)]
+    given = JIGSAWS if options.columns == "jigsaws" else options.columns
+    # A dictionary (ravenjax's name -> the file's name), or the names of all columns.
+    file_names, all_names = (given, ()) if isinstance(given, dict) else ({}, given)
+    names = [name.strip(" -") or f"column {i}" for i, name in enumerate(all_names)]
     way = f"{header}, or name all columns: {options.written('columns', header.split(','))}"
     if "gold" in header:
         way += f'. The {len(JIGSAWS)} columns of JIGSAWS are operator.columns = "jigsaws"'
     table = files.read_table(path, names or None, way)
-    for name, theirs in ours.items():
-        if theirs not in table:
+    new_names = {file_name: name for name, file_name in file_names.items()}
+    for file_name, name in new_names.items():
+        if file_name not in table:
             raise UserError(
-                f"{path}: no column {theirs!r}, which {options.written('columns', '...')} names as"
-                f" {name}; the file has {list_names(table)}"
-                f"{suggest_name(theirs, map(str, table))}"
+                f"{path}: no column {file_name!r}, which {options.written('columns', '...')} names"
+                f" as {name}; the file has {list_names(table)}"
+                f"{suggest_name(file_name, map(str, table))}"
             )
-    replaced = [name for name in ours if name in table and name not in ours.values()]
-    table = table.drop(columns=replaced).rename(columns={v: k for k, v in ours.items()})
+    replaced = [name for name in file_names if name in table and name not in new_names]
+    table = table.drop(columns=replaced).rename(columns=new_names)
     if len(table) < 2:
         content = f"contains {len(table)} rows" if len(table) else "the table has no rows"
-        raise UserError(f"{path}: {content}; expected a motion of at least 2")
+        raise UserError(f"{path}: {content}; expected at least 2 rows")
     notes = (JAWS_OF_JIGSAWS,) if options.columns == "jigsaws" else ()
     notes = (*notes, *table.attrs.get("notes", ()))
     samples = Samples(path, table, notes=notes)
@@ -163,7 +161,7 @@ def read_table(path: Path, options: ReplayOptions, header: str) -> Samples:
         raise UserError(f"{path}: columns {' and '.join(times)} mean the same; keep one of them")
     for name in times:
         samples.clock = f"column {name}"
-        values = stamps.seconds_since_first(samples.numbers(name))
+        values = stamps.times_since_first(samples.numbers(name))
         samples.time_s = values * stamps.UNITS[name.rpartition("_")[2]]
     return samples
 
@@ -237,8 +235,8 @@ def _arm_track(samples: Samples, arm: ArmName, options: ReplayOptions) -> ArmTra
             columns = " or ".join(f"{name}_{unit}" for unit in LENGTHS)
             raise UserError(
                 f"{path}: no column {columns}; the file has {list_names(table)}. Write the file's"
-                f" column names: operator.columns = {{ {name}_mm = '...' }}; if a column names the"
-                " sensor of each row, write operator.sensors"
+                f" column names: operator.columns = {{ {name}_mm = '...' }}. If a column names each"
+                f" row's sensor, write operator.sensors = {{ column = 'tool', {arm} = 'left' }}"
             )
         places.append(values)
     quat = samples.group([f"{arm}_{name}" for name in QUAT], "an orientation")
@@ -256,8 +254,7 @@ def _unit_quaternions(
 ) -> np.ndarray | None:
     """Return unit quaternions [T, 4] from recorded quaternions or from rotation matrices [T, 9].
 
-    Return None if neither was recorded, or if all quaternions are zero, which means that a file of
-    `ravenjax trace` has no rotations.
+    Return None if neither was recorded, or if all quaternions are 0, as `ravenjax trace` may write.
     """
     from scipy.spatial.transform import Rotation
 
@@ -265,14 +262,15 @@ def _unit_quaternions(
         raise UserError(f"{samples.path}: {arm}_qx.. and {arm}_r11.. mean the same; keep one")
     if matrix is not None:
         turns = matrix.reshape(-1, 3, 3)
-        # The product of a rotation matrix and its transpose is the identity. Files contain rounded
-        # numbers, so the difference may be up to 0.02.
+        # The product of a rotation matrix and its transpose is the identity. Rounded numbers may
+        # differ by 0.02.
         error = np.abs(turns @ np.swapaxes(turns, 1, 2) - np.eye(3)).max(axis=(1, 2))
         bad = np.flatnonzero((error > 0.02) | (np.linalg.det(turns) < 0.0))
         if bad.size:
             raise UserError(
-                f"{samples.path}: {samples.place(bad[0])}: {arm}_r11.. is no rotation matrix; its"
-                " rows are r11 r12 r13, r21 ..: they need length 1 and right angles"
+                f"{samples.path}: {samples.place(bad[0])}: {arm}_r11 to {arm}_r33 are no rotation"
+                " matrix; expected rows r11 r12 r13 and so on of length 1, perpendicular to each"
+                " other, with determinant 1"
             )
         return Rotation.from_matrix(turns).as_quat()
     length = np.zeros(1) if quat is None else np.linalg.norm(quat, axis=1)
@@ -301,14 +299,15 @@ class Bag:
     def topic(self, arm: str, *ends: str) -> str | None:
         """Return the first topic of an arm whose name ends in one of `ends`, such as setpoint_cp.
 
-        The namespace is that of the options, otherwise any that ends in arm1 (gold) or arm2
-        (green). Raise UserError if several namespaces have such topics.
+        The options may name the topic, another topic of its namespace, or the namespace. Without
+        options, any namespace counts that ends in arm1 (gold) or arm2 (green). Raise UserError for
+        several namespaces.
         """
-        if (own := self._options.topics.get(arm)) is not None:
-            if own in self.kinds and own.endswith(ends):
-                return own
-            space = own.rpartition("/")[0] if own in self.kinds else own.rstrip("/")
-            return next((one for end in ends if (one := f"{space}/{end}") in self.kinds), None)
+        if (given := self._options.topics.get(arm)) is not None:
+            if given in self.kinds and given.endswith(ends):
+                return given
+            space = given.rpartition("/")[0] if given in self.kinds else given.rstrip("/")
+            return next((name for end in ends if (name := f"{space}/{end}") in self.kinds), None)
         names = [f"/{ARM_TOPICS[arm]}/{end}" for end in ends]
         found = [topic for name in names for topic in self.kinds if f"/{topic}".endswith(name)]
         if len({topic.rpartition(ARM_TOPICS[arm])[0] for topic in found}) > 1:
@@ -319,10 +318,10 @@ class Bag:
         return found[0] if found else None
 
     def missing(self, arm: str, *ends: str) -> UserError:
-        """Return the error for a bag without topics of an arm; it names the option for others."""
+        """Return the error for a bag without an arm's topics. It states how to select others."""
         space = self._options.topics.get(arm, f"/{ARM_TOPICS[arm]}")
-        taken = [f"/{name}/" for one, name in ARM_TOPICS.items() if one != arm]
-        others = [t for t in self.kinds if t.endswith(ends) and not any(x in t for x in taken)]
+        other_arms = [f"/{name}/" for one, name in ARM_TOPICS.items() if one != arm]
+        others = [t for t in self.kinds if t.endswith(ends) and not any(x in t for x in other_arms)]
         kinds = [f"{topic} ({kind})" for topic, kind in sorted(self.kinds.items())]
         advice = f". To use other topics, write {self._choice(arm, others)}" if others else ""
         return UserError(
@@ -343,9 +342,10 @@ def open_bag(path: Path, options: ReplayOptions) -> Iterator[Bag]:
 
 
 def _bag_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> Track:
-    # Reads one topic of poses per arm. Times are header stamps if all arms have them, otherwise log
-    # times, so that all arms use the same clock.
+    # Reads one topic of poses per arm. Times are header stamps if all arms have them, else log
+    # times: all arms have the same clock.
     ends = [f"{source}_cp" for source in SOURCES]
+    # By arm: messages of the tip, and times, opening and topic of the jaws.
     tips, jaws, notes = {}, {}, []
     with open_bag(path, options) as bag:
         for arm in arms:
@@ -355,29 +355,30 @@ def _bag_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) ->
             if bag.kinds[topic] != POSE:
                 raise UserError(f"{path}: {topic} has type {bag.kinds[topic]}, expected {POSE}")
             tips[arm] = bag.read(topic)
-        stamped = all(one.clock.startswith("header") for one in tips.values())
+        stamped = all(tip.clock.startswith("header") for tip in tips.values())
         for arm in arms:
             if not stamped:
-                tips[arm] = bag.read(tips[arm].topic, False)
+                tips[arm] = bag.read(tips[arm].topic, stamped=False)
             # Poses without jaws are useful too, so errors of the jaws become notes.
             try:
                 jaws[arm] = _jaws(bag, arm, stamped, tips[arm], options.max_gap_s)
             except UserError as error:
                 notes.append(f"jaws of {arm} are not read: {error}")
-        own = any(topic.startswith("/ravenjax/") for topic in bag.kinds)
-    begin = min(int(one.time_ns[0]) for one in tips.values())
+        by_ravenjax = any(topic.startswith("/ravenjax/") for topic in bag.kinds)
+    begin_ns = min(int(tip.time_ns[0]) for tip in tips.values())
     tracks, clocks = {}, []
     used = [tip.topic for tip in tips.values()]
     for arm, tip in tips.items():
-        samples = _poses(path, arm, tip, begin)
-        frame, words = _frame(path, arm, tip, options, own)
+        samples = _poses(path, arm, tip, begin_ns)
+        frame, frame_notes = _frame(path, arm, tip, options, by_ravenjax)
         if (jaw := jaws.get(arm)) is not None:
-            at, opening, topic = jaw
+            jaw_ns, opening, topic = jaw
             used.append(topic)
-            samples.table[f"{arm}_grasp_rad"] = np.interp(tip.time_ns - begin, at - begin, opening)
+            grasp = np.interp(tip.time_ns - begin_ns, jaw_ns - begin_ns, opening)
+            samples.table[f"{arm}_grasp_rad"] = grasp
         tracks[arm] = dataclasses.replace(_arm_track(samples, arm, options), frame=frame)
         clocks.append(samples.clock)
-        notes = [*samples.notes, *words, *notes]
+        notes = [*samples.notes, *frame_notes, *notes]
     ignored = tuple(sorted(bag.kinds.keys() - used))
     return Track(path, clocks[0], tracks, None, tuple(used), ignored, tuple(notes))
 
@@ -409,31 +410,33 @@ def _jaws(
         return None
     jaw = bag.read(topic, stamped)
     if alone:
-        # A message without a position gives NaN.
-        opening = np.array([[*one.position, np.nan][0] for one in jaw.messages])
+        positions = [one.position for one in jaw.messages]
+        opening = np.array([values[0] if len(values) else np.nan for values in positions])
     else:
         opening = bags.read_joints(bag.path, jaw)[:, JOINTS.index("grasp1") :].sum(axis=1)
         if np.isnan(opening).any():
             return None
+    # Only messages between the first and the last message of the tip are checked.
     times = np.clip(jaw.time_ns, *tip.time_ns[[0, -1]])
     steps_s = np.diff(times, prepend=tip.time_ns[0], append=tip.time_ns[-1]) * 1e-9
     widest = np.abs(opening).max()
     if not widest <= WIDEST_RAD or steps_s.min() < 0.0 or steps_s.max() > max_gap_s:
         raise UserError(
-            f"{topic}: while the tip was recorded, messages are {steps_s.min():.3g} to"
-            f" {steps_s.max():.3g} s apart, and the jaws open by up to {widest:.4g} rad. Expected"
-            f" times that never go back, at most {max_gap_s:g} s between messages"
-            f" (operator.max_gap_s), and jaws that open by at most {WIDEST_RAD:.3g} rad"
+            f"{topic}: while the tip was recorded, the time between messages is {steps_s.min():.3g}"
+            f" to {steps_s.max():.3g} s; expected 0 to {max_gap_s:g} s (operator.max_gap_s). The"
+            f" largest opening of the jaws is {widest:.4g} rad; expected at most {WIDEST_RAD:.3g}"
+            " rad"
         )
     return jaw.time_ns, opening, topic
 
 
 def _frame(
-    path: Path, arm: ArmName, tip: TopicMessages, options: ReplayOptions, own: bool
+    path: Path, arm: ArmName, tip: TopicMessages, options: ReplayOptions, by_ravenjax: bool
 ) -> tuple[Frame, list[str]]:
     """Return the frame that the headers of an arm's pose messages name, and notes.
 
-    own: the file was written by ravenjax, whose older versions called frame 0 `arm1_base`.
+    by_ravenjax: ravenjax wrote the file; older versions called frame 0 `arm1_base`. An unknown
+    frame is permitted if the options place the motion; its axes then count as those of frame 0.
     """
     names = [one.header.frame_id for one in tip.messages]
     for number, name in zip(tip.number, names, strict=True):
@@ -446,15 +449,15 @@ def _frame(
     if options.frame is not None or name in ("", frame0_name(arm)):
         return "frame0", []
     if name == f"{ARM_TOPICS[arm]}_base":
-        if own:
+        if by_ravenjax:
             return "frame0", []
         return "arm_base", [f"{tip.topic} is in frame {name}; it is turned into frame 0"]
-    turned, moved = of_arm(options.rotation, arm), of_arm(options.offset_mm, arm)
-    if (turned, moved, options.place) == (None, None, "recorded"):
+    rotation, offset = of_arm(options.rotation, arm), of_arm(options.offset_mm, arm)
+    if (rotation, offset, options.place) == (None, None, "recorded"):
         raise UserError(
-            f"{path}: {tip.topic} is in the unknown frame {names[0]!r}; expected"
-            f" frame 0 of {arm}, or {ARM_TOPICS[arm]}_base of CRTK. Write operator.frame ="
-            ' "frame0" if it is frame 0, operator.place = "home" to begin after homing, or'
-            " operator.rotation and operator.offset_mm"
+            f"{path}: {tip.topic} is in the unknown frame {names[0]!r}; expected frame 0 of {arm},"
+            f" or {ARM_TOPICS[arm]}_base of CRTK. If it is frame 0, write operator.frame ="
+            ' "frame0". If only its origin differs, write operator.place = "home", which begins at'
+            " the home pose. Otherwise write operator.rotation and operator.offset_mm"
         )
     return "frame0", [f"frame {names[0]} has the axes of frame 0 before operator.rotation"]

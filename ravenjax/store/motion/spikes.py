@@ -49,36 +49,39 @@ class Spike(NamedTuple):
 
 
 def find_spikes(arm: str, track: ArmTrack, time_s: np.ndarray, max_gap_s: float) -> list[Spike]:
-    """Return the implausible jumps of one arm's tip in order. time_s [T]: times of its samples."""
+    """Return the implausible jumps of one arm's tip in order. time_s [T]: times of its samples.
+
+    A jump away and the jump back to a plausible place are one `Spike`.
+    """
     tip = track.position
     length, seconds = np.linalg.norm(np.diff(tip, axis=0), axis=1), np.diff(time_s)
+    # Each jump is the index of the sample before it.
     jumps = np.flatnonzero((length > LEAST_M) & (length > FASTEST_M_S * seconds)).tolist()
     spikes: list[Spike] = []
     last = -1
-    for step in jumps:
-        if step <= last:
+    for before in jumps:
+        # This jump belongs to the spike before.
+        if before <= last:
             continue
-        near = (
+        soon = (
             j
             for j in jumps
-            if step < j <= step + MOST_ROWS and time_s[j + 1] - time_s[step] <= max_gap_s
+            if before < j <= before + MOST_ROWS and time_s[j + 1] - time_s[before] <= max_gap_s
         )
-        back = next((j for j in near if _returns(tip, time_s, step, j)), None)
-        last = step if back is None else back
-        away = tip[step + 1 : max(last, step + 1) + 1]
-        size = float(np.linalg.norm(away - tip[step], axis=1).max()) * 1e3
-        at_s, begin_s, end_s = time_s[[step + 1, step, last + 1]].tolist()
-        spikes.append(Spike(arm, step + 1, last - step, at_s, size, begin_s, end_s))
+        # The last sample of the spike; `before` if the tip does not jump back.
+        last = next((j for j in soon if _can_move(tip, time_s, before, j + 1)), before)
+        first = before + 1
+        away = tip[first : max(last, first) + 1]
+        size = float(np.linalg.norm(away - tip[before], axis=1).max()) * 1e3
+        at_s, begin_s, end_s = time_s[[first, before, last + 1]].tolist()
+        spikes.append(Spike(arm, first, last - before, at_s, size, begin_s, end_s))
     return spikes
 
 
-def _returns(tip: np.ndarray, time_s: np.ndarray, before: int, after: int) -> bool:
-    """Return whether a plausible motion leads from sample `before` to sample `after` + 1.
-
-    tip: [T, 3] positions, m.
-    """
-    distance = float(np.linalg.norm(tip[after + 1] - tip[before]))
-    return distance <= max(LEAST_M, FASTEST_M_S * float(time_s[after + 1] - time_s[before]))
+def _can_move(tip: np.ndarray, time_s: np.ndarray, first: int, second: int) -> bool:
+    # Returns whether a plausible motion leads from sample `first` to `second`. tip: [T, 3], m.
+    distance = float(np.linalg.norm(tip[second] - tip[first]))
+    return distance <= max(LEAST_M, FASTEST_M_S * float(time_s[second] - time_s[first]))
 
 
 def remove_spikes(
@@ -102,9 +105,10 @@ def refused_jumps(jumps: Sequence[Spike], treatment: Spikes) -> list[Spike]:
 def spike_error(path: Path, spikes: list[Spike], treatment: Spikes) -> UserError:
     """Return the error for jumps in the replayed part; treatment: value of the option `spikes`."""
     more = f" and {len(spikes) - SHOWN} more" if len(spikes) > SHOWN else ""
-    removal = 'operator.spikes = "remove" interpolates over them; ' if treatment == "refuse" else ""
-    if not all(spike.rows for spike in spikes):
-        removal = ""
+    removal = ""
+    # A jump without a jump back has rows = 0 and cannot be removed.
+    if treatment == "refuse" and all(spike.rows for spike in spikes):
+        removal = 'operator.spikes = "remove" interpolates over them; '
     return UserError(
         f"{path}: the tip jumps at {'; '.join(spike.words for spike in spikes[:SHOWN])}{more}."
         f" Expected no step of more than {LEAST_M * 1e3:g} mm at more than {FASTEST_M_S:g} m/s."

@@ -35,8 +35,8 @@ def time_columns(names: Iterable[str], stems: tuple[str, ...] = NAMES) -> list[s
     return [name for name in names for stem in stems for unit in UNITS if name == f"{stem}_{unit}"]
 
 
-def seconds_since_first(values: np.ndarray) -> np.ndarray:
-    """Return times relative to the first, in their unit.
+def times_since_first(values: np.ndarray) -> np.ndarray:
+    """Return the times `values` relative to the first, in the same unit.
 
     Integers are subtracted before the conversion to double precision, which cannot represent
     nanoseconds since 1970 exactly.
@@ -63,27 +63,28 @@ def sample_times(
         )
     if rate_hz is None:
         return seconds, clock, ()
-    rate = options.written("rate_hz", f"{rate_hz:g}")
+    # The option as the user writes it, for messages.
+    rate_text = options.written("rate_hz", f"{rate_hz:g}")
     if seconds is None:
-        return None, rate, ()
+        return None, rate_text, ()
     span, stated = float(seconds[-1] - seconds[0]), (rows - 1) / rate_hz
     if not abs(span - stated) <= RATES_AGREE * stated:
         slow_down = options.written("slow_down", "2.0")
         slower = f". To replay more slowly, write {slow_down}" if slow_down else ""
         mean = f"{(rows - 1) / span:.4g} rows a second" if span > 0 else "all rows at one time"
         raise UserError(
-            f"{path}: {rows} rows last {stated:.4g} s by {rate}, but {span:.4g} s by {clock}"
-            f" ({mean}); expected agreement within {100 * RATES_AGREE:g} %. Write the rate of the"
-            f" recording, or remove its times{slower}"
+            f"{path}: with {rate_text}, {rows} rows last {stated:.4g} s; according to {clock}"
+            f" {span:.4g} s ({mean}); expected agreement within {100 * RATES_AGREE:g} %. Write the"
+            f" rate of the recording, or remove its times{slower}"
         )
-    note = f"{clock} is not used, because {rate} spaces rows evenly; it spans {span:.3f} s"
-    return None, rate, (note,)
+    note = f"{clock} is not used, because {rate_text} spaces rows evenly; it spans {span:.3f} s"
+    return None, rate_text, (note,)
 
 
 def require_plausible(path: Path, time_s: np.ndarray, clock: str, options: ReplayOptions) -> None:
     """Raise UserError for times [T] that repeat, decrease, come in bursts or at a strange rate."""
     if len(time_s) < 2:
-        raise UserError(f"{path}: {clock}: {len(time_s)} samples; expected a motion of at least 2")
+        raise UserError(f"{path}: {clock}: {len(time_s)} samples; expected at least 2 samples")
     steps, span = np.diff(time_s), float(time_s[-1] - time_s[0])
     mean_hz = len(steps) / span if span > 0.0 else np.inf
     item = "row" if clock.startswith("column") else "message"
@@ -110,9 +111,9 @@ def require_plausible(path: Path, time_s: np.ndarray, clock: str, options: Repla
     median, lowest = float(np.median(steps)), min(LOWEST_HZ, 1.0 / options.max_gap_s)
     if all(hz > HIGHEST_HZ or hz < lowest for hz in (mean_hz, 1.0 / median)):
         raise UserError(
-            f"{path}: by {clock} there are {mean_hz:.4g} rows a second, {span:.4g} s in all;"
-            f" expected {lowest:g} to {HIGHEST_HZ:g} a second. If the unit is wrong, rename the"
-            " column: _s, _ms, _us or _ns"
+            f"{path}: according to {clock} there are {mean_hz:.4g} rows a second, {span:.4g} s in"
+            f" all; expected {lowest:g} to {HIGHEST_HZ:g} a second. If the unit is wrong, rename"
+            " the column: _s, _ms, _us or _ns"
         )
     row = int(np.argmax(steps))
     if steps[row] > MOST_GAP_S:
@@ -124,9 +125,9 @@ def require_plausible(path: Path, time_s: np.ndarray, clock: str, options: Repla
     most = np.sort(steps)[: -max(2, len(steps) // 100)]
     if len(steps) >= LEAST_ROWS and median < most.mean() / BURSTS:
         raise UserError(
-            f"{path}: the time stamps come in bursts: by {clock}, half of the rows follow the row"
-            f" before within {median * 1e3:.3g} ms, but there are only {mean_hz:.4g} rows per"
-            f" second{even}"
+            f"{path}: the time stamps come in bursts: according to {clock}, half of the time steps"
+            f" are at most {median * 1e3:.3g} ms, but there are only {mean_hz:.4g} rows per second"
+            f"{even}"
         )
 
 
@@ -138,13 +139,14 @@ def find_gaps(time_s: np.ndarray) -> list[tuple[int, float, float]]:
 
 
 def _correction(time_s: np.ndarray, back: np.ndarray, item: str) -> str:
-    """Return advice for times [T] that go back after the rows `back`."""
+    """Return advice for times [T] that go back after the rows `back`. item: "row" or "message"."""
     if back.size > len(time_s) // 20:
         return f"Sort the {item}s by time"
     row = int(back[0])
-    # Wrong times lie between right ones. A clock that was set back needs a while to catch up.
-    around = time_s[max(row - 1, 0)], time_s[min(row + 4, len(time_s) - 1)]
-    if time_s[row + 1] > around[0] or time_s[row] < around[1]:
+    earlier, later = time_s[max(row - 1, 0)], time_s[min(row + 4, len(time_s) - 1)]
+    # First case: only the time of `row` is wrong. Second case: at most three times after `row` are
+    # wrong. After a clock was set back, in contrast, many later times are below the time of `row`.
+    if time_s[row + 1] > earlier or time_s[row] < later:
         return f"Remove the {item}s with wrong times, or correct their times"
     return "Cut the file there"
 

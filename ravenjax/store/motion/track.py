@@ -72,17 +72,17 @@ def in_frame0(
 
     from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 
-    # A point p of frame 0 is axes.T @ p about the axes of a console, and CRTK's base frame has
-    # these with y and z reversed. Source: raven2 `src/raven/crtk_motion_api.cpp`.
+    # The columns of `axes` are the axes of a console in frame 0. CRTK's base frame has the same x
+    # axis, and opposite y and z axes. Source: raven2 `src/raven/crtk_motion_api.cpp`.
     axes = np.array(ITP_AXES[arm])
     frames = {"frame0": np.eye(3), "console": axes, "arm_base": axes * [1.0, -1.0, -1.0]}
-    own = of_arm(options.rotation, arm)
-    if own is None:
+    given = of_arm(options.rotation, arm)
+    if given is None:
         turn = Rotation.identity()
-    elif len(own) == 4:
-        turn = Rotation.from_quat(own)
+    elif len(given) == 4:
+        turn = Rotation.from_quat(given)
     else:
-        turn = Rotation.from_matrix(np.array(own))
+        turn = Rotation.from_matrix(np.array(given))
     turn = turn * Rotation.from_matrix(frames[options.frame or samples.frame])
     position = turn.apply(samples.position)
     position += np.array(of_arm(options.offset_mm, arm) or (0.0, 0.0, 0.0)) * 1e-3

@@ -2,8 +2,8 @@
 
 The measures use the true tips while the pedal is down, the session runs, and the operator drives
 the real robot, as `motion.resample_path` returns them. A *stretch* is a period of this time without
-a gap. A *movement* is the part of a stretch between two targets, or the whole stretch without them.
-docs/how-to/training-session-tools.md names the sources.
+a gap. A *movement* is the part of a stretch between two targets, or the whole stretch if the task
+has no targets. docs/how-to/training-session-tools.md names the sources.
 """
 
 import itertools
@@ -43,7 +43,7 @@ def measure_dexterity(course: Recording) -> Json:
     for arm in course.layout.arms:
         tip = course[f"{arm}/tip"]
         paths = [motion.resample_path(course.ms[a:b], tip[a:b]) for a, b in stretches]
-        # The empty array is for a session without a stretch, as nothing cannot be concatenated.
+        # `np.concatenate` needs at least one array, also for a session without a stretch.
         speeds.append(np.concatenate([*map(motion.tip_speed, paths), np.zeros(0)]))
         measures["arms"][arm] = {
             "path_mm": 1e3 * sum(map(motion.path_length, paths)),

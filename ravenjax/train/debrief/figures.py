@@ -161,8 +161,8 @@ def _curve(
     # Returns a curve with few points. Of a step curve it keeps the corners.
     if not step:
         return Curve(name, colour, *thin_curve(time, values), **style)
-    corners = np.flatnonzero(np.diff(values, prepend=np.nan))
-    corners = np.append(corners, len(values) - 1)
+    changes = np.flatnonzero(np.diff(values)) + 1
+    corners = np.array([0, *changes, len(values) - 1])
     return Curve(name, colour, time[corners], values[corners].astype(float), step=True, **style)
 
 
@@ -175,8 +175,8 @@ def _chart(
     height: int,
     share: bool = False,
 ) -> Chart:
-    # Returns a chart with vertical lines at moments. share: the values are 0 to 1. Only the highest
-    # chart, which comes first, shows the texts of the moments, above its lines.
+    # Returns a chart with a vertical line at each moment, of the colour MOMENTS[kind][1]. share:
+    # values are 0 to 1. Only a chart of full HEIGHT shows texts, above these lines.
     top = 1.0 if share else 1.1 * max(1e-3, *(float(curve.y.max()) for curve in curves))
     marks: list[Mark] = [
         Curve("", MOMENTS[kind][1], np.full(2, at), np.array([0.0, top]), in_legend=False)

@@ -11,7 +11,6 @@ import dataclasses
 import hmac
 import importlib
 import ipaddress
-import os
 import secrets
 import socket
 import threading
@@ -26,8 +25,9 @@ from ravenjax.errors import UserError
 STATIC = Path(__file__).resolve().parent / "static"
 _PORTS = 100
 """Number of ports to try, from the requested port on."""
-_UNAVAILABLE = (
-    "HTTP/1.1 503 Service Unavailable\r\nContent-Type: text/html; charset=utf-8\r\n"
+# Not 503, which browsers report as an error.
+_WAITING = (
+    "HTTP/1.1 200 OK\r\nContent-Type: text/html; charset=utf-8\r\n"
     "Cache-Control: no-store\r\nConnection: close\r\nRefresh: 1\r\n\r\n"
 )
 _PATIENCE_S = 0.2
@@ -123,9 +123,7 @@ def run_when_told(session: Connection, listening: socket.socket) -> None:
     browsers show the texts that `session` sends, such as what the session waits for. The answer to
     the options is the port. The function returns when the session has ended.
     """
-    # viser and MuJoCo take seconds to import, and only the page's process needs them. MuJoCo draws
-    # nothing, so it needs no OpenGL.
-    os.environ["MUJOCO_GL"] = "disable"
+    # viser and MuJoCo take seconds to import, and only the page's process needs them.
     page = "ravenjax.train.page.process"
     importing = threading.Thread(target=importlib.import_module, args=(page,), daemon=True)
     importing.start()
@@ -150,4 +148,4 @@ def _ask_to_wait(listening: socket.socket, text: str):
     with visitor, contextlib.suppress(OSError):
         visitor.settimeout(_PATIENCE_S)
         visitor.recv(1 << 16)
-        visitor.sendall((_UNAVAILABLE + text).encode())
+        visitor.sendall((_WAITING + text).encode())

@@ -80,7 +80,7 @@ class Inbox:
         the session. `commands.toml` lists the keys of each command and the roles that may send it.
         """
         if len(message) > MAX_MESSAGE_BYTES:
-            raise RefusedMessage(f"{len(message)} bytes, expected {MAX_MESSAGE_BYTES} at most")
+            raise RefusedMessage(f"got {len(message)} bytes, expected {MAX_MESSAGE_BYTES} at most")
         try:
             content = _MESSAGE.validate_json(message).model_dump(exclude_none=True)
         except ValidationError as error:
@@ -105,13 +105,13 @@ class Inbox:
         # Refuses a message with numbers or names that this session does not have.
         for arm in content.get("arms", ()):
             if arm not in self.arms:
-                raise RefusedMessage(f"arm {arm}, the session has {' and '.join(self.arms)}")
+                raise RefusedMessage(f"got arm {arm}, expected {' or '.join(self.arms)}")
         if len(json.dumps(content.get("text", ""))) > MAX_NOTE_BYTES:
-            raise RefusedMessage(f"a note of more than {MAX_NOTE_BYTES} bytes")
+            raise RefusedMessage(f"got a note of more than {MAX_NOTE_BYTES} bytes")
         if name == "instructor cue" and self.blinded:
             raise RefusedMessage("the session is blinded, so instructors cannot set its cue")
         if content.get("hazard", -1) >= self.hazards:
-            raise RefusedMessage(f"hazard {content['hazard']}, the session has {self.hazards}")
+            raise RefusedMessage(f"no hazard {content['hazard']}: there are {self.hazards}, from 0")
         if "scenario" in content:
             # The scenario models are needed only once a session is over.
             from ravenjax.train.scenario import loading
@@ -149,12 +149,13 @@ class Visibility:
         return texts | {name: value for name, value in header.items() if name not in hidden}
 
     def frame(self, row: np.ndarray, extras: np.ndarray) -> bytes:
-        """Return the bytes of a frame, float32: extras [arms, 5] of `Page._extras`, then the row.
-        Values that the role may not see are replaced. With the cue off, operators see no force; the
-        instructor sees the force that the cue would have.
+        """Return the bytes of a frame, float32: `extras` (error_mm, force and desired tip of each
+        arm), then the row. Values that the role may not see are replaced. With the cue off,
+        operators see no force; the instructor sees the force that the cue would have.
         """
         frame, extras = Frame(self.layout, row.copy()), extras.copy()
         is_felt = frame.number("cue_on") != 0
+        # Operators of a blinded session must not know whether the cue is on.
         if self.blinded:
             frame["cue_on"] = 1
         if self.role != "instructor":
@@ -324,16 +325,13 @@ class Hub:
             self._announce_seat()
 
     def _drop_earlier_connection(self, window: str):
-        """Drop the earlier connection of a window that connects again. It may have failed
-        unnoticed.
-        """
+        """Drop the earlier connection of a window that connects again. It may have failed."""
         # A window without a name cannot be recognized.
         same_window = [client for client in self.clients if window and client.window == window]
         for client in same_window:
             self._remove(client)
-            closing = asyncio.create_task(
-                client.connection.close(reason="the window is on another connection")
-            )
+            close = client.connection.close(reason="the window is on another connection")
+            closing = asyncio.create_task(close)
             self._closing.add(closing)
             closing.add_done_callback(self._closing.discard)
 

@@ -67,16 +67,16 @@ class Auth:
 
         host, origin = header("Host"), header("Origin")
         name, _, port = (host or "").lower().rpartition(":")
-        # With a token any name is allowed: another site's name has no cookie, and the names that
-        # lead to this machine are unknown.
+        # Another site's name may lead to this machine (DNS rebinding). A token prevents requests of
+        # its pages, so with a token, any name of the host is allowed.
         is_known_name = name in (*LOOPBACK, self.host) and port == str(self.port)
         if not host or not (self.token is not None or is_known_name):
-            return f"host {host!r} is not this server's"
+            return f"the request is for host {host!r}, which is not this server"
         if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
             return f"origin {origin!r} is not this server's page"
         # A websocket, which has the header Upgrade, was checked by its origin.
         if header("Upgrade") is None and header("Sec-Fetch-Site") == "cross-site":
-            return "another site asks for it"
+            return "a page of another site sent the request"
         if self.token is None:
             return None
         tokens = [query_parameters(request.path).get("token", "")]
@@ -91,9 +91,7 @@ class Auth:
         return None
 
     def cookie(self, request: Request) -> str | None:
-        """Return the cookie to set if the address has a token, so that later requests have it; None
-        without a token.
-        """
+        """Return the cookie to set if the address has a token, for later requests; else None."""
         if self.token is None or not query_parameters(request.path).get("token"):
             return None
         return f"{self._cookie_name}={self.token}; HttpOnly; SameSite=Strict; Path=/"
@@ -145,6 +143,7 @@ class PageConnection(ServerConnection):
     _is_get = False
 
     def data_received(self, data: bytes) -> None:
+        # The first bytes of a connection decide. There may be fewer than 4.
         self._is_get = self._is_get or b"GET ".startswith(data[:4])
         if self._is_get:
             super().data_received(data)
@@ -188,8 +187,7 @@ class PageServer:
                 self.viser = viser.ViserServer(host=options.host, port=port, verbose=False)
         finally:
             websocket_server.serve = original
-        # Remove viser's share request: a visitor could make viser open a tunnel to an outside
-        # server. Nothing leaves this machine.
+        # Remove viser's share request, by which a visitor could open a tunnel to another server.
         self.viser._websock_server.unregister_handler(_messages.ShareUrlRequest)
 
     @property
@@ -201,12 +199,14 @@ class PageServer:
         """Return `websockets.serve` with `Auth` and the websocket of /session added."""
 
         def serve(handler: Handler, *_, **settings):
-            # Serves the scene with viser's handler, and the session's messages, at one port.
+            # viser calls this in place of `original`, the function of the library websockets. It
+            # serves the scene with viser's handler, and the session's messages, at one port.
             async def handle(connection: ServerConnection) -> None:
                 path = urlsplit(connection.request.path if connection.request else "").path
                 if path == SESSION:
                     await self._session(connection)
                     return
+                # Tells the scene to which browser window viser's new client belongs.
                 window.set(path.removeprefix(SCENE))
                 self.watching += 1
                 try:
@@ -240,10 +240,10 @@ class PageServer:
         if cookie := self._auth.cookie(request):
             extra["Set-Cookie"] = cookie
         if path == "/":
-            with_scene = "panel" if parameters.get("scene") == "off" else "scene"
-            body = self._pages["inset" if "inset" in parameters else with_scene]
+            page = "panel" if parameters.get("scene") == "off" else "scene"
+            page = "inset" if "inset" in parameters else page
             extra["Content-Security-Policy"] = _POLICY.format(host=request.headers["Host"])
-            return _response(_TYPES[".html"], body, extra)
+            return _response(_TYPES[".html"], self._pages[page], extra)
         if path in self._files:
             return _response(*self._files[path], extra)
         return _refusal(HTTPStatus.NOT_FOUND, "no such page")
@@ -318,7 +318,8 @@ def _with_panel(client: str, head_tags: str, panel: str) -> str:
     for part in (_FIRST_TAG, head_tags, panel):
         if part not in text:
             raise RuntimeError(
-                f"viser {viser.__version__}: the page of its client lacks {part[:60]!r}"
+                f"viser {viser.__version__} is not supported: its page has no {part[:60]!r}."
+                " Install the version in requirements.lock"
             )
     return text
 
@@ -331,7 +332,7 @@ PERIOD_S = 1 / 60
 
 def serve_page(options: PageOptions, listening: socket.socket, ready: Connection) -> None:
     """Serve the page at a listening socket. Send its port through `ready` once it is served."""
-    # The session handles Ctrl-C, and ends the page when it is ready.
+    # The session handles Ctrl-C, and ends this process after its own work.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with contextlib.closing(Page(options, listening)) as page:
         ready.send(listening.getsockname()[1])
@@ -347,14 +348,12 @@ class Page:
 
     def __init__(self, options: PageOptions, listening: socket.socket):
         self._layout = FrameLayout.of(options.arms)
-        self._frames, self._events, commands = self._rings = [
-            Ring.attach(name) for name in (options.frames, options.events, options.commands)
-        ]
+        ring_names = options.frames, options.events, options.commands
+        self._frames, self._events, commands = self._rings = [*map(Ring.attach, ring_names)]
         self._changed = threading.Event()
         windows = Windows()
-        self._hub = Hub(
-            options, describe_field(options.arms), commands, windows.set_camera, self._speed_up
-        )
+        field = describe_field(options.arms)
+        self._hub = Hub(options, field, commands, windows.set_camera, self._speed_up)
         # Refused connections are not logged.
         logging.getLogger("websockets").setLevel(logging.CRITICAL)
         self._server = PageServer(options, listening, self._hub.serve)
@@ -384,8 +383,7 @@ class Page:
             ring.close()
 
     def _forward(self):
-        # Forwards new events and rows of the session to the browsers. Of several rows they get the
-        # last.
+        # Forwards new events and the newest row of the session to the browsers.
         call_soon = self._server.loop.call_soon_threadsafe
         first, rows = self._events.read(self._next_event)
         if len(rows):
@@ -404,8 +402,7 @@ class Page:
 
     def _extras(self, frames: np.ndarray) -> np.ndarray:
         """Return float32 [arms, 5]: the greatest error_mm and force in these rows, then the desired
-        tip in the last row, m, in the arm's coordinate frame 0. With the greatest values, a peak of
-        one millisecond stays visible.
+        tip in the last row, m, in the arm's coordinate frame 0. Maxima keep short peaks visible.
         """
         out = np.zeros((len(self._layout.arms), 5), np.float32)
         for i, arm in enumerate(self._layout.arms):

@@ -77,9 +77,8 @@ class DepthLine:
         self._letter.text = self._name + " virtual" * is_virtual
         self._rest.visible = is_virtual
         foot = np.array([*tip[:2], tissue_height(*tip[:2])])
-        self._line.visible = self._spot.visible = bool(
-            np.all(np.abs(tip[:2]) < scene.TISSUE_HALF[:2])
-        )
+        is_above_tissue = bool(np.all(np.abs(tip[:2]) < scene.TISSUE_HALF[:2]))
+        self._line.visible = self._spot.visible = is_above_tissue
         self._line.points = np.array([[tip, foot]], np.float32)
         self._spot.position = foot
 
@@ -94,14 +93,14 @@ class TaskShapes:
     _goal: int | None = None
     _object: Any = None
     _holder = ""
-    _on_path: Any = None
+    _path_ball: Any = None
 
     def __init__(self, server: viser.ViserServer, geometry: Json):
         self._server = server
-        self._spots: dict[int, tuple[Any, Rgb]] = {}
+        self._markers: dict[int, tuple[Any, Rgb]] = {}
         self._places: dict[int, np.ndarray] = {}
         targets = geometry.get("targets") or ()
-        self._arms = {int(target["number"]): target.get("arm", "") for target in targets}
+        self._arm_of_target = {int(target["number"]): target.get("arm", "") for target in targets}
         ring = segments_of_path(_RING)
         self._ring = server.scene.add_line_segments("/task/ring", ring, **STYLES["ring"])
         if path := geometry.get("path"):
@@ -109,11 +108,10 @@ class TaskShapes:
             line, colour = segments_of_path(points), _rgb(path["colour"])
             server.scene.add_line_segments("/task/path", line, colour, **STYLES["path"])
             self._places = dict(enumerate(points))
-            self._on_path = self._add_ball(
-                "on_path", path["radius_m"], GOAL_COLOUR, 0.55, visible=False
-            )
+            radius_m = path["radius_m"]
+            self._path_ball = self._add_ball("on_path", radius_m, GOAL_COLOUR, 0.55, visible=False)
         for target in targets:
-            self._add_spot(f"target/{target['number']}", target, 0.55)
+            self._add_marker(f"target/{target['number']}", target, 0.55)
         for peg in geometry.get("pegs") or ():
             (x, y, top), height = peg["at"], peg["height_m"]
             server.scene.add_cylinder(
@@ -123,9 +121,9 @@ class TaskShapes:
                 color=_rgb(peg["colour"]),
                 position=(x, y, top - height / 2),
             )
-            self._add_spot(f"peg/{peg['number']}", peg, 0.7)
+            self._add_marker(f"peg/{peg['number']}", peg, 0.7)
         if carried := geometry.get("object"):
-            self._object = self._add_spot("object", carried, None)
+            self._object = self._add_marker("object", carried, None)
 
     def follow(self, event: Event) -> None:
         """Process an event of kind "object": an arm took the object or released it."""
@@ -141,21 +139,21 @@ class TaskShapes:
         if goal == self._goal:
             return
         self._goal = goal
-        if self._on_path is not None:
-            self._on_path.visible = goal in self._places
-            self._on_path.position = tuple(self._places.get(goal, np.zeros(3)))
-        for number, (node, colour) in self._spots.items():
+        if self._path_ball is not None:
+            self._path_ball.visible = goal in self._places
+            self._path_ball.position = tuple(self._places.get(goal, np.zeros(3)))
+        for number, (node, colour) in self._markers.items():
             if number == goal:
                 scale, colour = 1.0, GOAL_COLOUR
-            elif number not in self._arms:
+            elif number not in self._arm_of_target:
                 scale = PEG_SCALE
-            # Without a goal, all targets have been reached.
+            # A target. Without a goal, all targets have been reached.
             elif goal < 0 or number < goal:
                 scale, colour = REACHED_SCALE, REACHED_COLOUR
             else:
                 scale = NEXT_SCALE
             # Only the last reached targets, the goal and the next target are visible.
-            if number in self._arms:
+            if number in self._arm_of_target:
                 node.visible = goal < 0 or goal - SHOWN_REACHED <= number <= goal + 1
             node.scale, node.color = scale, colour
 
@@ -164,7 +162,7 @@ class TaskShapes:
         that may reach the goal, within `RING_M`.
         """
         place = self._places.get(goal)
-        arms = [arm for arm in tips if self._arms.get(goal, "") in ("", arm)]
+        arms = [arm for arm in tips if self._arm_of_target.get(goal, "") in ("", arm)]
         self._ring.visible = place is not None and bool(arms)
         if place is not None and arms:
             self._ring.position = tuple(place)
@@ -178,11 +176,11 @@ class TaskShapes:
             f"/task/{name}", radius, color=colour, opacity=opacity, **_FLAT, **settings
         )
 
-    def _add_spot(self, name: str, spot: Json, opacity: float | None) -> Any:
+    def _add_marker(self, name: str, spot: Json, opacity: float | None) -> Any:
         # Adds a ball for a target, a peg or the object, and returns its node.
         colour, number, position = _rgb(spot["colour"]), int(spot["number"]), spot["at"]
         node = self._add_ball(name, spot["radius_m"], colour, opacity, position=tuple(position))
-        self._spots[number] = node, colour
+        self._markers[number] = node, colour
         self._places[number] = np.asarray(position, float)
         return node
 
@@ -385,7 +383,7 @@ class Windows:
         server.gui.configure_theme(**STYLES["theme"])
         server.scene.configure_environment_map("studio", environment_intensity=0.3)
         server.scene.configure_default_lights(False)
-        # `static/scene.js` makes the lights and the materials of this one.
+        # `static/scene.js` replaces this light by its own lights, and sets the materials.
         server.scene.add_light_directional("/key")
         lamp = tuple(FIELD_CENTRE + ENDOSCOPES[FIRST_VIEW])
         server.scene.add_light_point("/lamp", position=lamp, **STYLES["lamp"])
@@ -398,7 +396,7 @@ class Windows:
             if inset in VIEWS:
                 _look_from(client, inset)
             if inset == VIEW_WITHOUT_LETTERS:
-                # This client's node is the parent of the scene's nodes /plumb/... and hides them.
+                # The letters are below /plumb. This client's own node /plumb hides them.
                 client.scene.add_frame("/plumb", show_axes=False, visible=False)
 
         @server.on_client_disconnect

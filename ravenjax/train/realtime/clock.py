@@ -139,12 +139,6 @@ def use_realtime_priority(choose_cpu: Callable[[set[int]], int] = max) -> Iterat
         os.sched_setaffinity(0, cpus)
 
 
-def other_cpus() -> set[int]:
-    """Return the CPUs that the realtime process does not use; empty with a single CPU."""
-    cpus = os.sched_getaffinity(0)
-    return cpus - {max(cpus)} if len(cpus) > 1 else set()
-
-
 @contextlib.contextmanager
 def no_collection() -> Iterator[None]:
     """Disable the garbage collector, whose pauses are longer than a tick."""

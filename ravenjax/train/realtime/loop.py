@@ -114,9 +114,8 @@ def run_loop(
                 warmer.set_commands(commands)
             if loop_clock.timing.late > reported_late_ticks and session.ticks % 100 == 0:
                 reported_late_ticks = loop_clock.timing.late
-                session_events.append(
-                    {"tick": session.ticks, "kind": "overrun", "late_ticks": reported_late_ticks}
-                )
+                event = {"kind": "overrun", "late_ticks": reported_late_ticks}
+                session_events.append({"tick": session.ticks, **event})
             ticks += 1
             if failure is None and ticks % 1000 == 0 and (failure := find_failure()):
                 session_events.append({"tick": session.ticks, "kind": "trouble", "text": failure})
@@ -145,7 +144,7 @@ class _CacheWarmer:
             motions = [each for each in commands if each.get("type") in ("input", "increments")]
             owner = self._real_session.arbiter.owner
             driving = [each for each in motions if console_of(each) == owner]
-            # In the second session, one console sends them all.
+            # Only the console with the seat moves the hands: in the second session it is "script".
             self._commands = [{**each, "console": "script"} for each in driving or motions[:1]]
 
     def tick(self) -> None:

@@ -1,7 +1,6 @@
 """Reads what a training session wrote into its folder: the recording and the table of hazards.
 
-If the session was killed before it wrote hazards.csv, the hazards are read from the events of the
-recording.
+If the session was killed before it wrote hazards.csv, the hazards are read from its events.
 """
 
 from __future__ import annotations
@@ -137,6 +136,7 @@ def read_recording(folder: Path, channels: Collection[str] = ()) -> Recording | 
 
     log = session_log.read_session_log(path, keeps)
     layout = FrameLayout.of(tuple(arm for arm in ARMS if f"{arm}/jpos/0" in log.names))
+    # The log has the names of all numbers, also of those that it did not keep.
     if layout.names() != log.names:
         raise StoreError(
             f"{path} was recorded by another version of ravenjax, with other channels; read it with"
@@ -213,8 +213,7 @@ def session_columns(header: Json) -> Json:
 
 def summarize_hazards(rows: Sequence[HazardRow]) -> Json:
     """Return counts, medians and extremes of a session's hazards, for session.json and the page.
-    Rates and scores are of the hazards that left room for a response. A value is None if no hazard
-    has it.
+    Rates and scores are of hazards that left room for a response. A value is None without hazards.
     """
     activated = [row for row in rows if row.struck_ms is not None]
     answerable = [row for row in activated if row.outcome in LEFT_ROOM]
@@ -244,9 +243,7 @@ def summarize_hazards(rows: Sequence[HazardRow]) -> Json:
 
 
 def as_csv(columns: Sequence[str], rows: Iterable[Json]) -> str:
-    """Return the columns of the rows as CSV. An apostrophe precedes text that a spreadsheet would
-    compute as a formula.
-    """
+    """Return the columns as CSV. An apostrophe precedes text that a spreadsheet would compute."""
     out = io.StringIO()
     writer = csv.DictWriter(out, columns, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()

@@ -59,9 +59,7 @@ class RowWriter:
 
 @contextlib.contextmanager
 def open_recording(folder: Path, names: Sequence[str], header: Json) -> Iterator[RowWriter]:
-    """Yield the writer of a session's recording, and write session.json before and after. The
-    arguments are those of `record_session`.
-    """
+    """Yield the writer of a recording, as `record_session`; write session.json before and after."""
     header = {"started": utc_now(), **header, "ended": None}
     description.write_session(folder, header)
     writer = RowWriter(folder, names, header)
@@ -78,10 +76,9 @@ def record_session(
     header: Json,
     listening: Callable[[], None],
 ) -> None:
-    """Record until the session ends. frames_ring, events_ring: names of the rings. names: of the
-    numbers of a row, `FrameLayout.names`. header: content of session.json without "version",
-    "started" and "ended". listening: called once session.mcap exists. Raises StoreError if the
-    folder cannot be written.
+    """Record until the session ends. frames_ring, events_ring: names of the rings. names:
+    `FrameLayout.names`. header: content of session.json without "version", "started" and "ended".
+    listening: called once session.mcap exists. Raises StoreError if the folder cannot be written.
     """
     stopping = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: stopping.set())
@@ -98,8 +95,7 @@ def record_session(
     ):
         listening()
         while True:
-            # Checked before the rings are read, so that everything written before the check is
-            # recorded.
+            # Checked before the rings are read, so that everything before the check is recorded.
             is_last = stopping.is_set() or parent_has_ended() or time.monotonic() >= end_s
             first_event, event_rows = events.read(event)
             first, raw = frames.read(row, BLOCK_ROWS)

@@ -55,8 +55,7 @@ class DistantRobot:
         self._reported: RobotSignals = tree.fill_tree(resting, self._stepper.step_inputs)
         places = blueprint.layout.places
         names = [f"{arm}/{name}" for arm in self.arms for name in WORDS["of_console"]]
-        # Positions in the row of the numbers that the half tick computes. In its output, the
-        # packet's numbers follow.
+        # Positions in the row of the numbers that the half tick computes. The packet's follow.
         self._computed_places = np.r_[*(places[name] for name in (*names, "halted_ms"))]
         self._outcomes: Json = {}
         self._assume_rest()
@@ -91,12 +90,13 @@ class DistantRobot:
         self._frame["trips"] = 0
 
     def stand_by(self) -> None:
-        """Move the motion to the beginning of its table. Robot and model do not move."""
-        # The next packet's increments count from this row.
-        self.motion[:, 0] = self.motion[:, self.next_tick - 1]
-        removed_ms, self.next_tick = self.next_tick - 1, 1
+        """Restart the motion table, so that it does not end. Robot and model do not move."""
+        removed_ms = self.next_tick - 1
+        # The next packet has the increments from the newest row, which is now the first row.
+        self.motion[:, 0] = self.motion[:, removed_ms]
+        self.next_tick = 1
         for name in self._outcomes:
-            # A negative time is before the start of the table.
+            # Times count from the table's start. A negative time is before this start.
             if name.endswith("_first_ms"):
                 self._outcomes[name] -= removed_ms
 
@@ -129,15 +129,13 @@ class DistantRobot:
 
     def _datagram(self, numbers: list[float]) -> bytes:
         """Return the bytes of this tick's ITP packet. numbers: the pedal, then increments (3),
-        quaternion (4) and grasp (1), each for both arms.
+        quaternions (4) and grasps (1). Each component is there for the gold and the green arm.
         """
-        mode, *delta = map(int, numbers[:7])
-        grasp = map(int, numbers[15:])
-        # The sum of the fields, as a signed number of 32 bits.
-        checksum = (mode + self._sequence + sum(delta) + 2**31) % 2**32 - 2**31
-        return FIELDS.pack(
-            self._sequence, 0, 0, *delta, *numbers[7:15], 0, 0, *grasp, mode, checksum
-        )
+        pedal, *delta = map(int, numbers[:7])
+        quat, grasp = numbers[7:15], map(int, numbers[15:])
+        # ITP's checksum: the sum of pedal, packet number and increments, as a signed 32-bit number.
+        checksum = (pedal + self._sequence + sum(delta) + 2**31) % 2**32 - 2**31
+        return FIELDS.pack(self._sequence, 0, 0, *delta, *quat, 0, 0, *grasp, pedal, checksum)
 
     def _use_report(self, report: JointReport):
         # Uses the robot's report as the state of this tick. Counts new stops and trips of checks.
@@ -150,19 +148,19 @@ class DistantRobot:
                 numbers += frame[f"{arm}/{name}"].tolist()
         self._set_report([*numbers, report.runlevel, stopped])
         frame["live"] = observers.is_live(report.runlevel, stopped)
-        for check, is_stopped in (("soft_estop", stopped), ("estop", report.runlevel == E_STOP)):
+        is_stopped = {"soft_estop": stopped, "estop": report.runlevel == E_STOP}
+        for check in is_stopped:
             # A robot may not report its checks, so each new stop counts as a trip.
-            if is_stopped and not self._was_stopped[check]:
-                self._record_trips(
-                    check, self._outcomes.get(f"check_{check}_count", 0) + 1, self.next_tick
-                )
-            self._was_stopped[check] = is_stopped
+            if is_stopped[check] and not self._was_stopped[check]:
+                stops = self._outcomes.get(f"check_{check}_count", 0) + 1
+                self._record_trips(check, stops, self.next_tick)
+        self._was_stopped = is_stopped
         for check, (count, first_tick) in report.checks.items():
             # A robot of another version may have other checks.
             if check in _CHECKS:
-                self._record_trips(
-                    check, count, max(self.next_tick - (report.tick - first_tick), 0)
-                )
+                # The robot counts its own ticks, so only the time since the first trip is useful.
+                first_ms = max(self.next_tick - (report.tick - first_tick), 0)
+                self._record_trips(check, count, first_ms)
         counts = [count for key, count in self._outcomes.items() if key.endswith("_count")]
         frame["trips"] = sum(counts)
 
@@ -204,7 +202,7 @@ def _console_code(blueprint: Blueprint) -> StepCode:
     def step(
         inputs, state: observers.ObserverState, now: Scalar, robot: RobotSignals, motion
     ) -> tuple[observers.ObserverState, list[Scalar]]:
-        # Computes the packet, the nominal model, the cue and the monitor.
+        # Computes the packet, the nominal model, the cue and the monitor. robot: the last report.
         timing = operator.row_timing(now)
         packet = operator.make_packet(setup, params.operator, motion, timing)
         fresh = jnp.bool_(True)
@@ -215,21 +213,25 @@ def _console_code(blueprint: Blueprint) -> StepCode:
         after = replace(after, monitor=updated)
         out = []
         for i, (model, cue) in enumerate(zip(view.models, view.cues, strict=True)):
-            distance = cue.distance * 1e3
-            out += [*model.jpos, *view.tips[i], *model.tip_position, distance]
-            out += [*(x * cue.force[0] for x in cue.direction), view.depth[i] * 1e3]
-            # Without the true tip, false reports are unknown (NaN). These positions do not matter.
+            error_mm = cue.distance * 1e3
+            force = (x * cue.force[0] for x in cue.direction)
+            out += [*model.jpos, *view.tips[i], *model.tip_position, error_mm]
+            out += [*force, view.depth[i] * 1e3]
+            # A false report is unknown (NaN), because the true tip is unknown. The two measured
+            # tips, here the origin, affect no other distance.
             origin = Vec.full(3, 0.0)
             distances = monitor.arm_distances(
                 params.monitor, after.monitor.arms[i], model.tip_position, origin, origin
             )
             unintended, unintended_off, loss, _ = hazard_distances(view.live, distances)
-            out += [unintended, unintended_off, loss, jnp.nan, distance]
-        # An absent arm has the identity rotation.
-        moved = dict.fromkeys(ARMS, (*[0.0] * 6, 1.0, 0.0))
+            # The nominal model replaces the golden run, so `known_mm` is `error_mm`.
+            out += [unintended, unintended_off, loss, jnp.nan, error_mm]
+        # Increment (3), quaternion (4) and grasp (1) of each arm. An absent arm does not move.
+        moved = dict.fromkeys(ARMS, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0))
         for i, arm in enumerate(setup.arms):
             moved[arm] = *packet.delta[i], *packet.quat[i], packet.grasp[i]
         out += [after.monitor.halted, packet.surgeon_mode]
+        # A packet has each component of the gold arm and then of the green arm.
         out += itertools.chain(*zip(*moved.values(), strict=True))
         return after, [jnp.float32(x) for x in out]
 
@@ -238,13 +240,5 @@ def _console_code(blueprint: Blueprint) -> StepCode:
 
     tables = blueprint.code.tables[:1] * len(blueprint.plan.columns)
     key = trace_key.hash_values("distant", SOURCE, _SOURCE, setup, params)
-    return StepCode(
-        begin,
-        step,
-        finish,
-        (),
-        _resting_report(blueprint),
-        tables,
-        compile_cache.object_cache(),
-        key,
-    )
+    resting, cache = _resting_report(blueprint), compile_cache.object_cache()
+    return StepCode(begin, step, finish, (), resting, tables, cache, key)

@@ -116,15 +116,16 @@ class Gate:
     def _check(
         self, datagram: bytes, source: tuple, now_ms: float
     ) -> tuple[Increments | None, str]:
-        # Returns the increments of a datagram (None if it is dropped) and the result of the checks.
+        # Returns the increments, or None if they may not move the robot, and one of `CAUSES`.
         if len(datagram) < SIZE:
             return None, "short"
         peer = self.peer(now_ms)
-        if source != (peer or source) or source[0] != (self._only_host or source[0]):
+        if (peer and source != peer) or (self._only_host and source[0] != self._only_host):
             return None, "stranger"
         fields = FIELDS.unpack_from(datagram)
         number = fields[0]
         cause = self._check_number(number, now_ms)
+        # The stream may continue although the packet is dropped.
         continues = cause in CONTINUING
         reading = self._choice.read(fields, is_next=cause == TAKEN)
         if isinstance(reading, Misfit):
@@ -138,9 +139,8 @@ class Gate:
             was_undecided = self.profile is None
             self._choice.accept_packet()
             if was_undecided and (profile := self.profile) is not None:
-                self._say(
-                    f"console: profile {profile.name}, {profile.title}. {self._choice.reason}"
-                )
+                title, reason = profile.title, self._choice.reason
+                self._say(f"console: profile {profile.name}, {title}. {reason}")
         if cause != TAKEN or isinstance(reading, Misfit):
             return None, cause
         # `reading` has the displacements, turns and jaw increments of all arms.
@@ -219,7 +219,7 @@ def merge_commands(commands: Sequence[Increments]) -> Increments | None:
 
 
 def packet_of(command: Increments, arms: Sequence[str], sequence: int) -> Packet:
-    """Return the packet that a command "increments" is for these arms, numbered `sequence`."""
+    """Convert a command "increments" to a packet for these arms, with the number `sequence`."""
     tables = [command["arms"][arm] for arm in arms]
     return Packet(
         received=1,
@@ -281,7 +281,8 @@ class ItpServer:
 
     def poll(self) -> list[Command]:
         """Return the increments since the last call as one command "increments", or []. At most
-        `SentStream.per_tick` packets count in one tick. The others wait in the kernel.
+        `SentStream.per_tick` packets are accepted in one tick. The others wait in the kernel.
+        Refused datagrams do not delay them, because at least `MIN_DATAGRAMS_PER_TICK` are read.
         """
         now_ms = self._clock() * 1e-6
         profile = self.gate.profile
@@ -292,7 +293,7 @@ class ItpServer:
                 datagram, source = self._socket.recvfrom(SIZE)
             except BlockingIOError:
                 break
-            # The host of a former console reports that its port is closed.
+            # The last force was sent to a closed port. Further datagrams may follow this error.
             except OSError:
                 continue
             increments = self.gate.admit(datagram, source, now_ms)
@@ -316,9 +317,9 @@ class ItpServer:
         drives: bool = True,
     ) -> None:
         """Send the force of each arm (3, device units, frame 0 of the arm) to the console. Call it
-        at most once a tick. pedal: False if a pedal that the console holds down does not count.
-        drives: False if another console drives; then the force is zero. A stale console gets zero
-        force and pedal up until `RELEASE_MS`, and then nothing.
+        at most once a tick. pedal: whether a pedal that the console holds down counts. drives:
+        False if another console drives; then the force is zero. A console that is silent gets zero
+        force and pedal up, until the gate forgets the console's address.
         """
         now_ms = self._clock() * 1e-6
         peer = self.gate.peer(now_ms)
@@ -370,18 +371,21 @@ class ItpConsole:
         self._counts = Counter(server.gate.counts)
 
     def poll(self) -> list[Command]:
-        """Return the increments. When the reason changes why all packets are refused, add a command
-        "unheard". The gate's counts are read every `STALE_MS`.
+        """Return the increments. If the reason for refusing all packets has changed, add a command
+        "unheard". This reason is determined every `STALE_MS`.
         """
         commands, self._polls = self._server.poll(), self._polls + 1
-        refusal = self._refusal if self._polls % STALE_MS else self._find_refusal()
+        is_due = self._polls % STALE_MS == 0
+        refusal = self._find_refusal() if is_due else self._refusal
         if refusal != self._refusal:
             self._refusal = refusal
             commands.append({"type": "unheard", "why": refusal})
         return [{**command, "console": "itp"} for command in commands]
 
     def _find_refusal(self) -> str:
-        """Return why all packets since the last call were refused; "" if they were not."""
+        """Return why all packets since the last call were refused; "" if some were accepted. After
+        too few packets to tell, return the last reason.
+        """
         counts = Counter(self._server.gate.counts)
         new_counts, self._counts = counts - self._counts, counts
         accepted = new_counts.pop(TAKEN, 0)
@@ -418,9 +422,8 @@ def force_at_hand(
     force is limited to `cap`, or to the cue alone if the cue is larger. cue: whether the operator
     feels the cue. The operator always feels the contact.
     """
-    places, numbers = frame.layout.places, frame.numbers
-    cue_force = numbers[places[f"{arm}/force"]] if cue else [0.0] * 3
-    contact_n = numbers[places[f"{arm}/contact"]]
+    cue_force = frame[f"{arm}/force"].tolist() if cue else [0.0] * 3
+    contact_n = frame[f"{arm}/contact"].tolist()
     x, y, z = (a + units_per_n * b for a, b in zip(cue_force, contact_n, strict=True))
     size, limit = math.hypot(x, y, z), max(cap, math.hypot(*cue_force))
     share = limit / size if size > limit else 1.0

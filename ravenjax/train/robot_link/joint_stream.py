@@ -103,9 +103,7 @@ class LineConnection:
         self._outgoing, self._incoming = bytearray(), b""
 
     def send(self, line: bytes = b"") -> bool:
-        """Append a line to the buffer, and send as much as the kernel accepts. Returns False if the
-        buffer has no room for the line.
-        """
+        """Buffer a line, and send what the kernel accepts. Returns False if the buffer is full."""
         fits = len(self._outgoing) + len(line) <= BUFFER_BYTES
         if fits:
             self._outgoing += line
@@ -321,8 +319,10 @@ class RemoteRobot(RobotLink):
         try:
             for line in self._stream.read():
                 self._process_line(line)
+        # A line of another program than a robot.
         except ValueError:
             self.lost = True
+        # Send the orders that still wait in the buffer.
         self._stream.send()
         self.lost = self.lost or self._stream.is_closed
 
@@ -337,6 +337,7 @@ class RemoteRobot(RobotLink):
         content = json.loads(line)
         if not isinstance(content, dict):
             raise ValueError("no JSON object")
-        self._resets -= content.get("answer") == "reset"
+        if content.get("answer") == "reset":
+            self._resets -= 1
         if content.get("robot") == "ravenjax":
             self.greeting = content

@@ -1,9 +1,9 @@
 """Runs `ravenjax play`: sends a recorded stream of a console's packets to a robot, byte for byte.
 
-The robot accepts packets of another console until two seconds after the last packet of the present
-one. So the player first repeats one packet until a force packet shows that the robot accepts it. A
-real Raven sends no force packets, so this phase ends after `REPEAT_S`. A robot accepts a pedal only
-after the pedal was up. So the player then sends packets with the pedal up for `LEAD_S`.
+A robot accepts a new console only two seconds after the last packet of the console before. So the
+player first repeats one packet until a force packet shows that the robot accepts it. A real Raven
+sends no force packets, so this phase ends after `REPEAT_S`. A robot accepts a pedal only after the
+pedal was up. So the player then sends packets with the pedal up for `LEAD_S`.
 """
 
 import contextlib
@@ -56,9 +56,7 @@ class Played(NamedTuple):
 
 
 def lead_packets(first: bytes) -> list[bytes]:
-    """Return LEAD_COUNT packets without motion and with the pedal up. Their numbers precede that of
-    the packet `first`.
-    """
+    """Return LEAD_COUNT packets without motion, pedal up. Their numbers precede that of `first`."""
     packets = np.repeat(np.frombuffer(first, U_STRUCT), LEAD_COUNT)
     last_index = int(packets["sequence"][0]) - 1
     # Numbers are 1 to the largest number, because 0 is not valid.
@@ -74,8 +72,7 @@ def play_packets(
     datagrams: Sequence[bytes], arrival_s: np.ndarray, address: tuple[str, int], say: Say
 ) -> Played:
     """Send recorded packets to a robot until the end, or Ctrl-C. Return what was sent and received.
-    arrival_s: time of each packet after the first. Raises UserError if the address is invalid or
-    cannot be reached.
+    arrival_s: time of each packet after the first. Raises UserError for an unreachable `address`.
     """
     first_packet, *lead = lead_packets(datagrams[0])
     lead_times = np.arange(len(lead)) * LEAD_INTERVAL_S
@@ -140,7 +137,7 @@ def _receive_flags(port: socket.socket) -> list[int]:
             packet = port.recv(2048)
         except BlockingIOError:
             return flags
-        # The other machine reports that the port is closed.
+        # An earlier packet was sent to a closed port. Further packets may follow this error.
         except OSError:
             continue
         # The flags are the last field but one.

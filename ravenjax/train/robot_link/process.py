@@ -4,8 +4,7 @@ Faults act in this process, so a console cannot detect them in its own packets. 
 sending, the robot's time-out of 5 s treats the pedal as up, as on the real robot. The sum of all
 increments that arrive within one millisecond is one packet for the robot; raven2's network thread
 sums them in the same way. This packet has a new number, because `itp` has already checked the
-numbers of the console's packets. Unlike in a training session, only the pedals decide which console
-drives.
+numbers of the console's packets. Unlike in a session, only the pedals decide which console drives.
 """
 
 import contextlib
@@ -40,7 +39,7 @@ class PacketSession:
     """A session without task and judge: consoles drive a simulated robot until "end"."""
 
     ticks, over = 0, False
-    taken = ""
+    accepted_console = ""
     """The console whose packet the robot accepted in this tick; "" if none."""
     _number = 0  # number of the robot's newest packet
     _trips_read, _reading_tick = 0.0, 0  # The checks' trips at the last reading, and its tick
@@ -48,15 +47,19 @@ class PacketSession:
     def __init__(self, chosen: scenario.Scenario, robot: PacketRobot, say: Say = lambda _: None):
         """say: prints for the user why a pedal does not count."""
         self.scenario, self.robot, self.frame, self.arms = chosen, robot, robot.frame, robot.arms
-        self.arbiter, self.pedals = (
-            console_arbiter.ConsoleArbiter(by_pedals=True),
-            console_arbiter.PedalReasons(say),
-        )
+        self.arbiter = console_arbiter.ConsoleArbiter(by_pedals=True)
+        self.pedals = console_arbiter.PedalReasons(say)
         self.checks: TrippedChecks = {}
 
     def move(self, commands: list[Command]) -> None:
         """Compute the first half of the tick: orders, consoles and the robot. Fill `frame`."""
+        # The messages with increments that the arbiter admits.
         hands = []
+
+        def admit(message: Command) -> bool:
+            hands.append(message)
+            return True
+
         owner = self.arbiter.owner
         if self.arbiter.step(self.ticks) and owner == "crtk":
             # The CRTK process has ended, so its pedal counts as up.
@@ -66,10 +69,8 @@ class PacketSession:
             console = console_of(command)
             match command["type"]:
                 case "increments":
-                    # `append` returns None, so this returns True: no message is refused.
-                    self.arbiter.receive(
-                        command, lambda hand: hands.append(hand) is None, self.ticks
-                    )
+                    self.arbiter.receive(command, admit, self.ticks)
+                # A console's server or process reports why it refuses the console's messages.
                 case "unheard" if command.get("once"):
                     self.pedals.report(console, command["why"])
                 case "unheard":
@@ -88,21 +89,22 @@ class PacketSession:
         frame = self.robot.tick(packet)
         # A frame has numbers in float32.
         is_accepted = frame.number("last_seq") == float(np.float32(self._number))
-        self.taken = driver if total is not None and is_accepted else ""
+        self.accepted_console = driver if total is not None and is_accepted else ""
         frame["cue_on"], frame["pedal"] = self.scenario.cue.on, self.arbiter.pedal_down
         frame["console_alive"] = self.arbiter.owner != NOBODY
 
     def conclude(self) -> list[Event]:
-        """Compute the second half: trips of the checks, and why pedals do not count."""
-        self.pedals.update(
-            {name: self.arbiter.refusal_reason(name, self.ticks) for name in NETWORK}
-        )
+        """Compute the second half of the tick: print why pedals do not count, and read the trips of
+        the checks. Return no events, because nothing records them here.
+        """
+        reasons = {name: self.arbiter.refusal_reason(name, self.ticks) for name in NETWORK}
+        self.pedals.update(reasons)
         frame, trips = self.frame, self.frame.number("trips")
         if trips != self._trips_read and self.ticks - self._reading_tick >= CHECKS_EVERY:
             self._trips_read, self._reading_tick = trips, self.ticks
-            outcomes = self.robot.outcomes()
+            outcomes, self.checks = self.robot.outcomes(), {}
             # The tick of the session at which the robot was last restarted.
-            start_tick, self.checks = self.ticks - int(frame.number("tick")), {}
+            start_tick = self.ticks - int(frame.number("tick"))
             for name in checks.check_names(outcomes):
                 count = int(outcomes[f"check_{name}_count"])
                 if count > 0:
@@ -159,13 +161,13 @@ class JointConsole:
         return commands
 
     def send_frame(self, frame: Frame) -> None:
-        # Sends a report on this tick to all listeners.
+        # Sends a report on this tick to all listeners. It names the last packet over ITP that the
+        # robot accepted, even if the robot has accepted another console's packets since.
         session = self.session
-        if session.taken == "itp":
+        if session.accepted_console == "itp":
             self.last_seq = self.itp_server.last_sequence
-        self.server.publish(
-            joint_stream.encode_report(frame, session.ticks, self.last_seq, session.checks)
-        )
+        ticks, checks = session.ticks, session.checks
+        self.server.publish(joint_stream.encode_report(frame, ticks, self.last_seq, checks))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -208,7 +210,7 @@ def run_robot(
         for armable in armables:
             say(f"hazard {armable.number}: {armable.title} ({armable.hazard})")
         say("joint state: TCP {}:{}".format(*joints.address))
-        with clock.use_realtime_priority(min) as granted:
+        with clock.use_realtime_priority(choose_cpu=min) as granted:
             say(f"realtime: {granted}")
             timing = loop.run_loop(session, consoles, lambda: bool(stop))
     say(

@@ -1,10 +1,10 @@
 """Converts a training scenario to a campaign, whose fault table lists the session's hazards.
 
 The last row of the table is the operator's E-stop button. A hazard of the library has many rows:
-one for each case, published value, start and duration. A session uses one row of each case (`times
-= N`: N different rows). The draw depends only on the session's seed and the case's name. Every
-hazard starts at time 0. The trigger "pedal" becomes "time", because a session arms a hazard only
-while the pedal is down.
+one for each case, published value, start and duration. A session draws one row of each case, or N
+rows if the scenario writes `times = N`. The draw depends only on the session's seed and the case's
+name. Every hazard starts at time 0. The trigger "pedal" becomes "time", because a session arms a
+hazard only while the pedal is down.
 """
 
 import dataclasses
@@ -77,9 +77,9 @@ class Armable:
 
 
 def right_responses(entry: Entry, hazard: library.Hazard | None) -> tuple[str, ...]:
-    """Return the right responses of a scenario's entry, by default those to the library's hazard.
-    `responses.toml` lists them. A fault of the scenario has those to a sudden jump. hazard: of the
-    library; None: the scenario declares the fault itself. Without any, "continue" is right.
+    """Return the right responses of a scenario's entry: its own list, or else the responses that
+    `responses.toml` lists for the library's hazard. hazard: of the library; None: the scenario
+    declares the fault, which counts as a sudden jump. If the list is empty: "continue".
     """
     if entry.right_response is not None:
         return entry.right_response
@@ -90,17 +90,14 @@ def right_responses(entry: Entry, hazard: library.Hazard | None) -> tuple[str, .
         applying = [name for word, name in expected if word in hazard.expected_class]
         # The first expected outcome that applies counts.
         names = hazard.scenarios or applying[:1]
+    responses = [response for name in names for response in _RESPONSES["hazards"][name]]
     # A dict keeps each response once, in order.
-    responses = {}
-    for name in names:
-        responses |= dict.fromkeys(_RESPONSES["hazards"][name])
-    return tuple(responses) or ("continue",)
+    return tuple(dict.fromkeys(responses)) or ("continue",)
 
 
 def session_campaign(scenario: Scenario, seed: int) -> CampaignConfig:
     """Return a session's campaign: one group for each hazard, then a group for the E-stop button.
-    Of the rows of each case, `times` are drawn. Raises ValueError for errors of
-    `find_scenario_errors`.
+    Of the rows of each case, `times` are drawn. Raises ValueError for an invalid scenario.
     """
     groups, entry_numbers = _groups(scenario, seed)
     all_cases = _config(scenario, seed, groups, _UNBOUNDED_S)
@@ -149,6 +146,7 @@ def find_scenario_errors(scenario: Scenario) -> Iterator[Complaint]:
         if entry.arm is not None and entry.arm not in arms:
             message = f"got {entry.arm!r}, expected one of the session's arms {arms}"
             yield ("hazard", h, "arm"), message
+            # The campaign of the other checks cannot be made with a wrong arm.
             return
         if entry.when != INSTRUCTOR and entry.when[0] * 1000.0 >= scenario.ticks:
             last = f"{scenario.duration_s:g} s"
@@ -161,18 +159,16 @@ def find_scenario_errors(scenario: Scenario) -> Iterator[Complaint]:
         return
     except ValidationError as error:
         for fault in error.errors():
-            yield (
-                _scenario_key(scenario, fault["loc"], []),
-                fault["msg"].removeprefix("Value error, "),
-            )
+            key = _scenario_key(scenario, fault["loc"], [])
+            yield key, fault["msg"].removeprefix("Value error, ")
         return
     for key, message in (*semantics.find_errors(config), *bounds.find_invalid_values(config)):
         yield _scenario_key(scenario, key, entry_numbers), _scenario_message(key, message)
 
 
 def _scenario_message(key: Key, message: str) -> str:
-    """Return a campaign's message. For a parameter that other keys of the scenario set, return the
-    message that names these keys.
+    """Return a campaign's message for the author of a scenario. For a parameter that other keys of
+    the scenario set, the message names these keys.
     """
     if key[0] == "parameters" and len(key) > 1:
         path = f"{bounds.shorten_path(ROBOT, str(key[1]))}."
@@ -213,9 +209,8 @@ def _groups(scenario: Scenario, seed: int) -> tuple[list[Tables], list[int]]:
             for hazard in hazards:
                 arm_index = _rng(seed, f"{name}/{hazard.id}/arm").integers(len(scenario.arms))
                 arm = entry.arm or scenario.arms[arm_index]
-                groups += expansion.expand_group(
-                    {"name": name, "hazards": [hazard.id], "arm": arm, **value}
-                )
+                group = {"name": name, "hazards": [hazard.id], "arm": arm, **value}
+                groups += expansion.expand_group(group)
         except expansion.WrongGroup as error:
             raise expansion.WrongGroup((h, *error.key), error.message) from None
         if entry.fault:
@@ -276,7 +271,7 @@ def _faults(row: _Row) -> list[Tables]:
     faults = []
     for slot in slots:
         fault = {name: int(x) if name.endswith("_ms") else x for name, x in slot.items()}
-        # Values beyond a channel's type may wrap: they were checked for the fault table.
+        # With "wraps", values are not checked again: they were checked for the fault table.
         fault |= {"start_ms": fault["start_ms"] - first, "wraps": True}
         # A table of numbers has -1 for a fault that lasts until the end.
         if fault["duration_ms"] < 0:

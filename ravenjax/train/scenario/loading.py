@@ -88,6 +88,7 @@ def _message(error) -> str:
             expected = f"expected kind = one of {', '.join(TASKS)}{suggest_name(task, TASKS)}"
             return f"got {format_value(task)}, {expected}"
         case "literal_error":
+            # The text of the expected names is like: 'a', 'b' or 'c'.
             suggestion = suggest_name(got, error["ctx"]["expected"].split("'")[1::2])
     return format_error(error, _model(error["loc"][:-1])) + suggestion
 

@@ -65,9 +65,8 @@ class Director:
 
     def step(self, tick: int, frame: Frame, clock: int) -> list[tuple[str, int]]:
         """Return the orders before this tick: [("arm" or "disarm", number of the hazard)], or []. A
-        hazard ends on the instructor's order, after its time, or if the pedal stays up and this is
-        a right response. The instructor's hazard starts before planned ones. frame: of the last
-        tick. clock: the session's time, ms.
+        hazard ends on the instructor's order, after its time, or if the pedal stays up as a right
+        response. The instructor's hazard goes first. frame: of the last tick. clock: session ms.
         """
         number, pedal = frame.number, frame.number("pedal")
         ready = (
@@ -87,10 +86,13 @@ class Director:
                 self.reset(tick)
                 return [("disarm", hazard.number)]
             return []
+        # No hazard is armed. The instructor's hazard comes next, or the planned hazard that is due.
         self._disarm_ordered = False
-        next_number = self.hazard_number = self._ordered_number
+        self.hazard_number = self._ordered_number
+        next_number = self._ordered_number
         if next_number < 0 and self.plan and self.plan[0][0] <= clock:
             next_number = self.plan[0][1]
+        # The hazard waits until the robot has been driven for `SETTLED_MS`.
         if next_number < 0 or self._ready_ms < SETTLED_MS or tick < self._earliest_tick:
             return []
         if next_number == self._ordered_number:
@@ -108,7 +110,6 @@ class Director:
 
 
 _VALUE_KEYS = {"console": "alive", "pedal": "down"}
-"""Key of the new value in an event of this kind. For other kinds, the key is the kind itself."""
 _DOUBLE_PRESS_COMMANDS = {
     protocol.REAL: "rehearse",
     protocol.VIRTUAL: "reengage",
@@ -172,7 +173,7 @@ class Session:
         self.arbiter = console_arbiter.ConsoleArbiter(self._record)
         self.pedals = console_arbiter.PedalReasons()
         self._presses = console_arbiter.DoublePress()
-        self._estop_hold = EstopHold(self.layout)
+        self._estop_hold = EstopHold()
         self.command_lines: list[str] = []
         """Lines of `scripts.read_commands`, at most MOST_COMMANDS."""
         self._hands = self._new_hands()
@@ -184,7 +185,7 @@ class Session:
         # channels of the virtual robot, and the channels of a robot that are copied to them.
         self._hand_places = self._positions("hand", "hand_quat", "grasp")
         self._virtual_places = self._positions("virtual_jpos", "virtual_tip")
-        self._shown_places = self._positions("link_jpos", "tip")
+        self._link_and_tip_places = self._positions("link_jpos", "tip")
         self._session_places = slice(places["session_tick"].start, places["cue_on"].stop)
         self._trips_place = places["trips"].start
         self._events: list[Event] = []  # of this tick
@@ -250,8 +251,8 @@ class Session:
         self._is_running = True
 
     def conclude(self) -> list[Event]:
-        """Compute the second half: task, judge and phase. Return the events of the whole tick. Each
-        change of phase, view, console, pedal and run level is an event.
+        """Compute the second half of the tick, and return the events of the whole tick: one for
+        each change of phase, view, console, pedal and run level, and those of task and judge.
         """
         if len(self.command_lines) < MOST_COMMANDS:
             self.command_lines += [
@@ -269,7 +270,9 @@ class Session:
             state["runlevel"] = int(self.frame.number("runlevel"))
         for kind, value in state.items():
             if value != self._reported_state.get(kind):
-                self._record(kind, **{_VALUE_KEYS.get(kind, kind): value})
+                # An event of another kind has the new value under the kind itself.
+                key = _VALUE_KEYS.get(kind, kind)
+                self._record(kind, **{key: value})
         self._reported_state |= state
         if self._is_running:
             self._update()
@@ -281,17 +284,18 @@ class Session:
         return self._events
 
     def _refusal_reason(self, console: str) -> str:
-        """Return why a pedal that a console holds down does not count; "" if it counts or is up."""
+        """Return why a console's messages are refused, or why its pedal, which is held down, does
+        not count; "" if the messages are accepted and the pedal counts or is up.
+        """
         if self.over:
             return ""
-        why = self.arbiter.refusal_reason(console, self.ticks)
-        if not self.arbiter.is_pedal_down(console):
-            return why
-        if self.phase in (protocol.PAUSED, protocol.STOPPED, protocol.LOST):
-            return console_arbiter.REASONS[protocol.PHASES[self.phase]]
-        return why or (
-            console_arbiter.REASONS["homing"] if self.frame.number("runlevel") == INIT else ""
-        )
+        reason = self.arbiter.refusal_reason(console, self.ticks)
+        if self.arbiter.is_pedal_down(console):
+            if self.phase in (protocol.PAUSED, protocol.STOPPED, protocol.LOST):
+                return console_arbiter.REASONS[protocol.PHASES[self.phase]]
+            if not reason and self.frame.number("runlevel") == INIT:
+                return console_arbiter.REASONS["homing"]
+        return reason
 
     def _command(self, command: Command):
         # Carries out a command: of the hands, of a console's seat, of operator or instructor.
@@ -374,8 +378,8 @@ class Session:
                 self.cue_on = self.judge.cue_on = bool(command.get("on"))
 
     def _release_pedal(self, why: str, by_operator: bool = False):
-        """Treat the pedal as up until the operator has lifted it. why: for the event. by_operator:
-        the operator has handed the console over or left it.
+        """Ignore a pedal that is down until the operator lifts it and presses it again. why: cause
+        in the event. by_operator: the operator has handed the console over or left it.
         """
         self.arbiter.require_lifts(why)
         self._hands.apply({"type": "input", "pedal": False, "arms": {}}, self.ticks)
@@ -442,8 +446,8 @@ class Session:
                 self._record("alarm", check=trip.check.name, count=trip.count, virtual=True)
 
     def _stand_by(self) -> bool:
-        """Restart the motion table of a robot that nobody has driven yet. Return whether the robot
-        still computes ticks: a stopped simulated robot does not.
+        """Restart the motion table of a robot that nobody has driven yet. Return False, without a
+        change, if a simulated robot is stopped (not in pedal-up): it then computes no ticks.
         """
         # A robot in another process keeps its state and its checks.
         if isinstance(self.robot, SimulatedRobot):
@@ -469,18 +473,18 @@ class Session:
         row, task = self.frame.row, self.task
         if hand is not None:
             row[: self.robot.row.size] = self.robot.row
-            self._estop_hold.apply(row)
-            view_row = self.virtual.row if self.view == protocol.VIRTUAL else self.robot.row
+            self._estop_hold.apply(self.frame)
             row[self._hand_places] = hand.columns[:-1]
-            row[self._virtual_places] = view_row[self._shown_places]
+            # Outside a trial, the channels of the virtual robot show the driven robot.
+            shown = self.virtual.row if self.view == protocol.VIRTUAL else self.robot.row
+            row[self._virtual_places] = shown[self._link_and_tip_places]
             self._pedal, self._alive = float(hand.columns[-1]), hand.alive
         left_ms = 0 if self.over else self.left_ms
-        # Ordered as the channels `session_tick` to `cue_on`.
-        row[self._session_places] = (
-            *(self.ticks, left_ms, self.phase, self.view, self._pedal, self._alive),
-            *(protocol.CONSOLES.index(self.arbiter.owner), self.robot.reports_arrive),
-            *(self.director.hazard_number, task.target, task.progress, self.cue_on),
-        )
+        # The channels session_tick to console_alive, then console and link, then hazard to cue_on.
+        numbers = [self.ticks, left_ms, self.phase, self.view, self._pedal, self._alive]
+        numbers += [protocol.CONSOLES.index(self.arbiter.owner), self.robot.reports_arrive]
+        numbers += [self.director.hazard_number, task.target, task.progress, self.cue_on]
+        row[self._session_places] = numbers
 
     def _update(self):
         # Updates task, judge and phase after the robot's tick.

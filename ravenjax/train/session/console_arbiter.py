@@ -50,14 +50,14 @@ class PedalReasons:
 
     def update(self, reasons: Mapping[str, str]) -> list[Event]:
         """Return an event for each console whose reason changed and lasted `MIN_REASON_MS`.
-        reasons: of this millisecond, by console; "" for none. Call it once a millisecond, also in a
-        pause.
+        reasons: of this millisecond, by console; "" for none. Call it each ms, also in a pause.
         """
         events = []
         for console, reason in reasons.items():
             last_reason, duration_ms = self._latest[console]
             duration_ms = duration_ms + 1 if reason == last_reason else 1
             if reason == self._published[console]:
+                # The user knows this reason already, so its duration does not matter.
                 duration_ms = 0
             elif duration_ms == MIN_REASON_MS:
                 self._published[console] = reason
@@ -84,7 +84,7 @@ class DoublePress:
 
     def update(self, down: bool, tick: int) -> bool:
         """Return whether the second of two short presses ends in this tick. down: whether the pedal
-        is down in a console's message.
+        is down in a console's message. `_change_ticks` keeps only the last four changes.
         """
         if down == self._was_down:
             return False
@@ -106,9 +106,7 @@ class ConsoleArbiter:
     def __init__(
         self, record: Callable[..., None] = lambda *_, **__: None, by_pedals: bool = False
     ):
-        """record: called with the kind and the content of each event. by_pedals: whether
-        pedals alone decide who drives.
-        """
+        """record: called with kind and content of each event. by_pedals: pedals alone decide."""
         self._record, self._by_pedals = record, by_pedals
         self._ready: set[str] = set()  # Consoles whose pedal counts, because it was lifted
         # By console: tick of the last message, and whether the pedal was down in it.
@@ -119,22 +117,25 @@ class ConsoleArbiter:
         self._refusals: dict[str, str] = {}
 
     def receive(self, message: Command, take: Callable[[Command], bool], tick: int) -> None:
-        """Process a message in which a console reports its hands and its pedal. A pedal that counts
-        gets the free seat. take: called with the message if its console has or gets the seat, or if
-        nobody has it. The pedal in it is up if it does not count. `take` returns False to refuse
-        the message.
+        """Process a message in which a console reports its hands and its pedal.
+
+        A console may drive if it has the seat or the seat is free. If pedals alone decide, it may
+        also drive while the owner's pedal is up. Its pedal counts if it was up before and then went
+        down while the console might drive. A console whose pedal counts gets the seat. take: called
+        with the message if its console gets or has the seat, or if the seat is free. The message's
+        "pedal" is then whether the pedal counts. `take` returns False to refuse the message.
         """
         console, pedal = console_of(message), message["pedal"]
         last_tick = self._message_ticks.get(console)
         if last_tick is not None and tick - last_tick > STALE_MS:
             self._require_lift(console, "silence")
-        has_free_seat = self.owner in (NOBODY, console)
-        may_drive = has_free_seat or (self._by_pedals and not self.pedal_down)
+        no_other_owner = self.owner in (NOBODY, console)
+        may_drive = no_other_owner or (self._by_pedals and not self.pedal_down)
         if pedal and not may_drive:
             # A pedal that was pressed while another one is down must be lifted first.
             self._ready.discard(console)
         counts = pedal and console in self._ready
-        if may_drive and (counts or has_free_seat):
+        if may_drive and (counts or no_other_owner):
             if not take({**message, "pedal": counts}):
                 self._refusals[console] = REASONS["out_of_range"]
                 return
@@ -156,14 +157,18 @@ class ConsoleArbiter:
         return self._pedals_down.get(console, False)
 
     def refusal_reason(self, console: str, tick: int) -> str:
-        """Return why a pedal that is held down does not count; "" if it counts or is up."""
+        """Return why a console's messages are refused, or why its pedal, which is held down, does
+        not count; "" if the messages are accepted and the pedal counts or is up.
+        """
         if refusal := self._refusals.get(console):
             return refusal
         if not self._pedals_down.get(console):
             return ""
         if tick - self._message_ticks[console] > STALE_MS:
             return REASONS["silent"]
-        if self.owner not in (NOBODY, console) and (self.pedal_down or not self._by_pedals):
+        has_other_owner = self.owner not in (NOBODY, console)
+        # If pedals alone decide, an owner whose pedal is up does not prevent others from driving.
+        if has_other_owner and (self.pedal_down or not self._by_pedals):
             wait = f"wait until {self.owner} leaves or control is given to this console"
             return f"{self.owner} drives: {wait}"
         if console in self._ready:
@@ -174,8 +179,7 @@ class ConsoleArbiter:
     def change_seat(self, command: Command, tick: int) -> bool:
         """Carry out a command of type "seat". Return whether another console has the seat now.
         "left": the console leaves. "take": it takes the seat, unless the owner's pedal is down.
-        "give": the owner or the instructor gives the seat to the console in "to". A refusal becomes
-        an event.
+        "give": owner or instructor gives the seat to console "to". A refusal becomes an event.
         """
         console, action = console_of(command), command.get("do")
         sender = command.get("by", "operator")

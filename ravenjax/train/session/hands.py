@@ -2,10 +2,10 @@
 
 Speeds of "input" messages are along the axes of the view. The hands change their speed smoothly:
 critically damped, with 90 % of the change after `SMOOTHING_MS`. Positions are in the ITP frame of
-the arm, in micrometres before the console's scale. Orientations are relative to the start. A
-message "increments" comes from a console that has already scaled its increments. The robot's tick
-scales positions again in float32 and truncates them to whole micrometres. To make the result exact,
-every position here is half a micrometre farther from zero than the intended whole number.
+the arm, in micrometres of the hand, which the robot's tick multiplies by the scale. A console that
+sends "increments" has already scaled them, so they are divided by the scale. Orientations are
+relative to the start. The tick scales in float32 and truncates to whole micrometres. To make the
+result exact, every position here is half a micrometre farther from zero than the intended number.
 """
 
 from __future__ import annotations
@@ -150,7 +150,8 @@ class _Hand:
         if v[6]:
             low, high = GRASP_MRAD
             wanted = self._grasp_mrad + v[6] * self._grasp_step
-            # A console's increments may have left the limits. The jaws then move only back.
+            # A console's increments may have moved the jaws beyond a limit. The present position is
+            # then the limit, so that the jaws can only move back.
             low, high = min(low, self._grasp_mrad), max(high, self._grasp_mrad)
             self._grasp_mrad = min(max(wanted, low), high)
         if v[3] or v[4] or v[5]:

@@ -38,8 +38,7 @@ _HANDS: TypeAdapter[Input | Increments] = TypeAdapter(
 class Follower:
     """A simulated operator who moves toward the task's goal and reacts to hazards. The speed is
     proportional to the distance. If the cue is on, the operator reacts to its onset. A force that
-    persists after the pedal was up causes no second reaction. The operator sees that the robot is
-    stopped, and restarts it.
+    persists after the pedal was up causes no second reaction. A stopped robot is restarted.
     """
 
     # Ticks: the pedal goes down, the reaction begins and ends, the robot is restarted. -1: none.
@@ -54,7 +53,9 @@ class Follower:
         self._gain = GAIN_PER_S * 1e3 / speeds.move_mm_s
 
     def messages(self, tick: int, frame: Frame) -> list[Command]:
-        """Return the operator's commands before this tick. frame: of the previous tick."""
+        """Return the operator's commands before this tick. frame: of the previous tick. A stopped
+        robot is restarted. The reaction begins `TOUCH_DELAY_MS` after a force begins.
+        """
         pedal_down = frame.number("pedal")
         is_unmoved = pedal_down and frame.number("runlevel") != PEDAL_DOWN
         self._unmoved_ms = self._unmoved_ms + 1 if is_unmoved else 0
@@ -89,8 +90,7 @@ class Follower:
         return {"type": "input", "source": "script", "pedal": pedal_down, "arms": hands}
 
     def _hand(self, arm: ArmName, frame: Frame, speed_share: float) -> Command:
-        # Returns speeds of the hand toward the task's next aim; {} if the arm has none.
-        # speed_share: of the usual speed.
+        # Returns the hand's speeds toward the task's next aim, times `speed_share`; {} without aim.
         jpos, tip = frame[f"{arm}/link_jpos"].tolist(), protocol.tip_in_world(frame, arm)
         aim = self._task.next_aim(arm, tip)
         if aim is None:
@@ -114,9 +114,8 @@ class Follower:
         has_noticed = tick - (self._restart_tick - REST_MS) >= SIGHT_DELAY_MS
         commands = []
         if tick % INPUT_EVERY_MS == 0:
-            commands.append(
-                {"type": "input", "source": "script", "pedal": not has_noticed, "arms": {}}
-            )
+            hands = {"type": "input", "source": "script", "pedal": not has_noticed, "arms": {}}
+            commands.append(hands)
         if tick == self._restart_tick:
             self._pedal_down_tick = tick + REST_MS // 2
             commands.append({"type": "operator", "do": "restart"})

@@ -67,8 +67,7 @@ def make_blueprint(
 ) -> Blueprint:
     """Compile the session that `config` describes; its duration is the session's. packets: packets
     come from outside, at most one a tick. Raises UserError if a hazard then needs older packets.
-    limit_mm: the observer's limit. It is not the campaign's, on which run ids and the random
-    numbers of faults depend.
+    limit_mm: of the observer. The campaign's limit does not change, because run ids depend on it.
     """
     session_plan = plan.make_plan(config)
     program = session_plan.program
@@ -108,11 +107,12 @@ def make_blueprint(
     def step(
         inputs, state: tick.TickState, now: Scalar, entering, motion
     ) -> tuple[tick.TickState, list[Scalar]]:
+        varied, faults = inputs
         # Written by `SimulatedRobot`: the golden run's signals, whether it differs, and a packet.
         series, golden_differs, packet = entering
         signal = Input(now, motion, run.reference_from(setup, series), packet, golden_differs)
-        params = program.params_of(inputs[0])
-        after, signals = tick.advance_tick(setup, params, inputs[1], state, signal)
+        params = program.params_of(varied)
+        after, signals = tick.advance_tick(setup, params, faults, state, signal)
         frame = _frame(setup, params, now, after, signals, signal)
         return after, [jnp.float32(x) for x in (*frame, *run.reference_series(setup, signals))]
 
@@ -120,13 +120,11 @@ def make_blueprint(
         return run.outcomes(setup, program.params_of(inputs[0]), state)
 
     compile_cache.enable_cache()
-    tables = (length,) * columns
+    tables, cache = (length,) * columns, compile_cache.object_cache()
     key = trace_key.hash_values(
         "session", SOURCE, setup, params, program.module, program.varied, packets
     )
-    code = StepCode(
-        begin, step, finish, inputs, entering, tables, compile_cache.object_cache(), key
-    )
+    code = StepCode(begin, step, finish, inputs, entering, tables, cache, key)
     return Blueprint(session_plan, layout, code, inputs)
 
 
@@ -138,7 +136,7 @@ def _frame(
     out: tick.TickSignals,
     signal: tick.Input,
 ) -> list[Scalar]:
-    """Return the channels [simulated] of `channels.toml`, then [simulated_arm] of each arm."""
+    """Return the channels [simulated] of `channels.toml`, in order, then [simulated_arm] by arm."""
     active_fault = reduce(operator.or_, out.fault_active, jnp.bool_(False))
     software, observer = out.control, state.monitor
     has_cue = reduce(operator.or_, (cue.force[0] > 0.0 for cue in out.haptics), jnp.bool_(False))
@@ -148,23 +146,27 @@ def _frame(
     histories = run.check_histories(setup, state).values()
     trips = sum((history.count for history in histories), jnp.int32(0))
     numbers += [software.last_seq, as_int(active_fault), trips, out.tip_distance * 1e3]
-    # `SimulatedRobot.step` overwrites the last two with those of the golden run.
+    # halted_ms, golden_halted_ms and golden_cue. The last two are the robot's own numbers until a
+    # golden run differs. `SimulatedRobot.step` then replaces them with those of the golden run.
     numbers += [observer.halted, observer.halted, as_int(has_cue)]
     positions = run.measured_tips(setup, software)
     golden = observers.golden_reference(setup, signal, out.tip, positions)
     for i, measured in enumerate(software.arms):
         cue, position = out.haptics[i], positions[i]
         position_m = (jnp.float32(x) * 1e-6 for x in position)
-        pull = (x * cue.force[0] for x in cue.direction)
+        force = (x * cue.force[0] for x in cue.direction)
         numbers += [*measured.jpos, *measured.jpos_d, *measured.mpos, *measured.mvel]
         numbers += [*out.plant[i].jpos, *out.nominal[i].jpos]
         numbers += [*out.tip[i], *out.nominal[i].tip_position, *position_m]
-        numbers += [cue.distance * 1e3, *pull, *measured.current_cmd_written]
+        # error_mm, force and dac.
+        numbers += [cue.distance * 1e3, *force, *measured.current_cmd_written]
         distances = monitor.arm_distances(
             params.monitor, observer.arms[i], out.nominal[i].tip_position, position, golden.pos[i]
         )
+        # depth_mm to false_report_mm, then known_mm.
         numbers += [out.depth[i] * 1e3, *hazard_distances(live, distances)]
         numbers += [norm(minus(Vec(jnp.float32(x) for x in position), golden.pos[i])) * 1e-3]
+        # contact, vessel_n and between_n. Without [contact] there is no touch.
         touch = out.plant[i].touch
         numbers += [0.0] * 5 if touch is None else [*touch.force, touch.vessel, touch.instrument]
     return numbers
@@ -199,13 +201,13 @@ class SimulatedRobot:
         self._robot = Stepper(code, blueprint.inputs)
         self._golden = Stepper(code, blueprint.inputs, self._robot.flat)
         self._outputs = np.zeros((2, code.outputs), np.float32)
-        self._addresses = [output.ctypes.data for output in self._outputs]
+        self._robot_address, self._golden_address = (out.ctypes.data for out in self._outputs)
         self.row = self._outputs[0, : blueprint.layout.simulated]
         # [columns, ticks], filled row by row.
         self.motion = self._robot.flat.reshape(len(code.tables), -1)
         first, last = (blueprint.layout.places[name] for name in (GOLDEN[0], GOLDEN[-1]))
-        # Channels of the golden run in both outputs.
-        self._golden_channels = self._outputs[:, first.start : last.stop]
+        # Channels of the golden run in the robot's output, and in that of the golden run.
+        self._shown_golden, self._computed_golden = self._outputs[:, first.start : last.stop]
         self.next_tick = 0
         # The golden run's signals follow the frame in its output, and enter the robot's tick.
         self._golden_output = self._outputs[1, blueprint.layout.simulated :]
@@ -226,12 +228,13 @@ class SimulatedRobot:
     def step(self) -> None:
         """Compute one tick: the golden run, if it differs, and then the robot."""
         if self._golden_differs:
-            self._golden.step(self.next_tick, self._addresses[1])
+            self._golden.step(self.next_tick, self._golden_address)
+            # The golden run's signals are inputs of the robot's tick, which compares them.
             for place, number in zip(self._golden_input, self._golden_output.tolist(), strict=True):
                 place[0] = number
-        self._robot.step(self.next_tick, self._addresses[0])
+        self._robot.step(self.next_tick, self._robot_address)
         if self._golden_differs:
-            self._golden_channels[0] = self._golden_channels[1]
+            self._shown_golden[:] = self._computed_golden
         self.next_tick += 1
 
     def outcomes(self) -> Json:
@@ -267,7 +270,7 @@ class SimulatedRobot:
         self._outputs[:] = other._outputs
         self.next_tick = other.next_tick
 
-    def _realign(self):
+    def _realign_golden(self):
         """Start the golden run at the robot's state: a past hazard may have separated them."""
         self._robot.change(
             lambda state: replace(state, monitor=monitor.realign_golden(state.monitor))
@@ -280,9 +283,9 @@ class SimulatedRobot:
         self._golden_differs_input[0] = -int(differs)
 
     def arm(self, row: int) -> None:
-        """Activate the faults of this row of the fault table from the next tick on. The first fault
-        acts at once, or with the next packet, and the others keep their distances in time. No fault
-        waits for the pedal.
+        """Activate the faults of this row of the fault table from the next tick on. The first acts
+        at once, or with the next packet; the others keep their distances in time. No fault waits
+        for the pedal.
         """
         faults = self.blueprint.plan.faults
         slots = range(self.blueprint.fault_slots)
@@ -297,20 +300,22 @@ class SimulatedRobot:
             self._set_fault(slot, values if slot in used else None)
         for k, values in enumerate(self.blueprint.plan.varied.values()):
             self._robot.inputs[k][0] = values[row]
-        self._realign()
+        self._realign_golden()
         self._set_golden_differs(True)
 
     def disarm(self) -> None:
-        """Remove the faults that `arm` and `press_estop` set."""
+        """Remove the faults and parameters that `arm` and `press_estop` set."""
+        # The last slot is that of the E-stop button.
         for slot in range(self.blueprint.fault_slots + 1):
             self._set_fault(slot, None)
         for k, value in enumerate(self.blueprint.inputs[0]):
             self._robot.inputs[k][0] = value
-        self._realign()
+        self._realign_golden()
         self._set_golden_differs(False)
 
     def press_estop(self, row: int) -> None:
         """Hold the E-stop button for 100 ms. row: the button's row of the fault table."""
+        # In the golden run nobody presses the button, so it must be computed from now on.
         if not self._golden_differs:
             self._golden.restore(self._robot.snapshot())
             self._set_golden_differs(True)
@@ -329,39 +334,33 @@ class SimulatedRobot:
 
 
 class EstopHold:
-    """Freezes the nominal model of a stopped robot in the rows of its frames. The nominal model
-    receives the console's packets. If the operator keeps the pedal down after an E-stop, the model
-    moves hundreds of millimetres away from the stopped robot, and the cue reaches its cap. So the
-    rows show the model's pose at the first tick of an E-stop, the robot's or its software's, until
-    the robot restarts. The error is then the distance of the measured tip from this pose. The force
-    is zero, because a hand cannot move a robot that holds its brakes. The page, the hand and the
-    recording get these rows. The tick itself is the same as in campaigns.
+    """Freezes the nominal model of a stopped robot in its frames. The nominal model receives the
+    console's packets. If the operator keeps the pedal down after an E-stop, the model moves
+    hundreds of millimetres away from the stopped robot, and the cue reaches its cap. So the frames
+    show the model's pose at the first tick of an E-stop, the robot's or its software's, until the
+    robot restarts. The error is then the distance of the measured tip from this pose. The force is
+    zero, because a hand cannot move a robot that holds its brakes. The page, the hand and the
+    recording get these frames. The tick itself is the same as in campaigns.
     """
 
-    def __init__(self, layout: FrameLayout):
-        places = layout.places
-        self._runlevel, self._software = places["runlevel"].start, places["soft_estopped"].start
-        # Positions in the row of each arm's channels, in the order in which `apply` uses them.
-        channels = ("model_tip", "position", "error_mm", "force")
-        self._arms = [[places[f"{arm}/{name}"] for name in channels] for arm in layout.arms]
-        model_channels = [
-            f"{arm}/{name}" for arm in layout.arms for name in ("model_jpos", "model_tip")
-        ]
-        self._model = np.r_[*(places[name] for name in model_channels)]
-        # Pose of the models when the robot stopped; None: the robot is not stopped.
-        self._held_pose: np.ndarray | None = None
+    # Channels of the models in the first tick of the E-stop; None: the robot is not stopped.
+    _held: dict[str, np.ndarray] | None = None
 
-    def apply(self, row: np.ndarray) -> None:
-        """Change this tick's row, float32, in place, if the robot is stopped."""
-        if row[self._runlevel] != E_STOP and not row[self._software]:
-            self._held_pose = None
+    def apply(self, frame: Frame) -> None:
+        """In an E-stop of robot or software, hold the model's pose. Fit error and force to it."""
+        if not (frame["runlevel"] == E_STOP or frame["soft_estopped"]):
+            self._held = None
             return
-        if self._held_pose is None:
-            self._held_pose = row[self._model]
-        row[self._model] = self._held_pose
-        for tip, position, error, force in self._arms:
-            row[error] = 1e3 * np.linalg.norm(row[position] - row[tip])
-            row[force] = 0.0
+        arms = frame.layout.arms
+        if self._held is None:
+            names = [f"{arm}/{name}" for arm in arms for name in ("model_jpos", "model_tip")]
+            self._held = {name: frame[name].copy() for name in names}
+        for name, numbers in self._held.items():
+            frame[name] = numbers
+        for arm in arms:
+            difference = frame[f"{arm}/position"] - frame[f"{arm}/model_tip"]
+            frame[f"{arm}/error_mm"] = 1e3 * np.linalg.norm(difference)
+            frame[f"{arm}/force"] = 0.0
 
 
 class PacketRobot(SimulatedRobot):
@@ -372,7 +371,7 @@ class PacketRobot(SimulatedRobot):
         super().__init__(make_blueprint(config, packets=True))
         self.arms = self.blueprint.setup.arms
         self.frame = Frame(self.blueprint.layout)
-        self._estop_hold = EstopHold(self.blueprint.layout)
+        self._estop_hold = EstopHold()
 
     def tick(self, packet: Packet | None) -> Frame:
         """Compute one tick with a packet or None. Return the same `Frame` object each time."""
@@ -383,5 +382,5 @@ class PacketRobot(SimulatedRobot):
                 place[0] = number
         self.step()
         self.frame.row[: self.row.size] = self.row
-        self._estop_hold.apply(self.frame.row)
+        self._estop_hold.apply(self.frame)
         return self.frame

@@ -45,9 +45,10 @@
   }
 
   function draw() {
-    const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+    const large = parseFloat(getComputedStyle(document.documentElement).fontSize) / 16; // the page grows with the screen
+    const [width, height] = [canvas.clientWidth / large, canvas.clientHeight / large];
     if (!width) return;
-    const sharp = devicePixelRatio || 1;
+    const sharp = (devicePixelRatio || 1) * large;
     [canvas.width, canvas.height] = [width * sharp, height * sharp];
     const pen = canvas.getContext("2d");
     pen.scale(sharp, sharp);

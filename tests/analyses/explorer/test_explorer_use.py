@@ -15,6 +15,11 @@ pytest.importorskip(
     "playwright.sync_api", reason="playwright is not installed (pip install playwright)"
 )
 pytestmark = [pytest.mark.slow, NEEDED]
+HELD = """{
+  const compile = WebAssembly.compile;
+  const held = new Promise((resolve) => (window.begin = resolve));
+  WebAssembly.compile = (code) => held.then(() => compile(code));
+}"""
 SVG = "{http://www.w3.org/2000/svg}"
 RUN = "#at=usb_out&arm=gold&on=shoulder&does=overwrite&size=20000&from=400&for=64&map=value~duration_ms&ms=430"  # noqa: E501
 FILE = """
@@ -124,6 +129,29 @@ def test_keys_alone_choose_a_run_scrub_it_and_lead_back(opened):
     assert spoken.startswith(f"{at + 1} ms, unintended motion ")
     shown.keyboard.press("Escape")
     assert _focused(shown)[1] == "field"
+
+
+def test_a_click_while_the_robot_starts_opens_the_run_once_it_is_computed(browser, place):
+    shown = browser.new_page(viewport={"width": 1366, "height": 768})
+    shown.set_default_timeout(PATIENCE_MS)
+    shown.add_init_script(HELD)
+    shown.goto(place.as_uri())
+    shown.wait_for_function("document.getElementById('fault-words').textContent")
+    box = shown.locator("#field").bounding_box()
+    shown.mouse.click(box["x"] + 0.9 * box["width"], box["y"] + 0.4 * box["height"])
+    assert "being computed" in shown.inner_text("#spot")
+    shown.evaluate("begin()")
+    shown.wait_for_selector("#run:not([hidden])")
+    shown.wait_for_function("scrollY > 0")
+    shown.wait_for_function("document.body.dataset.filled === '1'")
+    shown.evaluate("scrollTo(0, 0)")
+    box = shown.locator("#field").bounding_box()
+    # A click beside the cells chooses no run.
+    shown.mouse.click(box["x"] + 4, box["y"] + 4)
+    assert shown.evaluate("scrollY") == 0
+    shown.mouse.click(box["x"] + 0.7 * box["width"], box["y"] + 0.4 * box["height"])
+    shown.wait_for_function("scrollY > 0")
+    shown.close()
 
 
 def test_whatever_is_used_has_a_role_and_a_name(opened):

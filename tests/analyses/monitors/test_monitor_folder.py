@@ -250,7 +250,7 @@ def test_what_cannot_be_compared_is_refused(one_arm, tmp_path, case):
 
 
 def test_a_log_of_one_arm_is_not_compared_with_two(folder):
-    with pytest.raises(UserError, match=r"a log has one arm, .* the arms gold and green"):
+    with pytest.raises(UserError, match=r"the log has one arm, .* the arms gold and green"):
         checking.check_exchangeability(folder, [folder / writing.VECTOR])
 
 

@@ -108,7 +108,7 @@ def test_a_limit_and_a_stop_rule_exclude_each_other(tmp_path):
 def test_decisions_are_read_back_and_a_damaged_file_is_named(tmp_path):
     assert decisions.read_looks(tmp_path) == [] and decisions.describe_stop(tmp_path) == ""
     rule = stop_rule(config())
-    look = rule.decide(1, rule.first_sizes(), np.array([[0, 1, 0], [0, 2, 0]]), rule.first_sizes())
+    look = rule.decide(1, rule.sizes()[0], np.array([[0, 1, 0], [0, 2, 0]]), rule.sizes()[0])
     decisions.write_looks(tmp_path, [look])
     assert [one.model_dump_json() for one in decisions.read_looks(tmp_path)] == [
         look.model_dump_json()

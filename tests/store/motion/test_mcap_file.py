@@ -52,7 +52,7 @@ def test_header_stamps_count_where_there_are_any(tmp_path):
     path = write(tmp_path / "b.mcap", {("gold", "measured_cp"): (arrival, empty, place(TIME_S))})
     refused(
         path,
-        "the time stamps come in bursts: by log times of /arm1/measured_cp",
+        "the time stamps come in bursts: according to log times of /arm1/measured_cp",
         "operator.rate_hz = ",
     )
     assert play(path, rate_hz=200.0).summary.notes == (

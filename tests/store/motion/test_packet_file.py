@@ -81,7 +81,7 @@ def test_packets_that_the_robot_would_drop_move_nothing(tmp_path):
     read = packet_file.read_stream(
         table(tmp_path / "a.parquet", fields={"sequence": numbers}), ("gold",), "raven"
     )
-    assert np.flatnonzero(~read.counted).tolist() == [10, 11]
+    assert np.flatnonzero(~read.accepted).tolist() == [10, 11]
     assert read.delta_um[:, 0, 0].sum() == 48 * 10
 
 
@@ -103,5 +103,5 @@ def test_a_console_that_starts_anew_goes_on_after_one_lost_packet(
     changes = {"arrival_us": None, "arrival_ms": arrival}
     path = table(tmp_path / "a.parquet", fields={"sequence": numbers, "grasp": 0}, **changes)
     read = packet_file.read_stream(path, ("gold",), "raven")
-    assert read.counted[:25].all() and read.counted[25:].sum() == counted
+    assert read.accepted[:25].all() and read.accepted[25:].sum() == counted
     assert read.delta_um[:, 0, 0].sum() == (25 + counted) * 10

@@ -167,7 +167,7 @@ def test_public_recording(shared_data):
     path = shared_data("operator_positions.parquet")
     refused(
         path,
-        "the time stamps come in bursts: by column time_ns",
+        "the time stamps come in bursts: according to column time_ns",
         "write operator.rate_hz = 999.956",
     )
     one = play(path, rate_hz=1000.0, window_s=(18.2, 47.9), cutoff_hz=5.0)

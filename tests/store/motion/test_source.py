@@ -144,7 +144,7 @@ def test_jaws_of_another_time_are_not_read(tmp_path):
     place = PLACE_MM * 1e-3
     late = bags.pose_bag(tmp_path / "a.bag", "/arm1", TIME_S, place, "", "alone", jaws_late_s=0.5)
     one = play(late)
-    assert one.summary.arms[0].jaws == "home" and "0.5 s apart" in one.summary.notes[0]
+    assert one.summary.arms[0].jaws == "home" and "0 to 0.5 s" in one.summary.notes[0]
     assert play(late, max_gap_s=0.6).summary.arms[0].jaws == "recorded"
 
 

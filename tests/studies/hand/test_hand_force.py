@@ -6,10 +6,9 @@ import pandas as pd
 import pytest
 
 from studies import hand
-from studies.hand import GRIP_COLUMN, NEWTONS_COLUMN
+from studies.hand import GRIP_COLUMN, NEWTONS_COLUMN, SCALE
 
 FAULTS = 24
-SCALE = 0.1
 
 
 def made_up(moved_golden: float = -0.1, moved_model: float = 0.0) -> pd.DataFrame:
@@ -42,7 +41,7 @@ def made_up(moved_golden: float = -0.1, moved_model: float = 0.0) -> pd.DataFram
 
 
 def test_an_effect_is_over_the_hands_that_moved() -> None:
-    one = hand.effect(hand.paired(made_up(), 3.3, 0.5), SCALE)
+    one = hand.effect(hand.paired(made_up(), 3.3, 0.5))
     assert (one.pairs, one.pulled, one.kinds.count) == (22, 12, 6)
     assert (
         one.hand.value == 2.0 and one.golden.value == pytest.approx(-0.1) and one.model.value == 0.0

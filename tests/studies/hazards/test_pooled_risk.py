@@ -4,12 +4,13 @@ import math
 import tomllib
 
 import numpy as np
+import pandas as pd
 import pytest
 import result_rows
 
 from ravenjax.hazards import library
-from studies.hazards import risk
-from studies.hazards.risk import Pool
+from studies.hazards import library as risk
+from studies.hazards.library import Pool
 
 JUMPS = {"jump_tip": True}
 TOLD = {"response": "stopped"}
@@ -24,11 +25,8 @@ def test_counts_by_hazard_and_severity() -> None:
         {"group": "fault_free"},
     )
     found = risk.counts(table)
-    assert {name: number.tolist() for name, number in found.items()} == {
-        "B24": [0, 0, 0, 0, 1, 1],
-        "B07": [0, 0, 1, 0, 0, 0],
-        "B08": [0, 0, 1, 0, 0, 0],
-    }
+    assert found.index.tolist() == ["B07", "B08", "B24"]
+    assert found.to_numpy().tolist() == [[0, 0, 1, 0, 0, 0], [0, 0, 1, 0, 0, 0], [0, 0, 0, 0, 1, 1]]
 
 
 def test_shares_of_reports_are_those_of_their_counts() -> None:
@@ -47,16 +45,14 @@ def test_hazards_of_a_pool_count_alike_however_many_runs_they_have() -> None:
     assert row.mean == pytest.approx(2.5)
 
 
-HALVES = [np.array([1, 0, 0, 0, 0, 0])] * 5 + [np.array([0, 0, 0, 0, 0, 1])] * 5
+HALVES = [[1, 0, 0, 0, 0, 0]] * 5 + [[0, 0, 0, 0, 0, 1]] * 5
 """Runs of ten hazards by severity: harmless, or the gravest."""
 
 
 def test_the_interval_of_a_pool_counts_hazards_not_runs() -> None:
     ids = tuple(f"C{number:02}" for number in range(1, 11))
     few = risk.mean_over(np.repeat([0.0, 1.0], 5), ids, np.ones(10))
-    many = risk.by_pool(
-        {name: 50 * runs for name, runs in zip(ids, HALVES, strict=True)}, Pool("", "", ids)
-    ).injury
+    many = risk.by_pool(50 * pd.DataFrame(HALVES, ids), Pool("", "", ids)).injury
     assert many == pytest.approx(few) and few.low < 0.3 and few.high > 0.7
     twice = risk.mean_over(np.repeat([0.0, 1.0], 5), ("C01",) * 5 + ("C02",) * 5, np.ones(10))
     assert np.isnan(twice.low)  # one that counts in two classes is one unit
@@ -75,5 +71,5 @@ def test_pools_weigh_against_each_other_and_leave_out_what_was_not_run() -> None
 
 
 def test_without_runs_there_is_no_risk() -> None:
-    row = risk.by_pool({}, Pool("a", "", ("B24",)))
+    row = risk.by_pool(pd.DataFrame(), Pool("a", "", ("B24",)))
     assert row.injury is None and math.isnan(row.mean)

@@ -5,9 +5,9 @@ from typing import Any
 import pytest
 import result_rows
 
-from studies.hazards import severity
+from studies.hazards import classes
 
-ENDLESS = {"fault0_duration_ms": severity.UNTIL_END}
+ENDLESS = {"fault0_duration_ms": classes.UNTIL_END}
 STANDS = {"idle_ms": 900}
 STRAYS = {"unintended_mm": 5.0}
 
@@ -36,10 +36,10 @@ STRAYS = {"unintended_mm": 5.0}
     ],
 )
 def test_known_rows(row: dict[str, Any], expected: int) -> None:
-    assert severity.rate_severity(result_rows.frame(row))[0] == expected
+    assert classes.rate_severity(result_rows.frame(row))[0] == expected
 
 
 def test_a_failed_run_has_none() -> None:
-    found = severity.rate_severity(result_rows.frame({}, {"failed": "nan", "jump_text": True}))
+    found = classes.rate_severity(result_rows.frame({}, {"failed": "nan", "jump_text": True}))
     assert found[0] == 0
     assert found.isna().tolist() == [False, True]

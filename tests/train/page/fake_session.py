@@ -72,6 +72,7 @@ class FakeSession:
         self._stop = threading.Event()
         context = multiprocessing.get_context("spawn")
         listening = socket.create_server((options.get("host", "127.0.0.1"), 0))
+        self.listens_at = listening.getsockname()[1]
         self.options = page.PageOptions(
             self.frames.name,
             self.events.name,

@@ -31,8 +31,8 @@ class Visit:
             lambda message: self.told.append(message.text) if message.type == "error" else None,
         )
         self.page.on("pageerror", lambda error: self.told.append(str(error)))
-        self.page.goto(f"http://127.0.0.1:{session.port}/?{query}")
-        until(self.page, "window.ravenjax.state && window.ravenjax.state().frames > 3")
+        self.page.goto(f"http://127.0.0.1:{session.listens_at}/?{query}")
+        until(self.page, "window.ravenjax?.state && window.ravenjax.state().frames > 3")
 
     def __enter__(self):
         return self.page

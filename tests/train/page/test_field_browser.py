@@ -7,6 +7,7 @@ from fake_session import AS_INSTRUCTOR, HEADER, FakeSession
 from page_visit import BROWSER, Visit, click, until
 
 from ravenjax.robots.raven2 import ROBOT
+from ravenjax.train.protocol import PHASES
 
 pytestmark = BROWSER
 CONTROLS = """
@@ -139,7 +140,8 @@ def test_whatever_sounds_is_also_written_where_a_screen_reader_finds_it(browser,
 
 
 @pytest.mark.parametrize(
-    ("width", "height"), [(360, 740), (820, 1180), (740, 360), (1366, 768), (1920, 1080)]
+    ("width", "height"),
+    [(360, 640), (360, 740), (820, 1180), (740, 360), (1366, 768), (1920, 1080), (3840, 2160)],
 )
 def test_on_every_screen_field_pads_and_stop_are_there_and_apart(browser, session, width, height):
     touch = min(width, height) < 900 and width < 1000
@@ -150,12 +152,17 @@ def test_on_every_screen_field_pads_and_stop_are_there_and_apart(browser, sessio
         device_scale_factor=1,
     )
     page = context.new_page()
+    session.frame["phase"] = PHASES.index("ready")
     page.goto(f"http://127.0.0.1:{session.port}/?role=operator")
     until(page, "window.ravenjax.state && window.ravenjax.state().frames > 3")
-    boxes = {
-        name: page.locator(name).bounding_box()
-        for name in ("#pedal", "#estop", "#scope", ".pad[data-arm=gold]", ".pad[data-arm=green]")
-    }
+    until(page, SHOWN.format("#coach"))
+    shown = ["#pedal", "#estop", "#scope", ".pad[data-arm=gold]", ".pad[data-arm=green]", "#coach"]
+    boxes = {name: page.locator(name).bounding_box() for name in shown}
+    # Why the robot does not move is said over the field, never under the card.
+    assert page.inner_text("#why").startswith("Hold ")
+    assert not _overlap(page.locator("#why").bounding_box(), boxes["#coach"])
+    size = float(page.evaluate("parseFloat(getComputedStyle(rj).fontSize)"))
+    assert size == pytest.approx(13 * max(1.0, min(width / 1920, height / 1080)), abs=0.1)
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
     for name, box in boxes.items():
         assert box is not None and box["x"] >= 0 and box["x"] + box["width"] <= width, name

@@ -50,6 +50,18 @@ def test_the_scene_comes_with_everything_in_it_and_asks_nobody_else(chromium, se
     browser.close()
 
 
+def test_a_window_that_is_open_before_the_page_waits_for_it_without_an_error(browser):
+    session = FakeSession()
+    try:
+        visit = Visit(browser, session, "role=operator&scene=off")
+        with visit as page:
+            # The waiting page and the page itself, at the address of the visitor.
+            assert sum("role=operator&scene=off" in url for url in visit.asked) >= 2
+            assert page.evaluate("location.search") == "?role=operator&scene=off"
+    finally:
+        session.close()
+
+
 def test_keys_drive_both_arms_and_blur_lets_go(browser, session):
     with Visit(browser, session, "role=operator&scene=off") as page:
         at = len(session.commands)

@@ -73,17 +73,21 @@ def test_after_a_long_sleep_the_schedule_moves_on_instead(fake):
 
 
 GIVEN_BACK = """
-import os
+import contextlib, os, time
+from ravenjax.train import processes
 from ravenjax.train.realtime import clock
 
 def now():
     return os.sched_getaffinity(0), os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
 
-before, others = now(), clock.other_cpus()
+before, others = now(), processes.other_cpus()
 with clock.use_realtime_priority() as granted:
     print(granted)
     assert len(now()[0]) == 1 and not others & now()[0]
 assert now() == before
+with contextlib.ExitStack() as stack:
+    helper = processes.spawn_process(stack, time.sleep, 60)
+    assert os.sched_getaffinity(helper.pid) == (others or before[0]) and now() == before
 """
 
 

@@ -10,12 +10,13 @@ from ravenjax.errors import UserError
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.console.profile import LargestSteps
 from ravenjax.robots.raven2.geometry import mapping
-from ravenjax.train.protocol import STALE_MS
+from ravenjax.train.protocol import STALE_MS, Frame, FrameLayout
 from ravenjax.train.robot_link.itp import (
     DEFAULT_PACKETS_PER_TICK,
     MIN_DATAGRAMS_PER_TICK,
     Gate,
     ItpServer,
+    force_at_hand,
 )
 
 BOTH = ("gold", "green")
@@ -139,3 +140,9 @@ def test_a_dead_console_gets_no_force_and_its_pedal_counts_as_up(server, console
     sent = server.counters()["force_sent"]
     server.send_force({"gold": (0.05, 0, 0)})
     assert server.counters()["force_sent"] == sent, "nobody is there any more"
+
+
+def test_force_at_the_hand_is_that_of_the_row():
+    frame = Frame(FrameLayout.of(BOTH))
+    frame.row[frame.layout.places["green/force"]] = 0.0, 0.01, 0.0
+    assert force_at_hand(frame, "green", 0.0, 0.05, True) == pytest.approx((0.0, 0.01, 0.0))

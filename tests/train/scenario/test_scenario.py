@@ -135,7 +135,7 @@ def test_the_right_response_follows_from_what_the_hazard_does():
     [
         ('"B27"', '"B72"', ":12: hazard[0].hazards: unknown hazard 'B72'"),
         ("when = [5, 20]", "when = [20, 5]", "hazard[0].when: got [20, 5]"),
-        ('title = "pushed"', 'hazards = ["B27"]', "hazard[1]: expected hazards, a list"),
+        ('title = "pushed"', 'hazards = ["B27"]', "hazard[1]: expected either hazards ="),
     ],
 )
 def test_what_is_wrong_is_told_with_its_place(tmp_path, old, new, told):

@@ -110,9 +110,9 @@ function tabulate() {
   const table = data("table");
   if (!table) return;
   rows = new Table(campaign, table, (fault, changes) => {
-    Object.assign(state, { changes, motion: null });
+    Object.assign(state, { changes, motion: null, open: true });
+    afterwards = reveal;
     change(fault, true);
-    open().then(reveal);
   });
   rows.show();
   field.dot(axes.across, axes.up, rows.dots(state.fault, axes));
@@ -241,27 +241,47 @@ function say() {
 function spot() {
   if (!field.at) return;
   const outcome = field.get(...field.at);
-  $("spot").textContent = outcome ? `${words(campaign, at(...field.at))}: ${CLASSES[classOf(outcome)].says}.` : "";
+  $("spot").textContent = `${words(campaign, at(...field.at))}: ${outcome ? CLASSES[classOf(outcome)].says : "being computed"}.`;
 }
 
 function choose(i, j) {
   const fault = at(i, j);
-  change({ [state.across]: fault[state.across], [state.up]: fault[state.up] });
-  opening = open();
+  const same = state.open && fault[state.across] === state.fault[state.across] && fault[state.up] === state.fault[state.up];
+  afterwards = null;
+  clicked = true;
+  state.open = true;
+  if (!same) change({ [state.across]: fault[state.across], [state.up]: fault[state.up] });
 }
 
-let opening = Promise.resolve();
+let clicked = false; // whether the pointer has chosen a cell
+/** What follows as soon as the run is shown. @type {(() => void) | null} */
+let afterwards = null;
 const reveal = () => $("run").scrollIntoView({ block: "start" });
 // While a hand draws across the map the window stays; it scrolls to the run when the hand lets go.
-$("field").addEventListener("click", () => opening.then(reveal));
+$("field").addEventListener("click", () => {
+  if (clicked) whenShown(reveal);
+  clicked = false;
+});
 
+/** Does something now if the chosen run is shown, otherwise as soon as it is. */
+function whenShown(what) {
+  afterwards = what;
+  if (replaying?.shown) follow();
+}
+
+function follow() {
+  afterwards?.();
+  afterwards = null;
+}
+
+/** The run that is being computed or shown. @type {any} */
 let replaying = null;
 /** Shows the chosen run. */
 async function open() {
   state.open = true;
   if (!engine) return;
   if (replaying) engine.cancel(replaying);
-  const own = (replaying = {});
+  const own = (replaying = { shown: false });
   const fault = { ...state.fault };
   try {
     const replay = await engine.replay(question(), fault, { priority: RUN, token: own });
@@ -272,6 +292,8 @@ async function open() {
     $("smallest").hidden = !spanOf(campaign, fault) || campaign.effects[fault.effect].value === "bit";
     run.show(replay, fault, state.ms);
     document.body.dataset.verdict = replay.outcome.verdict;
+    own.shown = true;
+    follow();
     remember();
     if (replay.outcome.unintended_first_ms >= 0 && Object.keys(description.actions).length) run.actBy(replay, await engine.deadlines(question(), fault, replay.outcome, { priority: LATER, token: own }));
   } catch (error) {
@@ -341,8 +363,10 @@ $("undo").addEventListener("click", () => {
 });
 $("field").addEventListener("keydown", (event) => {
   const step = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
-  if (event.key === "Enter" || event.key === " ") open().then(() => $("run-title").focus());
-  else if (step) {
+  if (event.key === "Enter" || event.key === " ") {
+    if (!state.open) open();
+    whenShown(() => $("run-title").focus());
+  } else if (step) {
     const [i, j] = field.at;
     const clamp = (k, axis_) => Math.max(0, Math.min(axis_.values.length - 1, k));
     const fault = at(clamp(i + step[0], axes.across), clamp(j + step[1], axes.up));
@@ -374,6 +398,6 @@ refresh(true);
 setTimeout(tabulate);
 openEngine(description, { threads: Math.max(1, Math.min(8, navigator.hardwareConcurrency ?? 2)) }).then((opened) => {
   engine = opened;
-  fill();
   if (state.open) open();
+  fill();
 });

@@ -2,9 +2,9 @@
 
 The faults and the fault-free motions are divided into shares, so that no data serve two purposes.
 
-1. `observation` runs fault-free motions of other operators. The first share determines the *scale*
-   of each candidate check. The second share determines the common *margin* of the set. The third
-   share measures its false-alarm rate.
+1. `observation` runs fault-free motions of other operators. A check raises an alarm above its scale
+   times the margin of the set. The first share of the motions gives the *scales*, the largest
+   values; the second gives the *margin*. The third share measures the set's false-alarm rate.
 2. `observation` then runs the campaign, with every candidate at every margin as a detector. Half of
    the faults *select* the set. The other half measures the set's coverage.
 3. `check_set` selects a set greedily, computes its margin, false alarms and coverage, and compares

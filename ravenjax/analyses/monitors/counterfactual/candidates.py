@@ -1,5 +1,4 @@
-"""Defines the options of `ravenjax counterfactual`, and converts candidate checks into
-detectors."""
+"""Defines the options of `ravenjax counterfactual`. Converts candidate checks into detectors."""
 
 import itertools
 import math

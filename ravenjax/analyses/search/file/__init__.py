@@ -1,2 +1,1 @@
-"""Reads search files: the section [search], the group of faults to vary, and the outcome to
-find."""
+"""Reads search files: the section [search], the faults to vary, and the outcome to find."""

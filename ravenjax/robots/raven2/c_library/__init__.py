@@ -1,1 +1,1 @@
-"""Generates the texts of a C library with control software and virtual robot."""
+"""Generates the source files of a C library with control software and virtual robot."""

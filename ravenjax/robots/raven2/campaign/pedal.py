@@ -6,8 +6,9 @@ these steps depends on a motor, so they are simulated alone, tick by tick around
 foot.
 
 A run may also leave pedal-down because the robot stops, or because the operator reacts and lifts
-the foot. Pedal-down does not begin again: the PLC stays in its E-stop, and only an operator from a
-user's file may press the pedal again. The time of this press is unknown, but not before the plan.
+the foot. After a stop, the PLC stays in its E-stop. After a reaction, only an operator from a
+user's file may press the pedal again. The time of this press is not known before the run, but an
+operator cannot press the pedal while it is up in the plan of the motion.
 """
 
 import dataclasses

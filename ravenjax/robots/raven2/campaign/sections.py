@@ -452,7 +452,7 @@ class OwnStages(Section):
             )
         if strays := [stage for stage in self.sha256 if stage not in dict(self.files())]:
             raise ValueError(
-                f"sha256 has the stage {strays[0]!r}, which no file replaces: remove {strays[0]}"
+                f"sha256 has the key {strays[0]!r}, for which [controller] has no file: remove it"
             )
         return self
 

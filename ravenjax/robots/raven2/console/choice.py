@@ -1,8 +1,8 @@
 """Finds out which of several packet formats (profiles) a console uses, while its packets arrive.
 
-A profile is ruled out in two cases. More packets break its rules than a network loses by chance. Or
-its jaw increments add up to more than the jaw's whole travel, and the packets break no rule of
-another profile. Until one profile is left, a packet causes motion only if all remaining profiles
+A profile is ruled out in two cases. In the first, more packets break its rules than chance
+explains. In the second, the packets would move the jaw by more than its travel, and break no rule
+of another profile. Until one profile is left, a packet causes motion only if all remaining profiles
 read it in the same way. The choice is final.
 """
 

@@ -14,8 +14,9 @@ The insertion axis can point from the wrist or toward it (depth 0, 1). The elbow
   to the wrist.
 - The two bends mirror each other in the plane of the shoulder axis z1 and z3. Let m = z1 x z3 and
   e = m x z3, which are perpendicular to z3 and to each other. The axis y3 has the components
-  (alpha, beta) along e and m in one bend, and (-alpha, beta) in the other. A direction with
-  components (E, F) has theta4 = atan2(F beta +- E alpha, E beta -+ F alpha); common factors cancel.
+  (alpha, beta) along e and m in one bend, and (-alpha, beta) in the other. The angle theta4 turns
+  around z3 to the direction from frame 4 to the jaw axis. With the components (E, F) of this
+  direction along e and m, theta4 = atan2(F beta +- E alpha, E beta -+ F alpha).
 """
 
 from functools import partial

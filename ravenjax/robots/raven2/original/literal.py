@@ -10,7 +10,7 @@ Sources: raven2 `src/raven/r2_kinematics.cpp`, `include/raven/r2_kinematics.h`,
 `src/raven/grav_comp.cpp` (compiled without fused operations); transforms and quaternions are those
 of ROS tf (ros/geometry `tf/LinearMath/{Transform,Matrix3x3,Vector3}.h`). All are in double
 precision. Products with a constant 0 or 1 are left out, which changes no bit but the sign of a
-zero. Products and matrices of quaternions are those of `mapping`, which has the order of tf, too.
+zero. `mapping` computes products and matrices of quaternions in the order of operations of tf.
 """
 
 import math

@@ -27,11 +27,11 @@ be delta'` (CSLDepend/raven2_sim, Li_DYN/two_arm_dyn.cpp). In motor coordinates 
 gamma`. The torque on the motor is `-reaction_scale * lambda`, and on the joints `T^T lambda`.
 
 **Friction.** A force with `sign(velocity)` alternates at rest, and a smoothed sign lets the joint
-creep. Instead, the step without friction is solved first: `drive = inertia_rate * v + forces`. Here
-`inertia_rate` is the inertia divided by the step, plus all other implicit damping. If friction is
-greater than this force, friction becomes a damping so large that the velocity ends at zero within
-`CREEP`. Otherwise friction becomes a damping that equals the friction level at the predicted
-velocity, (|drive| - level) / inertia_rate.
+creep. Instead, the force `drive = inertia_rate * v + forces` is computed, which would act in a step
+without friction. Here `inertia_rate` is the inertia divided by the step, plus all other implicit
+damping. If `level`, the force of dry friction, is greater than |drive|, the joint must stop. Its
+damping is then so large that the velocity ends at zero within `CREEP`. Otherwise the joint slides
+with the predicted velocity v1 = (|drive| - level) / inertia_rate, and its damping is level / v1.
 
 **Brakes** act on motors 1-3 only (RE40); tool motors run free without power. A brake engages and
 releases some time after the PLC's command. It adds dry friction of its holding torque, and slips
@@ -40,8 +40,8 @@ above that torque. No source gives the data of the brakes.
 **Hard stops** are one-sided stiff springs at the positions against which the control software homes
 (raven2: defines.h, homing.cpp, tools.cpp). They are shoulder 0 deg, elbow 137.5 deg, insertion
 0.562 m, and the tool's angles. The other ends of the first three joints are not published. They are
-set to the soft limit plus the margin that the published end of elbow and insertion has. The
-stiffness is *assumed*: metal on rubber, stiffer than the cable that presses the joint against it.
+assumed 2.5 deg (insertion 2 mm) beyond the soft limit, as the published ends of elbow and insertion
+are. The stiffness is *assumed*: metal on rubber, stiffer than the cable.
 """
 
 import math

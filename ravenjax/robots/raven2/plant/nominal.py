@@ -13,10 +13,11 @@ natural frequency, damping and friction dead band as the robot. For each joint, 
     kp = I KP g / J,  kd = I KD g / J,  J = Im + rho M / TR^2
     Kv = I (tau_v + rho Fv / TR^2) / J,  Kc = I (tau_c + rho Fc / TR) / (J TR)
 
-KP and KD are those of raven2's r2params.yaml. g is the gain from commanded to real torque. Im, tau,
-F and the reaction share rho are those of the robot's parameter set (`parameter_sets.nominal_set`).
-No gain is fitted to a published outcome. A jaw's kd contains its viscous friction. The robot's
-insertion has no integral. The model's slow integral (ki, time constant 4 s) removes the remaining
+In J, M is I (0 for jaws), and TR is the transmission ratio from joint to motor. KP and KD are those
+of raven2's r2params.yaml. g is the gain from commanded to real torque. The friction of motor (tau)
+and link (F), Im and the reaction share rho are those of the robot's parameter set. No gain is
+fitted to a published outcome. A jaw's kd contains its viscous friction. The robot's insertion has
+no integral. The model's slow integral (ki, time constant 4 s) removes the remaining
 error of the dead band and does not change the lag on surgical motion. Integration is linearly
 implicit in gains and friction.
 

@@ -6,8 +6,9 @@ eliminated one by one, which leaves one symmetric system in the joint accelerati
 
     (M/dt + Fv + T^T D T) dv = T^T lambda - bias - Fv v - Coulomb + stops + external
 
-If the instrument touches something (`contact`), the contact force is added to the right side, and
-its derivative by speed to the left side.
+M is the inertia of the links, Fv their viscous friction, T the matrix from joints to motors, D the
+damping of the cables, and lambda their torque (`drives`). If the instrument touches something, the
+contact force is added to the right side, and its derivative by speed to the left side.
 
 The scheme is unconditionally stable. The insertion cable (an eigenvalue of -1943 /s with published
 parameters) and the small masses of the instrument therefore need no small step.

@@ -55,10 +55,10 @@ class ControlSoftware:
     The gold arm comes before the green one. Joints are in the order shoulder, elbow, insertion,
     tool_roll, wrist, grasp1, grasp2.
 
-    The start pose is the home pose, or the pose given by `jpos`, `encoders` or `state`. The first
-    pedal-down commands the start pose. If the robot is in another pose, pass one of these
-    arguments. Otherwise its jaws jump to the opening of the home pose: as in the original, the
-    measured opening replaces the desired opening only if they differ by more than 45 deg.
+    The start pose is the home pose, or the pose given by `jpos`, `encoders` or `state`. If the
+    robot is in another pose, pass one of these arguments. Otherwise the first pedal-down moves the
+    jaws to their opening in the home pose. As in the original, the software keeps the desired
+    opening if it differs from the measured opening by at most 45 deg.
     """
 
     def __init__(
@@ -203,8 +203,8 @@ class ControlSoftware:
         `encoders`: [cycles, arms, 7] counts. `packets`: a list with one entry per cycle, each as
         for `step`; None: no packets. `pins` and `read_ok`: one value for all cycles, or an array
         [cycles] or [cycles, arms]. Returns `dac` [cycles, arms, 7], `output_pins` [cycles] and
-        `signals`, whose leaves are arrays [cycles]. They take half a kilobyte of memory per cycle
-        and arm. Raises UserError, which names the wrong argument; the state is then unchanged.
+        `signals`, whose leaves are arrays [cycles]. Results take half a kilobyte per cycle and arm.
+        Raises UserError, which names the wrong argument; the state is then unchanged.
         """
         arms = len(self.setup.arms)
         counts = checked.parse_counts("encoders", encoders, (None, arms, 7))

@@ -13,12 +13,11 @@ with `STANDARD_HZ` messages a second.
 Every millisecond there is a flat message on /ravenjax/signals, with every signal of the session as
 float32. Events are on /ravenjax/events (std_msgs/String, one JSON object each), and as text on
 /ravenjax/log (rcl_interfaces/Log). The time of a message is the start of the session plus one
-millisecond per row. Its sequence number is the number of the row, so that lost rows leave a gap
-instead of shifting later rows.
+millisecond per row. Its sequence number is the number of the row, so lost rows leave a gap.
 
 The file is readable even if it is truncated. A block of rows is one chunk, which is passed to the
-operating system at once. If the process is killed, only the current block is lost. What a power
-failure loses depends on the operating system.
+operating system at once. If the process is killed, only the current block is lost. A power failure
+may lose more.
 """
 
 import json
@@ -101,7 +100,7 @@ class SessionWriter:
     def close(self) -> None:
         """Write the index, which readers of other programs need, and close the file.
 
-        The description of the session is at both ends of the file, because rows need it.
+        The names of signals, which readers of rows need, are at both ends: one end may be damaged.
         """
         self._log.finish(self._metadata)
         self._file.close()
@@ -110,18 +109,20 @@ class SessionWriter:
         # Converts rows to standard topics of CRTK and ROS.
         series = {}
         for arm in ARM_TOPICS:
-            own = {
+            of_arm = {
                 name.removeprefix(f"{arm}/"): rows[:, places]
                 for name, places in self._places.items()
                 if name.startswith(f"{arm}/")
             }
-            series |= {f"{arm}/{name}": own[name] for name in _CHANNELS["states"] if name in own}
+            states = [name for name in _CHANNELS["states"] if name in of_arm]
+            series |= {f"{arm}/{name}": of_arm[name] for name in states}
+            # An entry is `tip = ["tip", "tip_rotation", "link_jpos"]`.
             for name, (position, rotation, joints) in _CHANNELS["tips"].items():
-                if name in own and joints in own:
-                    series[f"{arm}/{position}"] = own[name]
-                    series[f"{arm}/{rotation}"] = jaw_rotation(arm, own[joints])
-            if "force" in own:
-                series[f"{arm}/haptic_force"] = own["force"]
+                if name in of_arm and joints in of_arm:
+                    series[f"{arm}/{position}"] = of_arm[name]
+                    series[f"{arm}/{rotation}"] = jaw_rotation(arm, of_arm[joints])
+            if "force" in of_arm:
+                series[f"{arm}/haptic_force"] = of_arm["force"]
         return topics.standard_topics(ROBOT, series, self._bases)
 
 
@@ -151,14 +152,15 @@ def read_session_log(path: Path, keeps: Callable[[str], bool] = lambda name: Tru
             f" {FILE} in the folder of a session"
         )
     names, header = json.loads(metadata["channels"]), json.loads(metadata["header"])
-    columns, width = [column for column, name in enumerate(names) if keeps(name)], 4 * len(names)
-    numbers = []
+    columns = [column for column, name in enumerate(names) if keeps(name)]
+    # The numbers, float32, are the last bytes of a message.
+    width = 4 * len(names)
 
     def kept(block: bytearray) -> np.ndarray:
         return np.frombuffer(block, "<f4").reshape(-1, len(names))[:, columns]
 
     data, blocks = bytearray(), [np.zeros((0, len(columns)), np.float32)]
-    events = []
+    numbers, events = [], []
     for message in content.messages((SIGNALS, EVENTS)):
         channel = content.channels.get(message.channel_id)
         if channel is not None and channel.topic == SIGNALS:
@@ -171,9 +173,8 @@ def read_session_log(path: Path, keeps: Callable[[str], bool] = lambda name: Tru
             events.append(json.loads(topics.ros2_types().decode(message.data, topics.TEXT).data))
     blocks.append(kept(data))
     row_numbers, rows = np.array(numbers, np.int64), np.concatenate(blocks)
-    return SessionLog(
-        header, names, row_numbers, rows, events, content.complete, content.lost_bytes
-    )
+    complete, lost_bytes = content.complete, content.lost_bytes
+    return SessionLog(header, names, row_numbers, rows, events, complete, lost_bytes)
 
 
 def _start_ns(header: Mapping[str, Any]) -> int:

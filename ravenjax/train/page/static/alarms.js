@@ -16,7 +16,7 @@ export const ALARMS = {
   estop: ["Emergency stop", STOPPED, RESTART],
   ik_reject: ["The arm cannot reach where your hand points", "The robot ignores this step.", "Move your hand back."],
   joint_limit: ["A joint is at its limit", "The robot goes no farther in this direction.", "Move your hand back."],
-  master_timeout: ["The robot receives nothing from the console", "It treats the pedal as up.", "Lift the pedal. Press it again once the connection is back."],
+  master_timeout: ["The robot receives nothing from the console", "The robot treats the pedal as up.", "Lift the pedal. Press it again once the connection is back."],
 };
 /** Checks that trip because another check or a person has stopped the robot. They do not replace the cause. */
 export const FOLLOW = new Set(["soft_estop", "plc_watchdog", "estop"]);

@@ -9,6 +9,7 @@ const KEYS = {
   gold: [["A", "D"], ["F", "R"], ["W", "S"]],
   green: [["←", "→"], ["PgDn", "PgUp"], ["↑", "↓"]],
 };
+const JAWS = { gold: ["G", "T"], green: [";", "P"] }; // close, open
 const WAYS = [["left", "right"], ["down", "up"], ["away", "toward you"]];
 const PADS = [["pad left", "pad right"], ["slider down", "slider up"], ["pad up", "pad down"]];
 
@@ -22,6 +23,12 @@ export function steps(arm, tip, at, touch = false) {
     .filter(([, mm]) => mm >= FINE_MM)
     .sort((a, b) => b[1] - a[1])
     .slice(0, 2);
+}
+
+/** What to do at the object, or with the object at a peg. */
+function graspWords(arm, holds, touch = coarse()) {
+  const key = (JAWS[arm] ?? JAWS.gold)[Number(holds)];
+  return holds ? `Set the object down: open the jaws${touch ? "" : ` with ${key}`}.` : `Close the jaws on the object${touch ? "" : ` with ${key}`}.`;
 }
 
 /** The steps as a sentence of DOM elements. */
@@ -100,8 +107,8 @@ export class Coach {
     } else if (said !== this.said)
       this.text.textContent =
         {
-          hold: "Hold the tip in the pink circle.",
-          reached: "Goal reached. When the instrument moves on its own, lift the pedal.",
+          hold: scope.task.object ? graspWords(goal.arm || scope.nearest(goal.at), Boolean(scope.held)) : "Hold the tip in the pink circle.",
+          reached: `Goal reached. When the instrument moves on its own, lift the pedal. ${coarse() ? "“more” has Rehearse, to try" : "B lets you try"} a motion on the virtual robot first.`,
         }[said] ?? "";
     this.said = said;
   }

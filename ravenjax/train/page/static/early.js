@@ -34,7 +34,7 @@ function drawable() {
   if (asked.has("quality")) plain.set("quality", asked.get("quality"));
   const replace = history.replaceState.bind(history);
   const full = new URLSearchParams(plain);
-  full.set("websocket", `${location.origin.replace(/^http/, "ws")}/scene/${name}${asked.has("inset") ? `.${asked.get("inset")}` : ""}`);
+  if (asked.get("scene") !== "off" || asked.has("inset")) full.set("websocket", `${location.origin.replace(/^http/, "ws")}/scene/${name}${asked.has("inset") ? `.${asked.get("inset")}` : ""}`);
   if (asked.get("quality") === "low") full.set("fixedDpr", "0.5");
   replace(null, "", `?${full}`);
   history.replaceState = () => replace(null, "", `?${plain}`);

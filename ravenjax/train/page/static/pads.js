@@ -1,6 +1,8 @@
 // Pads for mouse and touch: a hand that springs back, a slider for height, jaws, and the pedal as a button.
 
-const REACH = 42; // px from the pad's middle to full deflection
+import { scale } from "./plots.js";
+
+const REACH = 42; // sixteenths of a rem from the pad's middle to full deflection
 const LIFT = 30;
 
 export function build(input) {
@@ -13,8 +15,8 @@ export function build(input) {
     const hand = { move: [0, 0, 0], turn: [0, 0, 0], grasp: 0 };
     const held = new Set();
     const tell = () => {
-      knob.style.transform = `translate(${hand.move[0] * REACH}px, ${hand.move[2] * REACH * 0.8}px)`;
-      /** @type {HTMLElement} */ (lift.firstElementChild).style.transform = `translateY(${-hand.move[1] * LIFT}px)`;
+      knob.style.transform = `translate(${(hand.move[0] * REACH) / 16}rem, ${(hand.move[2] * REACH * 0.8) / 16}rem)`;
+      /** @type {HTMLElement} */ (lift.firstElementChild).style.transform = `translateY(${(-hand.move[1] * LIFT) / 16}rem)`;
       input.pad(arm, held.size ? { ...hand, move: [...hand.move] } : null, holds.checked);
     };
     drag(pad, held, (x, y) => {
@@ -52,7 +54,7 @@ function drag(place, held, moved) {
     held.add(place);
     moved(0, 0);
   });
-  place.addEventListener("pointermove", (event) => from && moved(event.clientX - from[0], event.clientY - from[1]));
+  place.addEventListener("pointermove", (event) => from && moved((event.clientX - from[0]) / scale(), (event.clientY - from[1]) / scale()));
   const end = () => {
     if (!from) return;
     from = null;

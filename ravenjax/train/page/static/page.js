@@ -197,7 +197,7 @@ function draw() {
   coach.frame({ phase, started: panels.started, down, blocked }, scope);
   if (panels.role !== "operator" || drill.on) $("why").hidden = true;
   else why.frame({ ...panels.state, warned, link: root.dataset.link, level: latest.number("runlevel"), live: latest.number("live") === 1, pressed: input.pedal, down });
-  if (panels.shown && panels.shown !== "stopped") $("why").hidden = true; // the banner says it
+  if (panels.shown && (panels.shown !== "stopped" || !$("alarm-words").hidden)) $("why").hidden = true; // the banner or the alarm says it
   probe.drawn();
 }
 requestAnimationFrame(draw);

@@ -42,9 +42,9 @@ const DRIVERS = { nobody: "nobody", page: "the page", itp: "the ITP console", sc
 const MOST_GOALS = 20; // a larger number of goals is an unlimited supply, so it is not shown
 const BANNERS = {
   down: ["bad", "No connection", "The session does not answer. The pedal counts as up, so the robot holds still."],
-  stopped: ["bad", "Robot stopped", "The brakes hold it. Find the cause, then restart.", "Restart"],
+  stopped: ["bad", "Robot stopped", "The brakes hold the robot. Find the cause, then restart.", "Restart"],
   paused: ["wait", "Paused", "The instructor has paused the session."],
-  lost: ["bad", "Link to the robot lost", "No reports arrive, so its state is unknown. Its own time-out lifts the pedal. The page continues when reports arrive again."],
+  lost: ["bad", "Link to the robot lost", "No reports of the robot arrive, so its state is unknown. After a time-out the robot treats the pedal as up. The page continues when reports arrive again."],
   watcher: ["wait", "View only", "Another window holds the console."],
   scripted: ["wait", "View only", "A script drives this session."],
   keyless: ["bad", "Not an instructor", "This address has no instructor's token. Open the address that the terminal printed."],
@@ -189,7 +189,7 @@ export class Panels {
     known?.item.remove();
     const count = told ?? (known?.count ?? 0) + 1;
     const item = element("li", "alarm", this.time(tick), element("span", "", String(check).replaceAll("_", " ") + (count > 1 ? ` ×${count}` : "")));
-    item.title = `tripped ${count} times, once a millisecond and arm`;
+    item.title = `${count} trips, at most one per millisecond and arm`;
     this.alarms.set(check, { item, count });
     $("alarms").querySelector(".none")?.remove();
     $("alarms").prepend(item);
@@ -201,12 +201,14 @@ export class Panels {
     const view = this.views[frame.number("view")] ?? "real";
     this.root.dataset.phase = phase;
     set("phase", phase);
-    const level = frame.number("link") === 1 ? String(frame.number("runlevel")) : ""; // the run level of a lost robot is unknown
+    const level = frame.number("link") === 1 && phase !== "over" ? String(frame.number("runlevel")) : ""; // the run level of a lost robot is unknown
     for (const lamp of $("runlevel").children) lamp.classList.toggle("on", lamp.dataset.level === level);
     const left = frame.number("left_ms");
     this.whole = Math.max(this.whole, left);
-    set("clock", clock(phase === "over" ? this.ran : (this.ran = this.whole - left)));
-    if (!this.started && left < this.left && this.left < Infinity) this.start(frame.number("session_tick") - this.ran); // it began before this page was open
+    const tick = frame.number("session_tick");
+    if (!this.started && left < this.left && this.left < Infinity) this.start(tick - this.whole + left); // it began before this page was open
+    if (phase !== "over") this.ran = this.started ? tick - this.zero : 0;
+    set("clock", clock(this.ran));
     this.left = left;
     set("left", clock(left));
     set("rate", `${rate} Hz`);
@@ -240,7 +242,7 @@ export class Panels {
     $("convert").disabled = over || waits;
     $("convert").title = !waits ? "stop using the robot and convert to open surgery" : "Not now: start the session with the pedal.";
     const hidden = this.root.classList.contains("all") && phase === "ready"; // "more" covers the pedal
-    set("virtual-note", not.rehearse && view === "real" ? `To rehearse: ${hidden ? `close “more”, ${not.rehearse}, then come back` : not.rehearse}.` : "");
+    set("virtual-note", not.rehearse && view === "real" && !over ? `To rehearse: ${hidden ? `close “more”, ${not.rehearse}, then come back` : not.rehearse}.` : "");
     if (this.role === "instructor") this.instructor(frame, phase);
     this.state = { phase, view, owner, down };
     this.banner();

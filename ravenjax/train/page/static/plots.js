@@ -40,15 +40,15 @@ export class Plot {
     let peak = this.floor;
     for (let k = first; k < this.count; k += 1)
       if (this.times[k % MOST] > now - SPAN_MS) for (const values of this.values) peak = Math.max(peak, values[k % MOST]);
-    const scale = niced(peak * 1.08);
-    const y = (value) => bottom - (value / scale) * (bottom - top);
+    const most = niced(peak * 1.08);
+    const y = (value) => bottom - (value / most) * (bottom - top);
     const x = (time) => right - ((now - time) / SPAN_MS) * (right - left);
 
     pen.font = "10px system-ui, sans-serif";
     pen.textBaseline = "middle";
     pen.lineWidth = 1;
     for (let i = 0; i <= 2; i += 1) {
-      const value = (scale * i) / 2;
+      const value = (most * i) / 2;
       pen.strokeStyle = "rgba(148,170,196,0.14)";
       line(pen, left, y(value), right, y(value));
       pen.fillStyle = "#93a1b1";
@@ -57,7 +57,7 @@ export class Plot {
     }
     pen.textAlign = "center";
     for (const s of [10, 5, 0]) pen.fillText(s ? `−${s} s` : "now", Math.min(right - 10, Math.max(left + 10, x(now - 1000 * s))), height - 6);
-    if (this.limit !== null && this.limit <= scale) {
+    if (this.limit !== null && this.limit <= most) {
       pen.strokeStyle = "#f0484e";
       pen.setLineDash([5, 4]);
       line(pen, left, y(this.limit), right, y(this.limit));
@@ -82,16 +82,20 @@ export class Plot {
   }
 }
 
-/** Sets the canvas to the screen's resolution. Returns its size in CSS pixels. */
+/** How much larger than usual the page is: see the root's font size in page.css. */
+export const scale = () => parseFloat(getComputedStyle(document.documentElement).fontSize) / 16;
+
+/** Sets the canvas to the screen's resolution. Returns its size in the pen's units, sixteenths of a rem. */
 export function fitted(canvas, pen) {
   const ratio = devicePixelRatio || 1;
+  const large = scale();
   const [width, height] = [canvas.clientWidth, canvas.clientHeight];
   if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
     canvas.width = Math.round(width * ratio);
     canvas.height = Math.round(height * ratio);
   }
-  pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-  return [width, height];
+  pen.setTransform(ratio * large, 0, 0, ratio * large, 0, 0);
+  return [width / large, height / large];
 }
 
 function line(pen, x0, y0, x1, y1) {

@@ -204,7 +204,7 @@ export class Scope {
     pen.lineTo(x(place), y(place));
     pen.stroke();
     dot(pen, x(place), y(place), 7, "#0d1116", COLOURS[arm], 3);
-    words(pen, `real robot rests here (${LETTERS[arm]})`, x(place), y(place) + (arm === "green" ? 39 : 24), "#e8edf3", "center", 600);
+    words(pen, `real robot, ${LETTERS[arm]}`, x(place), y(place) + (arm === "green" ? 39 : 24), "#e8edf3", "center", 600);
   }
 
   /** Draws the tip: L is a disc, R a diamond; an arrow at the edge if it has left the view. crowded: the letters are beside them. */
@@ -215,6 +215,7 @@ export class Scope {
     const [inside, above] = [Math.min(width - 14, Math.max(14, across)), Math.min(height - 26, Math.max(30, up))];
     const { pen } = this;
     const away = inside !== across || above !== up;
+    pen.globalAlpha = this.virtual ? 0.6 : 1;
     pen.beginPath();
     if (arm === "green") {
       for (const [dx, dy] of [[0, -11], [11, 0], [0, 11], [-11, 0]]) pen.lineTo(inside + dx, above + dy);
@@ -227,10 +228,12 @@ export class Scope {
     if (this.virtual) {
       pen.strokeStyle = "#fff";
       pen.setLineDash([3, 3]);
-      words(pen, `${LETTERS[arm]} virtual`, inside, above - (crowded && arm === "green" ? 31 : 16), "#fff", "center", 700);
+      pen.globalAlpha = 1; // readable
+      words(pen, `${LETTERS[arm]} virtual`, Math.min(width - 32, Math.max(32, inside)), above - (crowded && arm === "green" ? 31 : 16), "#fff", "center", 700);
     }
     pen.stroke();
     pen.setLineDash([]);
+    pen.globalAlpha = 1;
     const side = arm === "green" ? 22 : -22;
     if (crowded) words(pen, LETTERS[arm], inside + side, above + 4, COLOURS[arm], "center", 800, 13);
     else words(pen, LETTERS[arm], inside, above + 4, "#0d1116", "center", 800);

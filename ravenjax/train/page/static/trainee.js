@@ -29,7 +29,7 @@ export class TraineeCard {
     this.scores.set(number, score ?? null);
     const counted = [...this.scores.values()].filter((one) => one !== null);
     const mean = counted.length ? `, mean score ${(counted.reduce((a, b) => a + b, 0) / counted.length).toFixed(0)} of 100` : "";
-    this.set("hazards", `${this.scores.size} met${mean}; last: ${outcome}`);
+    this.set("hazards", `${this.scores.size} so far${mean}; last: ${outcome}`);
   }
 
   frame(frame, arms) {

@@ -35,7 +35,7 @@ export function reason({ link, phase, owner, view, level, live, pressed, down, i
   if (pressed && !down) {
     const again = `Let go of ${pedal}, then hold it again.`;
     if (silences > 1 || rate < FEW_PER_S)
-      return `The connection stutters: ${rate} of ${USUAL_PER_S} messages a second, ${silences} silences in half a minute. ${again}`;
+      return `The connection stutters: ${rate < FEW_PER_S ? `${rate} of ${USUAL_PER_S} messages a second, ` : ""}${silences} silence${silences === 1 ? "" : "s"} in half a minute. ${again}`;
     return since in SINCE ? `${SINCE[since]}. ${again}` : again;
   }
   if (view === "replay" && !down) return `Hold ${pedal}: the robot repeats the motion that you tried.`;

@@ -102,8 +102,7 @@ def spawn_bridge(
     stack: contextlib.ExitStack, ros: messages.Ros, blueprint: Blueprint, say: Say, elsewhere: bool
 ) -> CrtkConsole:
     """Start the process for the robot of a blueprint, and wait until it exchanges messages.
-    elsewhere: whether the robot is in another process and its contact unknown. Raises UserError if
-    ROS is not available.
+    elsewhere: another process has the robot, so contact is unknown. Raises UserError without ROS.
     """
     console = CrtkConsole(blueprint.layout, ros, say)
     stack.callback(console.close)
@@ -140,8 +139,7 @@ def run_bridge(robot: Connection) -> None:
     This is the entry point of a spawned process. robot: sends the arguments below, and receives
     None once the process is ready, later the reason why it ends.
     """
-    # grasp_gain: mrad that the jaws close per mrad of an increment. contact: whether its force is
-    # known.
+    # grasp_gain: mrad that the jaws close per mrad of an increment. contact: its force is known.
     names, ros, arms, tools, grasp_gain, contact = robot.recv()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the robot's process handles Ctrl-C
     # An orderly exit lets ROS learn that the topics are gone.

@@ -99,7 +99,7 @@ def _quality(*, latched: bool, reliable: bool = True) -> Any:
 @cache
 def _data_type(kind: str) -> Any:
     """Return the DDS type of a message such as `sensor_msgs/msg/JointState`. Its samples hold the
-    serialised bytes, which this module neither reads nor writes.
+    serialised bytes, so its functions pass them on without encoding or decoding.
     """
     package, _, word = kind.split("/")
     definitions = messages.message_types("ros2").store.fielddefs[kind][1]

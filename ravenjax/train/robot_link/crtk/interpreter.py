@@ -2,8 +2,7 @@
 
 `OperatingState` computes CRTK's operating state, and whether a CRTK console holds the robot's pedal
 down. docs/how-to/crtk.md describes the states and the commands. This module uses no transport,
-clock or process. Its caller passes messages and rows of the robot with their times, and gets
-messages and commands of `protocol`.
+clock or process. It gets messages and rows with their times, and returns messages and commands.
 """
 
 from __future__ import annotations
@@ -93,8 +92,8 @@ class SetpointFollower:
         self.target = None
 
     def set_target(self, target: Setpoint) -> bool:
-        """Set the target. Return False, and keep the last, if it is farther than `MAX_DISTANCE_UM`
-        or if the pedal is up.
+        """Set the target. Return False, and keep the last target, if the pedal is up or the new one
+        is farther than `MAX_DISTANCE_UM` from the commanded position.
         """
         start = self.commanded
         if start is None or math.dist(target.position_um, start.position_um) > MAX_DISTANCE_UM:
@@ -102,10 +101,8 @@ class SetpointFollower:
         self.target = target
         return True
 
-    def differs_from(self, at: Setpoint) -> bool:
-        """Whether the control software's setpoint `at` differs from `commanded` beyond rounding. If
-        so, the arm continues from `at`.
-        """
+    def continue_from(self, at: Setpoint) -> bool:
+        """Return whether the setpoint `at` differs from `commanded`. If so, continue from `at`."""
         if self.commanded is None:
             return False
         differs = (
@@ -133,8 +130,9 @@ class SetpointFollower:
         # Smaller angles are rounding errors.
         turn *= 0.0 if angle < 1e-6 else min(1.0, TURN_RAD_MS * elapsed_ms / angle)
         max_grasp = GRASP_MRAD_MS * elapsed_ms
-        opening = min(max(self.target.grasp_mrad - grasp, -max_grasp), max_grasp)
-        steps = round(opening / self._gain)
+        opens_by = min(max(self.target.grasp_mrad - grasp, -max_grasp), max_grasp)
+        # An increment of 1 closes the jaws by `_gain` mrad.
+        steps = round(opens_by / self._gain)
         if not delta.any() and not turn.any() and not steps:
             return STILL
         next_rotation = Rotation.from_rotvec(turn) * rotation
@@ -243,8 +241,7 @@ class OperatingState:
 
     def update_pedal(self, is_clutch: bool, pressed: bool, now_ms: float) -> bool:
         """Process the state of a pedal: the clutch, or "operator present". An operator who is
-        present drives, except while the clutch is down. Returns whether the operator has just
-        become present.
+        present drives, except while the clutch is down. Returns whether the presence has begun.
         """
         self._command_ms = now_ms
         if is_clutch:
@@ -253,16 +250,13 @@ class OperatingState:
                 self._release("clutch")
                 # `_release` has reset this attribute.
                 self._down_before_clutch = was_down
-            elif (
-                self._clutch_down
-                and not pressed
-                and self._down_before_clutch
-                and self.state == "PAUSED"
-            ):
+            released = self._clutch_down and not pressed
+            if released and self._down_before_clutch and self.state == "PAUSED":
                 self._press(now_ms)
             self._clutch_down = pressed
             return False
-        steps_on, self._operator_present = pressed and not self._operator_present, pressed
+        steps_on = pressed and not self._operator_present
+        self._operator_present = pressed
         may_drive = self.is_homed and self.state in ("PAUSED", "DISABLED") and not self._clutch_down
         if steps_on and may_drive:
             self._disabled = False
@@ -271,18 +265,17 @@ class OperatingState:
             self._release("operator")
         return steps_on
 
-    def record_motion(self, streams: bool, now_ms: float) -> None:
-        """Record a command of motion. streams: whether it is a servo command, sent repeatedly."""
-        self._command_ms, self._has_servo_commands = now_ms, streams
-        if streams:
+    def record_motion(self, is_servo: bool, now_ms: float) -> None:
+        """Record a command of motion. is_servo: whether it is a servo command, sent repeatedly."""
+        self._command_ms, self._has_servo_commands = now_ms, is_servo
+        if is_servo:
             self._servo_ms = now_ms
 
     def observe(
         self, runlevel: int, stopped: bool, connected: bool, now_ms: float, lost: bool = False
     ) -> None:
         """Process the robot's state in this tick, and release the pedal if CRTK may not drive.
-        stopped: by the software. connected: whether anybody publishes commands. lost: whether no
-        reports of the robot arrive.
+        stopped: by the software. connected: somebody publishes commands. lost: no reports arrive.
         """
         was_stopped = self._stopped
         if lost and not self._lost:
@@ -298,7 +291,7 @@ class OperatingState:
         if self._restarting and not (stopped or lost) and runlevel == PEDAL_UP:
             self._restarting = self._disabled = False
             self._press(now_ms)
-        # The robot is in pedal-down for longer than CRTK's pedal explains.
+        # `_up_ms`: the last time at which CRTK drove, or nobody. `_down_ms`: at which CRTK drove.
         if self.pedal or runlevel != PEDAL_DOWN:
             self._up_ms = now_ms
         self.other_drives = now_ms - self._up_ms > REFUSED_MS
@@ -383,12 +376,13 @@ class Interpreter:
                 return
             self._published = None
             self._orders += [{"type": "operator", "do": order} for order in orders]
-            self._report_rival(word in ("enable", "resume"))
+            self._report_rival(wants_pedal=word in ("enable", "resume"))
         elif owner == "console":
             pressed = bool(len(message.buttons) and message.buttons[0])
-            self._report_rival(self.state.update_pedal(word == "clutch", pressed, now_ms))
+            steps_on = self.state.update_pedal(word == "clutch", pressed, now_ms)
+            self._report_rival(wants_pedal=steps_on)
         else:
-            self.state.record_motion(word != "move_jp", now_ms)
+            self.state.record_motion(is_servo=word != "move_jp", now_ms=now_ms)
             if reason := self._follow_command(self._arms[owner], word, message, now_ms):
                 self._refuse_once(f"{word}: {reason}")
 
@@ -408,12 +402,12 @@ class Interpreter:
             if pose is None:
                 return "pose has numbers that are not finite, or no unit quaternion"
             position, rotation = from_base(arm.name, *pose)
-            goal = Setpoint(position * 1e6, Rotation.from_matrix(rotation), present.grasp_mrad)
+            target = Setpoint(position * 1e6, Rotation.from_matrix(rotation), present.grasp_mrad)
         elif word == "jaw/servo_jp":
             opening = messages.numbers_of(message.position, 1)
             if opening is None:
                 return "position is not one finite number"
-            goal = present._replace(grasp_mrad=opening[0] * 1e3)
+            target = present._replace(grasp_mrad=opening[0] * 1e3)
         else:
             joints = messages.numbers_of(message.position, 7)
             if joints is None:
@@ -427,8 +421,8 @@ class Interpreter:
             if word == "move_jp":
                 arm.move, arm.goal = Trajectory(last_joints, joints, now_ms), joints
                 return ""
-            goal = Setpoint.at(arm.name, joints)
-        if not arm.set_target(goal):
+            target = Setpoint.at(arm.name, joints)
+        if not arm.set_target(target):
             return "farther than 75 mm from the arm's setpoint"
         arm.goal, arm.move = joints, None
         return ""
@@ -446,21 +440,21 @@ class Interpreter:
         is_recent = now_ms - row.clock_ns * 1e-6 <= STALE_MS
         runlevel, stopped = int(frame.number("runlevel")), bool(frame.number("soft_estopped"))
         was_down = self.state.pedal
-        self.state.observe(
-            runlevel, stopped, connected, now_ms, lost=not (is_recent and reports_arrive)
-        )
+        lost = not (is_recent and reports_arrive)
+        self.state.observe(runlevel, stopped, connected, now_ms, lost)
         if was_down and not self.state.pedal and self.state.why in RELEASED:
             self._report_refusal(RELEASED[self.state.why])
         drives = self.state.drives
         if self._processed_row is None and row.last_command >= self._sent_number:
             self._processed_row = row.number
-        # Before, the setpoint may differ because the robot has not processed the last increment.
+        # Until the robot has processed the last increment, its setpoint may differ from CRTK's.
         ticks = -1 if self._processed_row is None else row.number - self._processed_row
         settled = ticks >= SETTLED_TICKS
         for arm in self._arms.values():
             arm.jpos_d = frame[f"{arm.name}/jpos_d"].astype(float)
+            # CRTK goes on driving, begins to drive, or does not drive.
             if drives and self._drove:
-                if settled and arm.differs_from(Setpoint.at(arm.name, arm.jpos_d)):
+                if settled and arm.continue_from(Setpoint.at(arm.name, arm.jpos_d)):
                     arm.goal = arm.move = None
                     self._refuse_once(MOVED_ELSEWHERE)
                 continue
@@ -498,6 +492,7 @@ class Interpreter:
         """Return messages of the operating state if it has changed or a state command arrived."""
         state = self.state
         fields = state.state, state.is_homed, state.is_busy or state.runlevel == INIT
+        # A state command has set `_published` to None.
         if fields == self._published:
             return []
         self._published = fields
@@ -542,9 +537,8 @@ class Interpreter:
             angles = np.degrees([mpos, mvel, arm.motors @ jpos_d, jpos, jvel, jpos_d])
             joints = np.vstack([angles, frame[f"{arm.name}/dac"]])
             # ravenstate has 8 joints per arm; joint 3 does not exist on the robot.
-            arm_fields = dict(
-                zip(_TABLES["ravenstate"], np.insert(joints, 3, 0.0, axis=1), strict=True)
-            )
+            joints = np.insert(joints, 3, 0.0, axis=1)
+            arm_fields = dict(zip(_TABLES["ravenstate"], joints, strict=True))
             for suffix, (position, rotation) in (("", pose), ("_d", pose_d)):
                 arm_fields |= {
                     f"pos{suffix}": np.rint(position * 1e6),

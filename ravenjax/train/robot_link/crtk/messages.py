@@ -1,8 +1,8 @@
 """Defines the topics and messages of CRTK and raven2 for ROS 1 and ROS 2.
 
 topics.toml lists the topics and defines the messages of CRTK and raven2. The rosbags library
-defines all other messages. Both versions of ROS have the same fields, except that headers of ROS 1
-also contain a number.
+defines all other messages. Fields are the same in both versions of ROS, but headers of ROS 1 also
+have a number.
 """
 
 import math
@@ -73,9 +73,7 @@ def message_types(ros: Ros) -> MessageTypes:
 
 
 def pose_of(message: Any) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return position and quaternion of a `PoseStamped`. None if a number is not finite, or if the
-    quaternion's length is not about 1.
-    """
+    """Return position and quaternion of a `PoseStamped`; None if not finite, or not of length 1."""
     point, turn = message.pose.position, message.pose.orientation
     numbers = numbers_of((point.x, point.y, point.z, turn.x, turn.y, turn.z, turn.w), 7)
     if numbers is None or not 0.9 < np.linalg.norm(numbers[3:]) < 1.1:

@@ -1,7 +1,7 @@
 """Exchanges ROS 1 messages with the system's rospy, which another Python runs in a node process.
 
-The two processes exchange serialised messages. This process encodes and decodes them, so the node
-needs no message packages.
+The node only passes serialised messages on, so it needs no message packages. This process encodes
+and decodes the messages.
 """
 
 import contextlib
@@ -72,11 +72,10 @@ class Ros1Transport:
         arrivals: messages.Arrivals = []
         while self._link.poll():
             number, content = self._receive()
+            # A word instead of the topic's number is a report, which `_receive` has stored.
             if isinstance(number, int):
-                name, types = (
-                    self._subscribed[number],
-                    self._publisher_types.get(number, self.types),
-                )
+                name = self._subscribed[number]
+                types = self._publisher_types.get(number, self.types)
                 with contextlib.suppress(ValueError):  # not a valid message
                     arrivals.append((name, types.decode(content, messages.kind_of(name))))
         return arrivals

@@ -4,8 +4,8 @@ The argument is the descriptor of a socket that `multiprocessing.connection` rea
 first message is a pair of lists [[topic, type, md5, definition, latched], ...]: the topics to
 publish and the topics to subscribe to. Later messages in both directions are pairs: the number of a
 topic in its list, and the bytes of a ROS message. The node also sends ("ready", None), ("error",
-text), ("connected", number of publishers of subscribed topics), and ("defined", (number,
-definition)) for a topic whose md5 is empty, with its publisher's definition.
+text) and ("connected", number of publishers of subscribed topics). An empty md5 accepts any message
+definition; the node then sends ("defined", (number of the topic, definition of its publisher)).
 """
 
 import os

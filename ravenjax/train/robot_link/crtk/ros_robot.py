@@ -1,10 +1,9 @@
 """Connects a session to a robot that reports its state over ROS and is driven over ITP, such as a
 real Raven.
 
-Over ROS 1 the robot reports raven2's `ravenstate`, in the publisher's version. Over ROS 2 it
+Over ROS 1 the robot reports raven2's `ravenstate`, in any version of the message. Over ROS 2 it
 reports CRTK's `measured_js`, `setpoint_js` and `operating_state` of each arm. The session sends an
-E-stop as the `state_command` `disable`, and a restart as `home`. It cannot arm hazards on such a
-robot.
+E-stop as the `state_command` `disable`, and a restart as `home`. It cannot arm hazards there.
 """
 
 import time
@@ -85,9 +84,8 @@ class RosRobot(RobotLink):
         # Stores the state of all arms, then the report. Angles arrive in degrees.
         # Versions of the message name the DAC counts differently, or lack them.
         counts = getattr(message, "dac_val", getattr(message, "current_cmd", np.zeros(16)))
-        joints = {
-            name: np.radians(getattr(message, name)) for name in ("jpos", "jpos_d", "mpos", "mvel")
-        }
+        names = "jpos", "jpos_d", "mpos", "mvel"
+        joints = {name: np.radians(getattr(message, name)) for name in names}
         for arm in self._arms.values():
             slot = ARMS.index(arm)
             for name, numbers in (joints | {"dac": counts}).items():
@@ -118,6 +116,8 @@ class RosRobot(RobotLink):
                     f"{arm}/mvel": [0.0] * 7 if jvel is None else (motors @ jvel).tolist(),
                     f"{arm}/position": tip_pose(arm, jpos)[0].tolist(),
                 }
+        # A report is complete when the last arm's joints arrive. The first report is complete when
+        # every message has arrived. CRTK does not send the number of the last packet: 0.
         was_missing = name in self._missing
         self._missing.discard(name)
         is_last = word == "measured_js" and alias == list(self._arms)[-1]

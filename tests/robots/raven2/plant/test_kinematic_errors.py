@@ -15,7 +15,7 @@ from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.plant import kinematic_errors, robot
 from ravenjax.robots.raven2.plant.coupling import arm_coupling
 from ravenjax.robots.raven2.plant.kinematic_errors import KinematicErrors
-from studies.healthy_robot import rigid
+from studies.healthy_robot import tip_error
 
 START = Vec((0.6, 1.4, 0.37, 0.3, 0.2, 0.7, 0.9))
 EXACT = kinematic_errors.no_errors()
@@ -116,8 +116,6 @@ def test_registration_is_the_rigid_motion_that_another_method_finds() -> None:
 
 
 def _drawn(rng: np.random.Generator) -> KinematicErrors:
-    from studies.healthy_robot import tip_error
-
     with jax.enable_x64(True):
         return tip_error.with_values(
             jax.numpy.asarray(rng.normal(size=len(tip_error.SPREAD)) * tip_error.SPREAD)
@@ -125,9 +123,9 @@ def _drawn(rng: np.random.Generator) -> KinematicErrors:
 
 
 def _kabsch(points: np.ndarray, onto: np.ndarray) -> np.ndarray:
-    far = rigid.FAR_M
+    far = tip_error.FAR_M
     try:
-        rigid.FAR_M = 1e9  # plain least squares
-        return rigid.fit(points, onto)(points)
+        tip_error.FAR_M = 1e9  # plain least squares
+        return tip_error.fit_motion(points, onto)(points)
     finally:
-        rigid.FAR_M = far
+        tip_error.FAR_M = far
