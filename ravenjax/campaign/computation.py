@@ -223,7 +223,7 @@ class Computation:
     ) -> GoldenRuns:
         # Returns the golden runs of a window. `pool` may still compute some of them. earlier: the
         # golden runs of the window before. If rows of both windows share a golden run, it is not
-        # computed again. The first row of a golden run has its parameters.
+        # computed again. A golden run has the parameters of the first row that uses the golden run.
         numbers, first = np.unique(self.plan.golden[window.rows], return_index=True)
         rows = window.rows[first]
         is_known = np.isin(numbers, () if earlier is None else earlier.numbers)
@@ -279,9 +279,9 @@ class Computation:
         if len(computed.numbers) == 1 and not missing.any():
             columns = computed.outcomes.items()
             return {name: np.broadcast_to(values, len(rows)) for name, values in columns}
-        # 1. A golden run was computed until the last of its runs ends.
+        # 1. The outcomes at the last end of the runs of each golden run; `missing`: earlier ends.
         columns = take_rows(computed.outcomes, np.searchsorted(computed.numbers, golden))
-        # 2. If it has checkpoints, it was also computed with the outcomes at all earlier ends.
+        # 2. A golden run with checkpoints also has the outcomes at all earlier ends.
         for number in np.unique(golden[missing]).tolist():
             if number in golden_runs.branches:
                 branches = golden_runs.branches[number].result()
@@ -290,7 +290,7 @@ class Computation:
                 end_indices = np.searchsorted(branches.ends, ends[found])
                 for name, values in branches.outcomes.items():
                     columns[name][found] = values[end_indices]
-        # 3. Other golden runs are computed again up to the earlier end.
+        # 3. Other golden runs are computed again up to each earlier end.
         if missing.any():
             # One number for each pair of golden run and end, so that no pair is computed twice.
             pairs = golden[missing] * (1 + self.plan.program.ticks) + ends[missing]
