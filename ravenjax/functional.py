@@ -159,7 +159,8 @@ class Model:
         # Each `vmap` adds a leading axis to every array. Its length is 1 if the array is constant.
         def compute(inputs: Any, golden: Any) -> Any:
             # Computes a batch of any shape on the kernel, whose lanes are one-dimensional. inputs:
-            # parameters and faults. golden: [.., ticks, numbers].
+            # parameters and faults. golden: [*shape, ticks, numbers], or None. Returns the outcomes
+            # [*shape], and without `golden` the series of the runs [*shape, ticks, numbers].
             inputs, golden = jax.tree.map(np.asarray, (inputs, golden))
             shape = np.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(inputs)))
             if golden is not None:

@@ -231,8 +231,8 @@ class BranchingKernel(Kernel, Protocol):
         """Return snapshots of a golden run before tick `last`, and its outcomes at `ends`, [ends].
 
         Runs whose fault begins to act in tick `last` or before can start from a snapshot (see
-        `Block.trunks`). block: `size(1)` equal lanes without faults, with their golden run's
-        reference series. ends: int [ends], ascending.
+        `Block.trunks`). block: the golden run in each of the `size(1)` lanes of a smallest block,
+        with its reference series. ends: int [ends], ascending.
         """
         ...
 

@@ -77,7 +77,7 @@ class Fault:
         if self.effect not in _EFFECTS:
             raise UserError(describe_unknown_name("effect", self.effect, _EFFECTS))
         self._require_arguments()
-        times = ("duration", "every", "period")
+        times = "duration", "every", "period"
         limits: dict[str, tuple[float, float]] = dict.fromkeys(times, (1, ENDLESS))
         limits |= {"start": (0, ENDLESS), "probability": (0, 1)}
         if self.effect == "bit_flip":
@@ -177,7 +177,7 @@ def apply(
         effect, history = fault.effect, state.history
         if effect == "delay":
             # A delay overwrites the signal with a signal of an earlier tick. Newest first.
-            past = (signal, *(jnp.where(is_first_call, signal, old) for old in history))
+            past = signal, *(jnp.where(is_first_call, signal, old) for old in history)
             effect, history, value = "overwrite", past[:-1], signal
             for ticks, old in enumerate(past):
                 value = jnp.where(argument("value") == ticks, old, value)

@@ -69,13 +69,13 @@ class PedalPhases(NamedTuple):
         if self.later is None:
             return np.full_like(window_end, ticks)
         for begin, end in zip(self.begins.tolist(), self.ends.tolist(), strict=True):
-            # The phase may begin and end up to `later` ticks late. The pedal clock counts from its
-            # begin, so the highest reading is that of an early begin and a late end.
+            # The phase may begin and end up to `later` ticks late. The pedal clock is 0 in the tick
+            # in which it begins. It rises highest in a phase that begins on time and ends late.
             latest_end = min(end + self.later, ticks)
-            last_reading = opening.last(0, latest_end - begin - 1)
-            # The clock has this reading latest if the phase begins late.
-            shut_tick = np.minimum(begin + self.later + last_reading + 1, latest_end)
-            window_end = np.where(last_reading >= 0, np.maximum(window_end, shut_tick), window_end)
+            # The largest reading with an open window; -1: none. A late phase has it latest.
+            last_open = opening.last(0, latest_end - begin - 1)
+            shut_tick = np.minimum(begin + self.later + last_open + 1, latest_end)
+            window_end = np.where(last_open >= 0, np.maximum(window_end, shut_tick), window_end)
         return window_end
 
 
@@ -90,9 +90,7 @@ class Clocks(NamedTuple):
     moved: np.ndarray
 
     def first_down(self, ticks: int) -> np.ndarray:
-        """Return the first tick with the pedal down in each run; `ticks`, the length of a run, if
-        there is none.
-        """
+        """Return each run's first tick with the pedal down; without one, its length `ticks`."""
         first_of_kind = np.array([min((*phases.begins, ticks)) for phases in self.phases])
         return first_of_kind[self.kind]
 
@@ -105,11 +103,11 @@ class Clocks(NamedTuple):
             return np.full(len(rows), ticks, np.int64)
         repeats = opening.every > 0
         # No packet number is above `ticks`: they count from 1, at most one per tick. Only windows
-        # that repeat need the run's newest number.
+        # that repeat need the number of the run's last packet.
         newest = np.full(len(rows), ticks, np.int64)
         if repeats.any():
             newest[repeats] = self.arrivals.newest(rows[repeats])
-        # If no packet has an open window, `last` returns -1, and `first` a number above `newest`.
+        # The last and the first packet with an open window; without one, -1 and `newest` + 1.
         last_packet = opening.last(1, newest)
         first_packet = np.minimum(opening.first(1, newest), newest + 1)
         opens = (last_packet > 0) & (self.arrivals.arrival_ticks(rows, first_packet) < ticks)

@@ -87,7 +87,7 @@ class FaultAction:
         for name in others:
             is_effect = fault.effect == EFFECT_CODES[name]
             y = jnp.where(is_effect, _apply_effect(name, x, fault, slot, tick), y)
-        self._y = lax.convert_element_type(y, x.dtype)
+        self._faulty_float = lax.convert_element_type(y, x.dtype)
         self.acts = slot.active & on_channel & present
         self._flips = fault.effect == EFFECT_CODES["bit_flip"]
         self._latches = slot.age == 0
@@ -99,11 +99,11 @@ class FaultAction:
 
     def replacement(self, kind: str, number: Scalar) -> tuple[Scalar, Scalar]:
         """Return the number that replaces `number`, and whether the two differ in a bit."""
-        value = _store(kind, self._y, number)
+        value = _store(kind, self._faulty_float, number)
         differs = value != number
         if self._may_flip and kind == "float":
-            # `_y` is the flipped float. It may be a denormal, which compares equal to 0 on engines
-            # that flush denormals.
+            # A flipped bit always differs. The comparison may miss this difference if both floats
+            # are denormals or 0, because some engines compare denormals as 0.
             differs = differs | self._flips
         elif self._may_flip:
             # Whole numbers and truth values are flipped in their own bits.
@@ -116,7 +116,7 @@ class FaultAction:
     def slot_after(self, changed: Scalar) -> SlotState:
         """Return the slot's state after this tick. changed: bool, the fault changed a bit."""
         slot, tick = self._slot, self._tick
-        latched = jnp.where(self.acts & self._latches, self._y, slot.latched)
+        latched = jnp.where(self.acts & self._latches, self._faulty_float, slot.latched)
         # Before the window, or if no value was stored yet, which is then NaN.
         stores_value = self._on_channel & (~slot.active | (slot.before != slot.before))
         return replace(
@@ -202,11 +202,12 @@ class Injector:
         numbers = Vec(
             jnp.asarray(paths.named_numbers(params, self.setup, path)[path]) for _, _, path in keys
         )
-        # `numbers` is the signal of this site, so a channel's path in it is its index.
+        # These numbers are the signal of this site. `paths` has each channel's path in the signal,
+        # which is its index, and the type of its number, which is known only here.
         for i, (key, number) in enumerate(zip(keys, numbers, strict=True)):
-            # The type of a parameter's number is known only here.
             kind = "float" if jnp.issubdtype(number.dtype, jnp.floating) else "int32"
             self.paths = {**self.paths, key: ((i,), kind)}
+        # Applies the faults of this site to its signal.
         faulty_numbers = self(site=PARAMETER, signal=numbers)
         for (_, _, path), number in zip(keys, faulty_numbers, strict=True):
             params = paths.assign_numbers(params, self.setup, path, number)

@@ -156,7 +156,9 @@ def _expand_case(group: Mapping[str, Any], hazard: Hazard, case: Case, arms: Seq
 
 
 def _arm_choices(hazard: Hazard, arm, arms: Sequence[str]):
-    """Return (suffix of the name, faulty arms) for each group of a case. arm: the group's key."""
+    """Return (suffix of the name, faulty arms) for each group of a case.
+    arm: the user's key `arm`, one arm or a list; None: the hazard determines the arms.
+    """
     if arm is not None:
         # An empty list is kept as if it were an arm; `_find_override_mistakes` reports it.
         named = _as_list(arm) or [arm]
@@ -165,7 +167,9 @@ def _arm_choices(hazard: Hazard, arm, arms: Sequence[str]):
         return [("", ())]
     if hazard.arm in arms:
         return [("", (hazard.arm,))]
-    return [("", tuple(arms))] if hazard.arm == "both" else [(f"-{name}", (name,)) for name in arms]
+    if hazard.arm == "both":
+        return [("", tuple(arms))]
+    return [(f"-{name}", (name,)) for name in arms]
 
 
 def _find_override_mistakes(case: Case, overrides: Mapping[str, Any], arms: Sequence[Any]):
@@ -194,13 +198,14 @@ def _find_override_mistakes(case: Case, overrides: Mapping[str, Any], arms: Sequ
 
 
 def _expand_fault(fault: LibraryFault, overrides: Mapping[str, Any], arms: Sequence[Any]):
-    """Yield a [[group.fault]] table for each channel and arm that are faulty in the same run."""
+    """Yield a [[group.fault]] table for each channel and arm that are faulty in the same run.
+    `fault.along`: channel -> its share of the value; None: a run has one faulty channel.
+    """
     dumped = fault.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
     table = {key: dumped[key] for key in dumped if key not in ("along", "unit")} | {**overrides}
     if "value" in overrides:
         table.pop("wraps", None)  # `wraps` applies to the library's values only
     faulty_arms = arms if fault.declared.per_arm else ()
-    # Without `along`, the value's share of each channel, a run has one faulty channel.
     if fault.along is None and len(faulty_arms) < 2:
         yield table | ({"arm": faulty_arms[0]} if faulty_arms else {})
         return
@@ -208,7 +213,7 @@ def _expand_fault(fault: LibraryFault, overrides: Mapping[str, Any], arms: Seque
     if fault.along is None:
         table["channel"] = list(fault.channels)
         keys = ["channel", *keys]
-    # All combinations of the values, as one list per key. The slots pair these lists.
+    # All combinations of the values, as one list per key. Run n takes the n-th entry of each list.
     combinations = itertools.product(*(_as_list(table[key]) for key in keys))
     columns = map(list, zip(*combinations, strict=True))
     crossed = dict(zip(keys, columns, strict=True))

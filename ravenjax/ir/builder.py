@@ -220,9 +220,7 @@ def _simplify_conversion(b: Builder, name: str, dtype: str, x: int) -> int | Non
         return x
     if source == "bool":
         return b.emit("select", dtype, x, b.constant(dtype, 1), b.constant(dtype, 0))
-    if dtype == "bool":
-        return b.emit("ne", "bool", x, b.constant(source, 0))
-    return None
+    return b.emit("ne", "bool", x, b.constant(source, 0)) if dtype == "bool" else None
 
 
 def contract_to_fma(program: Program) -> Program:

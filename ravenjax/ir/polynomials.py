@@ -85,12 +85,13 @@ _PI_LOW = 1.509957990978376e-7
 
 def _half_turns(m: Arithmetic, x: Number):
     """Return r = x - k pi, r^2, and a sign bit that is set if k is odd; k is x / pi, rounded."""
+    # This sum is rounded to the integer k + _MAGIC. Its last bit is set if k is odd.
     shifted = m.fma(x, 1.0 / math.pi, _MAGIC)
     turns = m.sub(shifted, _MAGIC)
     rest = m.fma(turns, -_PI_LOW, m.fma(turns, -_PI_HIGH, x))
     # The limits have an effect only if |x| > 1e6.
     rest = m.max(-1.7, m.min(1.7, rest))
-    # The last bit of k + _MAGIC is set if k is odd, and moves to the place of the sign bit.
+    # The last bit of `shifted` moves to the place of the sign bit.
     return rest, m.mul(rest, rest), m.integer("shl", m.bits(shifted), 31)
 
 

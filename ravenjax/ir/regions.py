@@ -41,7 +41,8 @@ def arrange_regions(
     """Return `order` with the operations of each region joined.
 
     A region is what only the rare value of a `rarely` operation needs. The region comes before this
-    operation. order: operations, each after its operands. results: those that are read elsewhere.
+    operation. With a = f(x), r = rarely(c, a, y), the order [a, y, r] becomes [y, Region(c, (a,),
+    (a,)), r]. order: operations, each after its operands. results: those that are read elsewhere.
     """
     region_condition = _region_conditions(operations, order, results)
     readers: dict[int, list[int]] = {}
@@ -54,20 +55,19 @@ def arrange_regions(
         if i in region_condition:
             continue
         if any(o in region_condition and o in unplaced for o in operations[i].operands):
-            # Outside of the region, only `rarely` reads it. Operand 0 of `rarely` is the condition.
+            # Only a `rarely` outside of a region reads its members. Operand 0 is the condition.
             condition = operations[i].operands[0]
-            # Members of the region that depend only on each other and on placed operations.
+            # Members that need only each other and placed operations. The others are placed later.
             ready: dict[int, None] = {}
             for member in order:
                 is_member = member in unplaced and region_condition.get(member) == condition
                 if is_member and ready.keys() >= unplaced.intersection(operations[member].operands):
                     ready[member] = None
             unplaced.difference_update(ready)
-            if len(ready) < MIN_OPERATIONS:
-                arranged += ready
-            else:
-                outside = (member for member in ready if not ready.keys() >= {*readers[member]})
-                arranged.append(Region(condition, tuple(ready), tuple(outside)))
+            # The results of a region are its members that operations outside of the region read.
+            outside = (member for member in ready if not ready.keys() >= {*readers[member]})
+            region = Region(condition, tuple(ready), tuple(outside))
+            arranged += ready if len(ready) < MIN_OPERATIONS else [region]
         unplaced.discard(i)
         arranged.append(i)
     return arranged
@@ -78,9 +78,10 @@ def _region_conditions(
 ):
     """Return operation -> condition of its outermost region, for operations in a region.
 
-    An operation is in the region of a condition if all operations that read it are, or read it as
-    the rare value of a `rarely` with this condition. With a = f(x), b = g(a), r = rarely(c, b, y),
-    the result is {a: c, b: c}, unless another operation reads a or b.
+    Only two kinds of operations read a member of the region of condition c: other members, and a
+    `rarely` with condition c that reads the member as its rare value. With a = f(x), b = g(a),
+    r = rarely(c, b, y), the result is {a: c, b: c} if nothing else reads a or b. If only a region
+    of condition d needs r, the result is {a: d, b: d, r: d}.
     """
     in_order = set(order)
     # Operation -> conditions of the regions that read it; None: it is also read outside regions.

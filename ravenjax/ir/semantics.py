@@ -62,8 +62,9 @@ def fma(a: Array, b: Array, c: Array) -> Array:
     """Return a b + c rounded once.
 
     float64 is computed in long double, whose 64 bits of mantissa keep the result within (1/2 +
-    2^-11) ulp. float32 is computed in float64, with the sum rounded to odd: of the two neighbours
-    of an inexact sum, the one whose last bit is 1. The float32 is then that of the exact sum.
+    2^-11) ulp. float32 is computed in float64 and then rounded. Two roundings to nearest could give
+    another float32 than one. So the float64 sum is rounded to odd: of the two float64 numbers next
+    to an inexact sum, it is the one whose last bit is 1.
     """
     if np.asarray(a).dtype == np.float64:
         return np.float64(np.longdouble(a) * np.longdouble(b) + np.longdouble(c))

@@ -92,7 +92,6 @@ def split_lanes(loop: TimeLoop, shared: int, grouped: bool) -> Split:
         if new == state:
             break
         state = new
-
     results = [step.outputs[k] for k in sorted(live)] + list(step.outputs[loop.states :])
     needed = step.needed(results)
     lane_operations = {i for i in needed if depends[i] == LANE | TICK}

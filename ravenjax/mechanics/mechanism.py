@@ -51,7 +51,7 @@ class Constraint:
     """The friction loss of a joint, or its coupling to a polynomial of another joint."""
 
     joint: int
-    limit: float  # largest friction force, Nm or N; 0: a coupling, without a limit
+    friction: float  # largest friction force, Nm or N; 0: a coupling
     leader: int  # joint that `joint` is coupled to; -1: none
     # coefficients, constant first: position of `joint` over that of the leader, both from qpos0
     polynomial: tuple[float, ...]
@@ -99,8 +99,8 @@ class Mechanism:
 def read_mechanism(model: mujoco.MjModel, tip: str) -> Mechanism:
     """Return the mechanism of a model whose base is fixed. tip: name of a site, the tip.
 
-    Raise UserError if the model has features that are not supported: free and ball joints,
-    tendons, contacts, equality constraints but joint polynomials, drag and gravity compensation.
+    Raise UserError if the model has features that are not supported: free and ball joints, tendons,
+    contacts, drag, gravity compensation, and equality constraints that are not joint polynomials.
     """
     _require_supported(model)
     links = rigid_tree.read_tree(model, "world")
@@ -113,6 +113,7 @@ def read_mechanism(model: mujoco.MjModel, tip: str) -> Mechanism:
     carrier = index_of[int(model.body_jntadr[body] + model.body_jntnum[body] - 1)] if body else -1
     home_positions = Vec(link.reference for link in links)
     tip_at_home = Vec(data.site(tip).xpos.tolist())
+    # For `step_by_mjx`. The code of a robot computes its actuators and applies its limits.
     passive_model = copy.copy(model)
     passive_model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     passive_model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT
@@ -140,9 +141,9 @@ def _read_constraints(
     for joint in joints:
         dof = dofs[joint]
         if model.dof_frictionloss[dof]:
-            limit, leader, polynomial = float(model.dof_frictionloss[dof]), -1, (0.0,)
+            friction, leader, polynomial = float(model.dof_frictionloss[dof]), -1, (0.0,)
             soft = tuple(model.dof_solref[dof]), tuple(model.dof_solimp[dof]), float(weight[dof])
-            constraints.append(Constraint(index_of[joint], limit, leader, polynomial, *soft))
+            constraints.append(Constraint(index_of[joint], friction, leader, polynomial, *soft))
     for k in np.flatnonzero(model.eq_active0):
         follower, leader = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
         # Without a leader, the joint is held at a constant position.
@@ -207,9 +208,8 @@ def tip_position(mechanism: Mechanism, qpos: Vec) -> Vec:
 
 def gravity_torque(mechanism: Mechanism, qpos: Vec) -> Vec:
     """Return the torques or forces that hold the joints at rest against gravity, Nm or N."""
-    inputs = (*qpos, *qpos.map(lambda _: 0.0), *mechanism.gravity)
-    program = functools.partial(_program, mechanism)
-    return Vec(rigid_program.evaluate_program(program, inputs)[1])
+    inputs = *qpos, *qpos.map(lambda _: 0.0), *mechanism.gravity
+    return Vec(rigid_program.evaluate_program(functools.partial(_program, mechanism), inputs)[1])
 
 
 def step(
@@ -240,7 +240,8 @@ def step_by_mjx(
     mechanism: Mechanism, qpos: Vec, qvel: Vec, torque: Vec, velocity_gain: Vec
 ) -> tuple[Vec, Vec]:
     """Return what `step` returns, computed by MuJoCo MJX, which also solves the constraints."""
-    # In MJX the gain is damping, which is subtracted from the torque. This cancels it.
+    # MJX takes the gain as damping, so gain times the speed reduces the torque. `torque` already
+    # contains this reduction at the speed `qvel`, which is therefore added back.
     applied = plus(torque, velocity_gain.map(mul, qvel))
     damping = jnp.array(plus(mechanism.damping, velocity_gain))
     option = {"timestep": mechanism.timestep}
@@ -318,19 +319,16 @@ def _constraint_force(
                 + softness * magnitudes[k]
             )
             magnitude = magnitudes[k] - residual / (response[k] + softness)
-            if limit := mechanism.constraints[k].limit:
-                magnitude = clamp(magnitude, -limit, limit)
+            if friction := mechanism.constraints[k].friction:
+                magnitude = clamp(magnitude, -friction, friction)
             magnitudes[k] = magnitude
     return matvec(transpose(directions), Vec(magnitudes))
 
 
 def _deviation(mechanism: Mechanism, constraint: Constraint, qpos: Vec) -> tuple[Vec, Scalar]:
-    """Return the derivative of a constraint's deviation by the joint positions, and the deviation.
-    Friction loss has no deviation.
-    """
+    """Return (derivative by joint positions, value) of a constraint's deviation; friction: 0."""
     direction = Vec(float(k == constraint.joint) for k in range(len(qpos)))
-    # Only friction loss has a limit.
-    if constraint.limit:
+    if constraint.friction:
         return direction, 0.0
     # Horner's scheme for the polynomial and its derivative. Without a leader (-1), it is constant.
     target = slope = 0.0

@@ -87,9 +87,7 @@ def evaluate_program(
 
 
 def carried_point(links: Sequence[Link], qpos: Vec, index: int, point: Vec) -> Vec:
-    """Return the position of a point in the frame of the base, m. `point` is given in the frame of
-    link `index`; -1: the base.
-    """
+    """Return the position in the base (m) of a point in the frame of link `index`; -1: the base."""
     symbols = make_symbols(len(links))
     while index >= 0:
         turns, position = _pose(links[index], symbols[index])
@@ -167,9 +165,9 @@ def _bias(links: Sequence[Link], bodies: list[_Body]) -> list[Number]:
 
 
 def _mass_matrix(links: Sequence[Link], bodies: list[_Body]) -> Matrix:
-    """Return the lower triangle of the mass matrix. Its entries are the components, along the axes
-    of a joint and its ancestors, of the wrench that a unit acceleration of the joint needs on all
-    bodies that the joint carries.
+    """Return the lower triangle of the mass matrix, by the composite-rigid-body method. A unit
+    acceleration of a joint needs a wrench on all bodies that the joint carries. The joint's row
+    contains the components of this wrench along the axes of the joint and its ancestors.
     """
     n = len(links)
     inertia: Matrix = [[0.0] * n for _ in range(n)]
@@ -247,10 +245,10 @@ def _turn_moments(turn: Turn, J: Matrix) -> Matrix:
     if c == 0.0:
         turned[x][x], turned[y][y], across = J[y][y], J[x][x], -J[x][y]
     else:
-        # R J R^T in the plane, with c^2 = 1 - s^2.
-        shear = s * (J[y][y] - J[x][x]) - 2.0 * c * J[x][y]
-        turned[x][x], turned[y][y] = J[x][x] + s * shear, J[y][y] - s * shear
-        across = -(c * shear + J[x][y])
+        # With c^2 = 1 - s^2, the entry xx of R J R^T is J_xx + s (s (J_yy - J_xx) - 2 c J_xy).
+        change = s * (J[y][y] - J[x][x]) - 2.0 * c * J[x][y]
+        turned[x][x], turned[y][y] = J[x][x] + s * change, J[y][y] - s * change
+        across = -(c * change + J[x][y])
     turned[x][y] = turned[y][x] = across
     turned[axis][x] = turned[x][axis] = c * J[axis][x] - s * J[axis][y]
     turned[axis][y] = turned[y][axis] = s * J[axis][x] + c * J[axis][y]
@@ -270,6 +268,7 @@ def _moment(U: Vec, J: Matrix) -> Vec:
     """Return the integral of r x (U r) dm over a body. J: integral of r r^T dm."""
 
     def component(i: int) -> Number:
+        # The integral of r_j (U r)_k - r_k (U r)_j, in which the integral of r_a r_b is J[a][b].
         j, k = (i + 1) % 3, (i + 2) % 3
         total = (U[k][k] - U[j][j]) * J[j][k]
         total = total + (U[k][j] * J[j][j] - U[j][k] * J[k][k])

@@ -140,11 +140,10 @@ def _choose_frames(joints: list[_HomeJoint]):
             joint.origin = _foot(joint, child.anchor, child.axis)
         else:
             joint.origin = joint.anchor
-        # For a hinge, the normal to the child's axis (None: both are the same line), or without a
-        # child, the direction to its mass. Otherwise, the normal to the parent's axis.
-        x_axis = None if child is None or joint.slide else _normal(joint, child.anchor, child.axis)
-        if child is None and not joint.slide:
-            x_axis = _leaf_direction(joint)
+        x_axis = None if joint.slide else _leaf_direction(joint)
+        if child is not None and not joint.slide:
+            x_axis = _normal(joint, child.anchor, child.axis)
+        # A slide, or a hinge on the same line as its child: the normal to the parent's axis.
         if x_axis is None and parent is not None:
             x_axis = _unit(np.cross(parent.axis, joint.axis))
             x_axis = parent.x if x_axis is None else x_axis

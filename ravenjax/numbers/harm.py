@@ -68,13 +68,13 @@ class Moment:
     before: Iterator[Vec] | None = None  # None: before the first tick
     after: list[Vec] = dataclasses.field(default_factory=list)
 
-    def exchange_memory(self, ticks: int, empty: Scalar, update: Callable[[Vec], Vec]) -> Vec:
-        """Return the values that were stored in the last tick, and store `update` of them.
+    def exchange_memory(self, size: int, empty: Scalar, update: Callable[[Vec], Vec]) -> Vec:
+        """Return the `size` values that were stored in the last tick, and store `update` of them.
 
-        ticks: number of values. Before the first tick, each value is `empty` and is not updated.
+        Before the first tick, `before` is None, and the values `empty` are stored and returned.
         """
         if self.before is None:
-            stored = Vec.full(ticks, empty)
+            stored = Vec.full(size, empty)
             self.after.append(stored)
         else:
             stored = next(self.before)
@@ -166,8 +166,7 @@ def _compile_comparison(node: ast.Compare) -> Formula:
         for (a, b), op in zip(pairs, node.ops, strict=True):
             distances.append(a - b if type(op) is ast.Gt else b - a)
         # A chain of comparisons is as far from being violated as its closest comparison.
-        closest = functools.reduce(jnp.minimum, distances)
-        return moment.delay(closest, delay, empty=0.0)
+        return moment.delay(functools.reduce(jnp.minimum, distances), delay, empty=0.0)
 
     return Formula(future_ms=0, value=robustness)
 
@@ -237,12 +236,12 @@ def _over_past(is_maximum: bool, inner: Formula) -> Formula:
 def _over_window(
     inner: Formula, is_maximum: bool, in_future: bool, begin: int, end: int
 ) -> Formula:
-    """Compile an operator with a window from `begin` to `end` ms in the past or the future."""
+    """Compile an operator over the moments `begin` to `end` ms ago or, if `in_future`, from now."""
 
     def value(moment: Moment, delay: int) -> Scalar:
         # Returns the operator's value of `delay` ms ago.
         extreme, empty = _window_operation(is_maximum)
-        # How long ago the latest value of the window is.
+        # How long ago the window's latest moment is: its `end` in the future, `begin` in the past.
         latest_delay = delay - end if in_future else delay + begin
         inner_value = inner.value(moment, latest_delay)
         covered, span = moment.mask_before_run(latest_delay, inner_value, empty), 1
@@ -253,7 +252,7 @@ def _over_window(
             span += step
         return covered
 
-    # How far the whole expression reaches into the future. A window in the past reduces this.
+    # How far the whole expression reaches into the future; `begin` ms less if it looks back.
     future_ms = inner.future_ms + end if in_future else max(0, inner.future_ms - begin)
     return Formula(future_ms, value)
 

@@ -77,8 +77,8 @@ def _leads_to(path: str, steps: tuple[_Step, ...]) -> bool:
     """Return whether `path`, such as kp.shoulder, names the number at steps kp, gold, shoulder."""
     names = path.split(".")
     for step in steps:
-        # A name that is none of this level's entries belongs to a later step: the path leaves out
-        # this step, if it may.
+        # A name that is none of this level's entries belongs to a later step. The path then has no
+        # name for this step, which is allowed only if the step is optional.
         if names and names[0] in step.siblings:
             if names.pop(0) != step.name:
                 return False

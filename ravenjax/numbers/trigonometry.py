@@ -59,9 +59,10 @@ def _sine(x: Real, quarters: int) -> Real:
     square = angle * angle
     half = 0.5 * square
     sine = angle + (angle * square * _polynomial(square, _SIN) + tail * (1.0 - half))
-    rest = 1.0 - half
+    rounded = 1.0 - half
+    # The later terms of the cosine. Rounding removed (1 - rounded) - half from the first two.
     last = square * square * _polynomial(square, _COS) - angle * tail
-    cosine = rest + (((1.0 - rest) - half) + last)
+    cosine = rounded + (((1.0 - rounded) - half) + last)
     # Quadrants 0 and 2 are the sine and its negative, 1 and 3 the cosine and its negative. The
     # choice is by multiplication, so that x may be an array. odd: 0 or 1.
     quadrant = (turns + quarters) % 4

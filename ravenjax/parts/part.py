@@ -115,8 +115,8 @@ def _run(
     require: Callable[[Path, bytes], None] = lambda *_: None,
 ) -> tuple[types.ModuleType, dict[str, bytes]]:
     # Runs the user's file. Returns its module and the content of the files that it reads. known:
-    # their content if the file ran before. require: see `read_source`. With this entry a traceback
-    # shows the line even if the file has changed since.
+    # their content if the file ran before. require: see `read_source`.
+    # From `linecache`, a traceback shows the right line even if the file has changed since.
     lines = source.text.splitlines(keepends=True)
     linecache.cache[source.path] = (len(source.text), None, lines, source.path)
     path = Path(source.path)
@@ -198,7 +198,7 @@ class Part:
 
         float_type: dtype name. gives: for each result, its expected form: SCORE for a score,
         numbers of the same structure and types, or a dict of InPlace for a dict with some of these
-        keys. The result is without keys that the file returns with the numbers of `InPlace.like`.
+        keys. Keys whose numbers are those of `InPlace.like` itself, unchanged, are left out.
         """
         with _blame(self.source, STEP):
             result = self._call("step", params, state, view)

@@ -30,13 +30,13 @@ class Reader:
     folder: Path
     # Content of files that were read before, perhaps in another process. None: read the folder.
     known: Mapping[str, bytes] | None
-    require: Callable[[Path, bytes], None]  # raises UserError for code that must not run
+    require_allowed: Callable[[Path, bytes], None]  # raises UserError for code that must not run
     taken: dict[str, bytes] = dataclasses.field(default_factory=dict)  # content of files read
     _modules: dict[str, types.ModuleType] = dataclasses.field(default_factory=dict)
 
     def read(self, text: str, path: Path) -> types.ModuleType:
         """Run the user's file and return its module."""
-        self.require(path, text.encode())
+        self.require_allowed(path, text.encode())
         # `load` and imports of the file use the last reader.
         _READERS.append(self)
         try:
@@ -98,7 +98,7 @@ class Reader:
             content = self.content(path.name)
         except OSError:
             return None
-        self.require(path, content)
+        self.require_allowed(path, content)
         digest = hashlib.sha256(content).hexdigest()[:16]
         self._modules[name] = self._run(content, path, f"{self.name}_{name}_{digest}")
         return self._modules[name]

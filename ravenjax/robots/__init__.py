@@ -102,13 +102,13 @@ def _require_agreement(top: ModuleSpec, file: Path):
     content = b"".join(f"{path}\0".encode() + path.read_bytes() for path in files)
     consent.require_consent(file, content, robot=files)
     if importlib.util.find_spec(top.name) is None:
-        # From this folder Python imports only the modules that the user agreed to run.
-        names = {top.name} if folders else {path.stem for path in files}
-        place = str((Path(folders[0]) if folders else file).parent)
+        agreed = {top.name} if folders else {path.stem for path in files}
+        folder = str((Path(folders[0]) if folders else file).parent)
 
         def find_spec(name: str, path=None, _: object = None) -> ModuleSpec | None:
-            own = name.partition(".")[0] in names
-            spec = PathFinder.find_spec(name, path or [place]) if own else None
+            # Finds only modules and packages of this folder that the user agreed to run.
+            is_agreed = name.partition(".")[0] in agreed
+            spec = PathFinder.find_spec(name, path or [folder]) if is_agreed else None
             if spec is not None and spec.origin is not None:
                 if not isinstance(spec.loader, SourceFileLoader):
                     raise ImportError(f"expected the Python source of {name}, got {spec.origin}")

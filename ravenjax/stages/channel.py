@@ -57,12 +57,12 @@ def step(state: ChannelState, seed: Scalar, packet: Scalar, fresh: Scalar) -> Ch
     key = _random_key(seed)
     quality = _next_quality(state.quality, random_uniform(key, packet, _QUALITY))
 
-    def limited_length(packets: Scalar) -> Scalar:
+    def raised_to_minimum(packets: Scalar) -> Scalar:
         # A burst of up to MIN_FURTHER_PACKETS packets continues for certain: the quotient is 1.
         return lax.convert_element_type(jnp.maximum(packets, MIN_FURTHER_PACKETS), jnp.float32)
 
-    # A burst continues after its k-th packet with probability ((k - 1) / k)^1.5.
-    quotient = limited_length(state.burst - 1) / limited_length(state.burst)
+    # A burst of lost packets continues after its k-th packet with probability ((k - 1) / k)^1.5.
+    quotient = raised_to_minimum(state.burst - 1) / raised_to_minimum(state.burst)
     continues = (state.burst > 0) & (
         random_uniform(key, packet, _CONTINUES) < quotient * jnp.sqrt(quotient)
     )
@@ -73,7 +73,7 @@ def step(state: ChannelState, seed: Scalar, packet: Scalar, fresh: Scalar) -> Ch
 
 
 def delay_ms(seed: Scalar, packet: Scalar) -> Scalar:
-    """Return how many ms before packet `packet` the packet was sent that arrives with it (int32).
+    """Return the delay (ms, int32) of the packet that arrives when packet number `packet` is sent.
     It is 0 for an ideal channel, seed 0.
     """
     delay = jnp.float32(0.5)  # added for rounding to the nearest millisecond

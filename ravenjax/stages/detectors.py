@@ -269,7 +269,7 @@ def _score_arm(
     """
     motions = signal.mpos, signal.mvel, signal.jpos, signal.jvel
     mpos, mvel, jpos, jvel = (Vec(arms[arm][:POSITIONING]) for arms in motions)
-    learned_steps = (params.shoulder, params.elbow, params.insertion)
+    learned_steps = params.shoulder, params.elbow, params.insertion
 
     def largest_step(field: str, values: Vec, last_values: Vec) -> Scalar:
         # Returns the largest step of the joints within 1 ms, divided by their learned steps.

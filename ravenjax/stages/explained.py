@@ -103,10 +103,11 @@ def init(setup: Setup, params: Any) -> ExplainedState:
     loop = inner_loop(setup)
     never, state = jnp.int32(-1), loop.init(setup, params)
     infinite = cast_to_real(setup, jnp.inf)
+    spans = [number.span for number in _compared(setup)]
     return ExplainedState(
         tick=state,
         # None for a number without a normal range: it adds no operation to the tick.
-        numbers=tuple(NumberHistory(never, number.span and never) for number in _compared(setup)),
+        numbers=tuple(NumberHistory(never, None if span is None else never) for span in spans),
         margins=tuple(
             MarginHistory(infinite, infinite, never) for _ in loop.check_histories(setup, state)
         ),

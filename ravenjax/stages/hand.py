@@ -72,8 +72,7 @@ def step(setup: Setup, params: HandParams, state: HandState, pull: Vec) -> HandS
     mean_velocity = total_force * (1.0 / (mass_rate + damping + 0.5 * TICK_S * stiffness))
     displacement = state.displacement + mean_velocity * TICK_S
     peak = jnp.maximum(state.peak, norm(displacement))
-    after = HandState(displacement, mean_velocity * 2.0 - state.velocity, peak)
-    return cast_to_real(setup, after)
+    return cast_to_real(setup, HandState(displacement, mean_velocity * 2.0 - state.velocity, peak))
 
 
 def hand_impedance(params: HandParams) -> tuple[Scalar, Scalar]:

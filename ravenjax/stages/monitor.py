@@ -204,13 +204,15 @@ def arm_distances(
     standing = norm(tip - golden_tip + arm.missed)
     deviation = jnp.minimum(golden, model)
     unintended = jnp.minimum(deviation, standing)
-    # Motion is lost if most of the deviation is missed motion, or if missed motion explains it.
+    # Motion is lost if most of the deviation is missed motion, or if the deviation is above the
+    # limit only because of missed motion.
     mostly_missed = 2.0 * standing < deviation
     otherwise_missed = (deviation > params.limit) & ~(unintended > params.limit)
     return Distances(
         golden=golden,
         model=model,
         unintended=unintended,
+        # Counts while the robot is not live.
         unintended_off=jnp.minimum(golden, standing),
         loss=jnp.where(mostly_missed | otherwise_missed, deviation, 0.0),
         false_report=norm(pos * UM - tip - (golden_pos * UM - golden_tip)),

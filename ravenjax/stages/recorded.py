@@ -6,7 +6,6 @@ gold/jpos and green/jpos. Signals are in SI units; a series whose name ends in _
 series without a signal is left out. `store.logs.time_series` describes the series.
 """
 
-import itertools
 from typing import Any, cast
 
 import numpy as np
@@ -26,10 +25,11 @@ def read_series(
     setup = program.setup
     named = program.loop.name_signals(setup, signals)
     out = {f"fault{slot}_active": values for slot, values in enumerate(named["fault_active"])}
-    owners = [("", -1), *((f"{arm}/", i) for i, arm in enumerate(setup.arms))]
-    for (owner, arm), (name, path) in itertools.product(owners, robot.series.items()):
-        # A path with ARM is a series of each arm; others are of the whole robot, the owner "".
-        if (ARM in path) == bool(owner):
+    of_arm = {name: path for name, path in robot.series.items() if ARM in path}
+    of_robot = {name: path for name, path in robot.series.items() if ARM not in path}
+    owners = [("", -1, of_robot), *((f"{arm}/", i, of_arm) for i, arm in enumerate(setup.arms))]
+    for owner, arm, paths in owners:
+        for name, path in paths.items():
             first, *rest = path.split(".")
             value = named[first]
             for step in rest:
@@ -39,6 +39,7 @@ def read_series(
     for arm in setup.arms:
         # The signal is the direction of the force.
         out[f"{arm}/haptic_force"] = out[f"{arm}/haptic_force"] * out[f"{arm}/cue_force"][:, :1]
+    # The robot's module may have a function for further series.
     out |= getattr(robot.part("campaign"), "more_series", lambda *_: {})(setup, named, out)
     if golden is not None:
         tips = golden.reshape(len(golden), len(setup.arms), 2, 3)

@@ -112,17 +112,17 @@ def anytime_bounds(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return lower and upper bounds [m] of the rates k/n.
 
-    Bounds of all n together contain the rate with a probability of at least 1 - alpha. Each rate p
-    is tested by the likelihood ratios of p - half_width and of p + half_width to p (Wald, Ann.
-    Math. Stat. 16, 1945). By Ville's inequality, the mean of the two ratios exceeds 1/alpha at any
-    n with a probability of at most alpha. So p is excluded if a ratio exceeds 2/alpha. Of all
-    tests, this one reaches `half_width` with the fewest runs.
+    Bounds of all n together contain the rate with a probability of at least 1 - alpha. Rate p has
+    the likelihood L(p) = p^k (1 - p)^(n - k). With h = `half_width`, p is tested by the ratios
+    L(p - h) / L(p) and L(p + h) / L(p) (Wald, Ann. Math. Stat. 16, 1945). By Ville's inequality,
+    their mean exceeds 1/alpha at any n with a probability of at most alpha. So p is excluded if a
+    ratio exceeds 2/alpha. Of all tests, this one reaches `half_width` with the fewest runs.
     """
     from scipy.special import xlogy
 
     def upper_bound(k: np.ndarray) -> np.ndarray:
-        # Returns the lowest rate above k/n that is excluded, by bisection. The likelihood ratio of
-        # the rate that is lower by `half_width` rises with the rate.
+        # Returns the lowest rate above k/n that is excluded, by bisection: its likelihood ratio
+        # L(rate - half_width) / L(rate), for k events in n runs, rises with the rate.
         low, high = np.zeros(k.shape), np.ones(k.shape)
         for _ in range(50):
             rate = (low + high) / 2

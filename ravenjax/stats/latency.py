@@ -66,10 +66,11 @@ class Incidence(NamedTuple):
 def rate_before(lags: Delays) -> Rate:
     """Return the rate of harmful runs with an alarm before the harm.
 
-    `lags`: alarm minus harm of all harmful runs. Runs without an alarm are included: their lag is
-    at least the end of the run minus the harm (censored). So missed faults lower the rate.
+    `lags`: alarm minus harm, `count` runs each. All harmful runs are included: without an alarm,
+    the lag is at least the end of the run minus the harm (censored). Missed faults lower the rate.
     """
-    return wilson_interval(int(lags.count[lags.occurred & (lags.time < 0)].sum()), lags.n)
+    runs_before = lags.count[lags.occurred & (lags.time < 0)]
+    return wilson_interval(int(runs_before.sum()), lags.n)
 
 
 def delay_quantile(

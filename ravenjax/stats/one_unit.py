@@ -33,8 +33,9 @@ class UnitRate(NamedTuple):
 def rate_per_unit(k: ArrayLike, n: ArrayLike) -> UnitRate:
     """Return the rate of events from k events in n trials of each unit [units].
 
-    Units without trials are left out. The 95 % interval is NaN for fewer than MIN_UNITS units. It
-    is NaN, too, if each unit has one trial, because chance then explains any difference.
+    Units without trials are left out. The 95 % interval of a new unit's rate and the deviation
+    between units are NaN for fewer than MIN_UNITS units. They are NaN, too, if each unit has one
+    trial, because chance then explains any difference.
     """
     hits, trials = np.asarray(k, float), np.asarray(n, float)
     hits, trials = hits[trials > 0], trials[trials > 0]
@@ -47,14 +48,14 @@ def rate_per_unit(k: ArrayLike, n: ArrayLike) -> UnitRate:
     deviation = np.nan
     # Without events, or with only events, the deviation would depend only on the prior.
     if 0 < hit_count < trial_count:
-        # A beta distribution has the standard deviation root * sqrt(mean * (1 - mean)).
+        # Standard deviation of a beta distribution. root: root of the intra-class correlation.
         deviation = float((weight * root * np.sqrt(mean * (1.0 - mean))).sum())
     return UnitRate(Rate(hit_count, trial_count, value, low, high), unit_count, deviation)
 
 
 def _posterior(hits: np.ndarray, trials: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the posterior at the points of a grid: mean, square root of the intra-class
-    correlation, and weight, [GRID**2] each. The grid covers the values that are likely.
+    """Return the posterior of the beta-binomial model at the points of a grid: mean, `root` (square
+    root of the intra-class correlation), and weight, [GRID**2] each. The grid covers likely values.
     """
     # Half an event is added to events and to other trials, so that no logarithm is infinite.
     events, others = hits.sum() + 0.5, trials.sum() - hits.sum() + 0.5
@@ -66,7 +67,8 @@ def _posterior(hits: np.ndarray, trials: np.ndarray) -> tuple[np.ndarray, np.nda
     error = np.sqrt((1.0 / events + 1.0 / others) * max(1.0, excess))
     logit = np.log(events / others)
     means = 1.0 / (1.0 + np.exp(-(logit + 6.0 * error * np.linspace(-1.0, 1.0, GRID))))
-    # The grid of the root spans the likely points of a coarse grid, and one step to each side.
+    # The grid of the root spans the likely points of a coarse grid, and one of its steps (a factor
+    # of coarse[1] / coarse[0]) to each side, but not beyond the coarse grid.
     coarse = np.geomspace(1e-4, 0.95, GRID)
     best = _log_likelihood(hits, trials, means[:, None], coarse[None, :]).max(axis=0)
     likely = coarse[best > best.max() - _NEGLIGIBLE]

@@ -91,7 +91,7 @@ def subset_simulation(
             raise RuntimeError("the event is not reached")
         try:
             values = _margins(g, np.asarray(points))
-        # Also catches signals, because OpenTURNS passes on only the text of an exception.
+        # Also keeps KeyboardInterrupt, because OpenTURNS passes on only the text of an exception.
         except BaseException as error:
             failure = error
             raise

@@ -214,7 +214,7 @@ def run_headless(options: SessionOptions, say: Say = lambda _: None) -> Finished
             f" {', '.join(scripts.REACTIONS)}"
         )
     session = Session(options.scenario, options.seed, cue=options.cue)
-    # Before the folder is blueprint, because an invalid file is refused.
+    # The script is read before the folder is made, so that an invalid one leaves no folder.
     driver = scripts.Scripted(script, session)
     options = _with_new_folder(options, say)
     first = 0

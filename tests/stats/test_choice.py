@@ -7,11 +7,11 @@ import pytest
 
 from ravenjax.stats.alarms.choice import (
     AlarmCounts,
+    alarms_within_limit,
     cheapest_alarms,
+    factor_to_decide,
     false_rates,
-    hours_to_decide,
     missed_difference,
-    rarest_alarms,
     unbeaten_choices,
 )
 from ravenjax.stats.alarms.false_alarms import alarm_rate
@@ -52,14 +52,14 @@ def test_intervals_are_those_of_pairs_and_of_exact_rates():
 def test_enough_quiet_motion_decides():
     counts = alarms(nested(700, 0.05, 0.10, 0.16), [0, 0, 0], 7.4)
     assert cheapest_alarms(counts, 1000).tolist() == [True, False, False]
-    possible, keeps = rarest_alarms(counts, 0.5)
+    possible, keeps = alarms_within_limit(counts, 0.5)
     assert possible.tolist() == [True, False, False] and keeps.all()
-    assert not rarest_alarms(counts, 0.49)[1].any()  # 3.689 / 7.4 h = 0.4985
+    assert not alarms_within_limit(counts, 0.49)[1].any()  # 3.689 / 7.4 h = 0.4985
 
 
 def test_hours_that_decide_are_the_fewest():
     counts = alarms(nested(700, 0.05, 0.10), [0, 0], 0.01)
-    times = hours_to_decide(lambda more: cheapest_alarms(counts, 100, more))
+    times = factor_to_decide(lambda more: cheapest_alarms(counts, 100, more))
     low = missed_difference(counts).low[1, 0]
     assert 0.01 * times == pytest.approx(
         3.689 / (100 * low), rel=0.01

@@ -44,9 +44,10 @@ class LaneCourse:
         return int(self.ends.max())
 
     @property
-    def vector_ticks(self) -> int:
-        """Number of ticks that all vectors run, summed over vectors."""
-        return int((self.ends.reshape(len(self.begins), -1).max(axis=1) - self.begins).sum())
+    def lane_ticks(self) -> int:
+        """Number of ticks that lanes run, summed over lanes; a vector runs to its last end."""
+        ends = self.ends.reshape(len(self.begins), -1)
+        return int((ends.max(axis=1) - self.begins).sum()) * ends.shape[1]
 
 
 class LaneGroup:
@@ -66,7 +67,8 @@ class LaneGroup:
         self._prologue = aligned_buffer(vectors, kernel.prologue.bytes)
         self.group_state = aligned_buffer(1, kernel.group_state.bytes)
         self.results = aligned_buffer(results, kernel.results.bytes)
-        self._rows, self._row_tick = aligned_buffer(rows, kernel.row.bytes), 0
+        self._rows = aligned_buffer(rows, kernel.row.bytes)
+        self.first_row_tick = 0  # tick of the first of the rows, for later calls
         # Compiled code always writes its outputs. Each tick overwrites those that nobody reads.
         self._unread_outputs = aligned_buffer(kernel.outputs, 8 * kernel.inputs.width)
         self._call("shared_begin", row_address(self._group_inputs), row_address(self.group_state))
@@ -85,10 +87,6 @@ class LaneGroup:
         self._calls.clear()
         self._make_calls(calls.ctypes.data, len(calls))
 
-    def set_first_row(self, tick: int) -> None:
-        """Set the tick of the first row in memory, for later calls."""
-        self._row_tick = tick
-
     def compute_rows(self, first: int, until: int, copy_to: int | None = None) -> None:
         """Advance the group from tick `first` to before `until`, and write a row for each tick.
 
@@ -97,7 +95,7 @@ class LaneGroup:
         state = row_address(self.group_state)
         buffers = row_address(self._group_inputs), state, row_address(self.lanes.tables)
         inputs = self._tick_input_arguments(first, lane=0)
-        first_row = row_address(self._rows, first - self._row_tick)
+        first_row = row_address(self._rows, first - self.first_row_tick)
         self._call("shared_run", *buffers, *inputs, first_row, first, until - first)
         if copy_to is not None and self.group_state.size:
             self._call("copy_bytes", copy_to, state, self.group_state.size)
@@ -107,14 +105,13 @@ class LaneGroup:
         lane, out = v * self.kernel.inputs.width, self.lanes.out
         # Address of the outputs, and the bytes to the next tick and to the next number.
         if out is None:
-            unread = self._unread_outputs
-            outputs = row_address(unread), 0, unread.strides[0]
+            outputs = row_address(self._unread_outputs), 0, self._unread_outputs.strides[0]
         else:
             address = row_address(out, first - self.lanes.first) + lane * out.itemsize
             outputs = (address, *out.strides[:2])
         vector = (row_address(buffer, v) for buffer in (self._inputs, self._prologue, self.state))
         tables, inputs = row_address(self.lanes.tables), self._tick_input_arguments(first, lane)
-        row = row_address(self._rows, first - self._row_tick)
+        row = row_address(self._rows, first - self.first_row_tick)
         # The arguments are in the order of the parameters of `lane_run` in llvm.toml.
         self._call("lane_run", *vector, tables, *inputs, row, *outputs, until - first)
 
@@ -134,10 +131,6 @@ class LaneGroup:
         shared = row_address(self.group_state) if group_state is None else group_state
         lane_rows = row_address(self._inputs, v), row_address(self.state, v)
         self._call("lane_finish", *lane_rows, shared, row_address(self.results, row))
-
-    def columns(self) -> list[np.ndarray]:
-        """Return the results, each [rows * width]."""
-        return self.kernel.results.unpack(self.results)
 
 
 def row_address(rows: np.ndarray, row: int = 0) -> int:
@@ -174,7 +167,7 @@ class VectorCode:
             self._start_from_snapshots(group, course, course.trunk)
         for first in range(course.first, course.last, CHUNK):
             until = min(first + CHUNK, course.last)
-            group.set_first_row(first)
+            group.first_row_tick = first
             now = first
             for end in ends:
                 if first < end <= until:
@@ -198,7 +191,7 @@ class VectorCode:
                     progress(ticks_done * self.width)
                 ticks_done = 0
         indices = pair_of_lane.reshape(-1) * self.width + np.tile(np.arange(self.width), vectors)
-        return [column[indices] for column in group.columns()]
+        return [column[indices] for column in self.kernel.results.unpack(group.results)]
 
     def trunk(self, lanes: Lanes, last: int, ends: np.ndarray) -> tuple[Trunk, list[np.ndarray]]:
         """Run a vector of lanes that are all the same golden run.
@@ -212,11 +205,12 @@ class VectorCode:
         snapshots = Trunk.allocate(every, max(1, -(-last // every)), shared_words, len(words))
         result_row = {end: row for row, end in enumerate(ends.tolist())}
         now = 0
-        # Stops at each snapshot and at each end.
+        # Stops at each snapshot and each end, and makes a row of numbers for at most `every` ticks.
+        # Calls are only collected; `run_calls` makes them when a snapshot needs the state.
         for stop in sorted({*range(0, last, every), *result_row}):
             for first in range(now, stop, every):
                 until = min(first + every, stop)
-                group.set_first_row(first)
+                group.first_row_tick = first
                 group.compute_rows(first, until)
                 group.advance(0, first, until)
             now = stop
@@ -227,8 +221,9 @@ class VectorCode:
                 snapshots.lane[stop // every] = state[words]
                 snapshots.group[stop // every] = shared
         group.run_calls()
-        # Lanes are equal, so the first lane of each row of results is enough.
-        return snapshots, [column[:: self.width][: len(ends)] for column in group.columns()]
+        # Each [rows * width]. Lanes are equal, so the first lane of each row is enough.
+        columns = self.kernel.results.unpack(group.results)
+        return snapshots, [column[:: self.width][: len(ends)] for column in columns]
 
     @cached_property
     def _state_words(self) -> np.ndarray:

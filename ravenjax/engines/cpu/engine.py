@@ -98,28 +98,24 @@ class SimdKernel(traced.PrintedKernel):
         # Groups, whose lanes share inputs, are computed one after the other.
         for number in range(group.max() + 1):
             members = np.flatnonzero(group == number)
-            # The last vector is filled by repeating the last lane.
-            vector_lanes = members[np.minimum(np.arange(self.size(len(members))), len(members) - 1)]
-            course = self._course(block, vector_lanes, grouped)
+            # The last lane is repeated to fill whole vectors.
+            padded = np.pad(members, (0, -len(members) % self.width), "edge")
+            course = self._course(block, padded, grouped)
             first, last = (0, ticks) if keep_outputs else (course.first, course.last)
-            # The output is large, so one group of all lanes writes into it without a copy.
-            one_group = len(vector_lanes) == lanes
-            group_out = out if one_group else np.zeros((*out.shape[:2], len(vector_lanes)), dtype)
-            vectors = Lanes(
-                inputs=[column[vector_lanes] for column in inputs],
-                tick_inputs=self._golden_series(block, vector_lanes, grouped, first, last),
-                tables=tables,
-                out=group_out if keep_outputs else None,
-                first=first,
-            )
+            # A group that is the whole block writes into the large array `out` without a copy.
+            is_whole_block = len(members) == len(padded) == lanes
+            group_out = out if is_whole_block else np.zeros((*out.shape[:2], len(padded)), dtype)
+            lane_inputs = [column[padded] for column in inputs]
+            golden = self._golden_series(block, padded, grouped, first, last)
+            vectors = Lanes(lane_inputs, golden, tables, group_out if keep_outputs else None, first)
             columns = code.run_course(vectors, course, progress)
-            # `run_course` has counted the ticks that lanes run. The others count as finished, too.
+            # `run_course` has reported the ticks that lanes run. Report the ticks that they skip.
             if progress is not None:
-                progress(ticks * len(vector_lanes) - self.width * course.vector_ticks)
+                progress(ticks * len(padded) - course.lane_ticks)
             outcomes = outcomes or [np.zeros(lanes, column.dtype) for column in columns]
             for column, values in zip(outcomes, columns, strict=True):
                 column[members] = values[: len(members)]
-            if not one_group:
+            if not is_whole_block:
                 out[:, :, members] = group_out[:, :, : len(members)]
         reference = out[:, : tick.series]
         if self.signals:
@@ -136,8 +132,8 @@ class SimdKernel(traced.PrintedKernel):
         return inputs, group if grouped else np.zeros_like(group), grouped
 
     def _course(self, block: Block, lanes: np.ndarray, grouped: bool) -> LaneCourse:
-        # Plans in which tick each vector of lanes begins and each lane ends. Until a fault acts,
-        # lanes equal their golden run, so vectors can begin at its snapshots.
+        # Plans in which tick vectors begin and lanes end. Until a fault acts, lanes equal their
+        # golden run, which their group shares, so vectors can begin at snapshots of this run.
         ends = np.full(len(lanes), self.program.ticks) if block.ends is None else block.ends[lanes]
         begins = np.zeros(len(lanes) // self.width, np.int64)
         golden_run = block.trunk(int(lanes[0])) if grouped else None

@@ -137,7 +137,6 @@ class _LlvmModule(LoopPrinting[Place]):
         first = split.loop.lane_inputs
         types = self.step.inputs[first : first + split.loop.states]
         self.lane_state = (*split.lane_state, *split.held_state)
-
         step, results = self.step.operations, self.finish.operations
 
         def layout(types: Iterable[str], lanes: int = width):
@@ -209,10 +208,11 @@ class _LlvmModule(LoopPrinting[Place]):
         self._loop("shared_run", printer, {"in": "%in_stride", "row": str(buffers.row.bytes)})
 
     def _add_tick_inputs(self, printer: LlvmPrinter, sources: dict[int, Place], shared: bool):
-        """Add the places of the tick's inputs to `sources`; return the tick's number as a value."""
+        """Add the places of a tick's inputs to `sources`; return operation -> tick's number."""
         tick_values: dict[int, str] = {}
         for i, k in self.tick_reads.items():
-            # Input 0 is the tick's number. Only the shared code counts ticks; lanes read the row.
+            # Input 0 is the tick's number, which is not in memory. Only the shared code computes
+            # the number; results that depend on it are in the row that lanes read.
             if k:
                 offset = printer.op(f"mul i64 %in_step, {k - 1}")
                 sources[i] = Place(printer.op(f"getelementptr i8, ptr %in, i64 {offset}"))
@@ -242,6 +242,7 @@ class _LlvmModule(LoopPrinting[Place]):
         sources |= _places_by_number(split.prologue_results, buffers.prologue, "%held")
         sources |= _places_by_number(split.row, buffers.row, "%row", splat=True)
         outputs = []
+        # In bytes: `out_step` leads to the next output of a tick, `out_stride` to the next tick.
         for k, i in enumerate(self.outputs):
             offset = printer.op(f"mul i64 %out_step, {k}")
             outputs.append((i, Place(printer.op(f"getelementptr i8, ptr %out, i64 {offset}"))))

@@ -261,7 +261,7 @@ class LlvmPrinter(Printing[Place]):
             return self.call(wide, f"llvm.x86.{x86['function']}", (before, x), *x86["more"])
         suffix = f"{self._type_suffix('int32')}.{self._type_suffix(source)}"
         saturated = self.call(wide, f"llvm.fptosi.sat.{suffix}", (before, x))
-        # Saturation gives -2^31 for too small numbers. NaN is not below 2^31 either.
+        # Saturation is right for too small numbers. Too large numbers and NaN are not below 2^31.
         is_below = self.op(f"fcmp olt {before} {x}, {self._constant(source, 2147483648.0)}")
         return self.select("int32", is_below, saturated, self._constant("int32", -(2**31)))
 

@@ -45,7 +45,7 @@ class StepCode:
         self.tables = tuple(tables)
 
         def make():
-            # Traces the three functions and prints them as one module.
+            # Traces the three functions and prints them as one module. row: (tick, step inputs).
             begin_program, state = traced.trace_function(begin, self.inputs.shapes())
             columns = tuple(jax.ShapeDtypeStruct((n,), np.float32) for n in self.tables)
             step_program, (_, outputs) = traced.trace_function(
@@ -58,7 +58,7 @@ class StepCode:
                 raise TypeError("every output of a tick must be float32")
             kind, fixed, row = RecordKind.of(state), self.inputs.layout, self.step_inputs.layout
             # A transition is a program with the layouts of its inputs: fixed, state, step inputs.
-            # The state is an output of `begin`, and a step input of `finish`.
+            # Tables need no layout. The state is an output of `begin`, a step input of `finish`.
             transitions = {
                 "begin": StateTransition(begin_program, fixed, EMPTY, EMPTY),
                 "step": StateTransition(step_program, fixed, kind.layout, row),

@@ -200,9 +200,9 @@ class BoundTransition:
 def print_module(
     transitions: Mapping[str, StateTransition], features: Set[str] | None = None
 ) -> str:
-    """Return LLVM IR with a function for each transition, which makes it once for each row.
+    """Return LLVM IR with one function per transition; one call applies it to rows of step inputs.
 
-    features: CPU features; None: host's.
+    features: names of the CPU's features; None: those of this machine.
     """
     features = jit.host_target().features if features is None else features
     texts, declared = [], set[str]()

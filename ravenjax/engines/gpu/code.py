@@ -70,7 +70,8 @@ class CudaCode:
         self, lanes: Lanes, places: Places, course: BlockCourse, progress: Progress | None = None
     ) -> list[np.ndarray]:
         """Run lanes through the ticks of `course`; return their results, each [lanes]."""
-        # Blocks that run at different times would wait for each other after each launch.
+        # A launch waits for its slowest block of threads. If blocks run at different times, one
+        # launch avoids waits, but outputs or inputs of single lanes would need too much memory.
         one_launch = self.grouped and course.scattered and lanes.out is None
         chunk = course.last - course.first if one_launch else CHUNK
         with DeviceSession(self.device) as session:
@@ -141,7 +142,7 @@ class _Run:
         return snapshots
 
     def run(self, progress: Progress | None) -> None:
-        """Run the lanes through all their ticks."""
+        """Run lanes through all ticks. During a chunk, the GPU computes the next chunk's rows."""
         session, code, course = self.session, self.code, self.course
         main = session.main
         self._begin()

@@ -94,37 +94,42 @@ def plan_course(
     threads: int,
     ends: np.ndarray,
     acts: np.ndarray | None = None,
-    trunks: Sequence[Trunk | None] | None = None,
+    trunks: Sequence[Trunk | None] = (),
 ) -> BlockCourse:
     """Plan the ticks of each block of threads.
 
     A block begins at the last snapshot before the fault of any of its lanes acts, and stops at the
-    last end of its lanes. acts, ends: int [lanes], as in `interface.Block`. trunks: golden run of
-    each group, with snapshots every `EVERY` ticks; None: every block begins in tick 0.
+    last end of its lanes. acts, ends: int [lanes], as in `interface.Block`. trunks: snapshots of
+    each group's golden run, every `EVERY` ticks; (): every block begins in tick 0.
     """
     acts = np.zeros_like(ends) if acts is None else acts
-    trunks = [None] * len(places.first) if trunks is None else trunks
     thread_ends = ends[places.lane].astype(np.int32)
     # First tick that a lane of each warp needs. Every lane runs at least its last tick.
     needed = np.minimum(acts[places.lane], thread_ends - 1).reshape(-1, WARP).min(axis=1)
     warp_begins = np.zeros(len(needed), np.int64)
     for number, trunk in enumerate(trunks):
         is_member = places.group == number
-        if trunk is not None:
+        if trunk:
             warp_begins[is_member] = trunk.start_ticks(needed[is_member])
     begins = warp_begins.reshape(-1, threads // WARP).min(axis=1)
     block_ends = thread_ends.reshape(-1, threads).max(axis=1)
     spans = np.stack([begins, block_ends], axis=1).astype(np.int32)
+    # Groups advance from the first tick of any block. `first` is the number of its snapshot.
     first = int(begins.min()) // EVERY
     group_state = np.stack([trunk.group[first] for trunk in trunks if trunk]) if first else None
+    states, index = _lane_states(places.group, np.repeat(begins // EVERY, threads // WARP), trunks)
+    return BlockCourse(spans, thread_ends, states, index, group_state)
 
-    # Number of each warp's snapshot in its group's golden run; 0: it starts without a snapshot.
-    snapshot_number = np.repeat(begins // EVERY, threads // WARP)
-    has_snapshot = snapshot_number > 0
-    pairs = np.stack([places.group, snapshot_number], axis=1)[has_snapshot]
+
+def _lane_states(group: np.ndarray, number: np.ndarray, trunks: Sequence[Trunk | None]):
+    """Return the states from which warps start, uint32 [states, words], and each warp's index.
+
+    group, number: of each warp's snapshot, int [warps]; 0, index -1: the warp starts in tick 0.
+    """
+    has_snapshot = number > 0
+    pairs = np.stack([group, number], axis=1)[has_snapshot]
     used_pairs, index = np.unique(pairs, axis=0, return_inverse=True)
-    states = [trunks[group].lane[row] for group, row in used_pairs.tolist()]
-    snapshots = np.stack(states) if states else np.zeros((0, 0), np.uint32)
-    snapshot_of_warp = np.full(len(has_snapshot), -1, np.int32)
-    snapshot_of_warp[has_snapshot] = index.reshape(-1)
-    return BlockCourse(spans, thread_ends, snapshots, snapshot_of_warp, group_state)
+    states = [trunks[k].lane[row] for k, row in used_pairs.tolist()]
+    state_of_warp = np.full(len(group), -1, np.int32)
+    state_of_warp[has_snapshot] = index.reshape(-1)
+    return np.stack(states) if states else np.zeros((0, 0), np.uint32), state_of_warp

@@ -108,9 +108,9 @@ def _operation_text(name: str, dtype: str, sources: Sequence[str], x: Sequence[s
             return f"{'!' if dtype == 'bool' else '~'}{x[0]}"
         case "max" | "min":
             function = "larger" if name == "max" else "smaller"
-            # An instruction of the GPU does the same if the first operand is neither 0 nor NaN.
-            plain = real and known is not None and known != 0 and not np.isnan(known)
-            return f"{function}{'_than' if plain else ''}({x[0]}, {x[1]})"
+            # One instruction, `larger_than`, equals `larger` if the first operand is not 0 or NaN.
+            is_plain = real and known is not None and known != 0 and not np.isnan(known)
+            return f"{function}{'_than' if is_plain else ''}({x[0]}, {x[1]})"
         case "bitcast" | "convert":
             cast = _TEXTS[name].get(f"{source}-{dtype}", f"({_TYPES[dtype]})")
             return f"{cast}({x[0]})"

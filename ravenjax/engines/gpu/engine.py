@@ -68,12 +68,13 @@ class CudaKernel(traced.PrintedKernel):
     def trunk(
         self, block: Block, motion: Motion, last: int, ends: np.ndarray
     ) -> tuple[Trunk, dict[str, np.ndarray]]:
-        """See `interface.BranchingKernel`."""
-        golden_run = _repeat_lane(block, np.full(self.size(1), self.program.ticks))
+        """Return snapshots of a golden run and its outcomes; see `interface.BranchingKernel`."""
+        # A warp is the smallest block, so each of its lanes repeats the golden run.
+        copies = _repeat_lane(block, np.full(self.size(1), self.program.ticks))
         with self._seat() as device:
-            inputs, places, _ = self._placed(golden_run, device)
-            code = self._code(golden_run, motion, True, device)
-            tables, golden = traced.motion_tables(motion), _golden_series(golden_run, places, True)
+            inputs, places, _ = self._placed(copies, device)
+            code = self._code(copies, motion, True, device)
+            tables, golden = traced.motion_tables(motion), _golden_series(copies, places, True)
             trunk = code.trunk(Lanes(inputs, golden, tables, None), places, last)
         # A second run has one lane for each end. It needs at least one lane.
         if len(ends):
@@ -83,7 +84,7 @@ class CudaKernel(traced.PrintedKernel):
 
     @contextlib.contextmanager
     def _seat(self) -> Iterator[Device]:
-        # Yields a device that has a free thread, and waits for one if necessary.
+        # Yields a device that fewer than SEATS threads use, and waits for one if necessary.
         device = self._seats.get()
         try:
             yield device
@@ -91,7 +92,7 @@ class CudaKernel(traced.PrintedKernel):
             self._seats.put(device)
 
     def run(self, block: Block, motion: Motion, progress: Progress | None = None) -> BlockResult:
-        """Run one block on a device that has a free thread; see `interface.Kernel`."""
+        """Run one block on a device that fewer than SEATS threads of the CPU use now."""
         with self._seat() as device:
             inputs, places, grouped = self._placed(block, device)
             code = self._code(block, motion, grouped, device)
@@ -154,8 +155,8 @@ def _repeat_lane(block: Block, ends: np.ndarray) -> Block:
 def block_lanes(runs: int, devices: tuple[Device, ...]) -> int:
     """Return the number of lanes of a block, for a campaign of `runs` runs.
 
-    With enough runs, each block fills a device a whole number of times, at most WAVES times. Each
-    device gets the same number of blocks.
+    With enough runs, it is a multiple of the lanes that a device runs at once, at most WAVES times
+    as many. Each device gets the same number of blocks.
     """
     resident_lanes = devices[0].multiprocessors * form_for(devices[0]).threads
     device_runs = -(-runs // len(devices))

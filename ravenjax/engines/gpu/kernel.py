@@ -131,7 +131,7 @@ class _CudaModule(LoopPrinting[str]):
         return [template.format(k) for k in range(self.inputs)]
 
     def _tick_input_words(self, template: str):
-        """Return the words of a tick's inputs, and the text of the tick's number."""
+        """Return operation -> word in memory, and for the tick's number operation -> variable."""
         words = {i: template.format(k - 1) for i, k in self.tick_reads.items() if k}
         return words, {i: "now" for i, k in self.tick_reads.items() if not k}
 
@@ -153,10 +153,11 @@ class _CudaModule(LoopPrinting[str]):
         """Return the indices of a lane's state in device memory, and of those in shared memory.
 
         Numbers that are read least are in device memory. Both are in the order of first use,
-        because one instruction reads neighbours.
+        because one instruction loads VECTOR consecutive words.
         """
         read_counts, first_readers = self._count_reads()
-        # Index in the state -> operation that reads it; -1 below if no operation does.
+        # Index in the state -> operation that loads it; else -1, which is read 0 times. The state
+        # comes after the `self.inputs` inputs of the lane.
         operation_of = {k - self.inputs: i for i, k in self.step.reads.items()}
         numbers = (*self.split.lane_state, *self.split.held_state)
         order = sorted(numbers, key=lambda k: read_counts[operation_of.get(k, -1)])
@@ -182,8 +183,9 @@ class _CudaModule(LoopPrinting[str]):
     def _state_in_loop(self):
         """Return the words of the state in the loop over ticks: index in the state -> C code.
 
-        Words that are read often lie in shared memory, [vector, thread, member of the vector].
-        Others lie in device memory, [word, thread]; if they are many, by assembly (`Far`).
+        Words that are read often lie in shared memory `room`, [vector, thread, member of vector].
+        Others lie in device memory `state`, [word, thread]; C++ class `Far` accesses them if they
+        are many. Both pointers begin at this thread's first word, so no index has the thread.
         """
         is_plain = len(self.in_device_memory) <= _MAX_PLAIN_WORDS
         template = "state[{} * {}]" if is_plain else "Far{{state + {} * {}}}"
@@ -206,7 +208,7 @@ class _CudaModule(LoopPrinting[str]):
 
     def _shared_run(self) -> str:
         # Prints one tick of the numbers that all lanes of a group share. They depend on the group's
-        # inputs and state, and on the tick's inputs `given`. Those that lanes read go to the row.
+        # inputs and state, on words `given` in each tick, and on its number. Lanes read the row.
         printer = CudaPrinter("    ")
         state = {k: f"s{position}" for position, k in enumerate(self.split.shared_state)}
         given = f"given[(size_t)tick * {self.tick_inputs} + {{}}]"
@@ -226,14 +228,14 @@ class _CudaModule(LoopPrinting[str]):
         """Return values for `lane_run` in kernel.cu.j2, the loop over ticks of one lane.
 
         lane_run: statements of a tick. prologue, packed: see `_print_prologue`. inputs_read: lane
-        inputs that a tick reads. near: words in shared memory, and their copies between launches.
-        in_step: whether warps begin each tick together. saved: words to save of the last row.
+        inputs that a tick reads. near: pairs of a word in shared memory and the device word that
+        keeps it between launches. in_step: whether warps begin each tick together. saved: words to
+        save of the last row.
         """
         step, split, form = self.step, self.split, self.form
         state = self._state_in_loop()
         inputs = self.sources(step, self._input_words("in{}"), state)
         packed, prologue_words, prologue = self._print_prologue(inputs)
-
         printer = CudaPrinter("    ")
         given = f"given[((size_t)tick * {self.tick_inputs} + {{}}) * lanes + lane]"
         tick_words, tick_values = self._tick_input_words(given)
@@ -246,10 +248,9 @@ class _CudaModule(LoopPrinting[str]):
         changed = {k: state[k] for k in split.lane_state}
         outputs = [(i, f"o{position}") for position, i in enumerate(self.outputs)]
         self.print_step(printer, split.lane, sources, changed, outputs, tick_values)
-        # Barriers for the compiler, inserted from the end so that earlier positions stay valid.
+        # No memory access crosses these barriers. The last comes first, so positions stay valid.
         for at in range(len(printer.lines) // form.region * form.region, 0, -form.region):
             printer.lines.insert(at, '    asm volatile("" ::: "memory");')
-
         shared_positions = enumerate(self.in_shared, len(self.in_device_memory))
         return {
             "prologue": prologue,

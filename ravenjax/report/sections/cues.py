@@ -157,10 +157,10 @@ def _alarm_counts(runs: Runs, rows: Sequence[CueRow]) -> AlarmCounts:
     missed = np.array([[digit == "0" for digit in pattern] for pattern, _ in patterns])
     count = np.array([n for _, n in patterns])
     rates = [row.per_hour for row in rows if row.per_hour is not None]
-    # only[i, j]: number of hazards that set i misses and set j detects.
+    # missed_by_first[i, j]: number of hazards that set i misses and set j detects.
     return AlarmCounts(
         missed=count @ missed,
-        only=(missed * count[:, None]).T @ ~missed,
+        missed_by_first=(missed * count[:, None]).T @ ~missed,
         hazards=int(count.sum()),
         count=np.array([rate.count for rate in rates]),
         hours=np.array([rate.hours for rate in rates]),
@@ -176,7 +176,7 @@ def _cheapest(rows: Sequence[CueRow], alarms: AlarmCounts, weight: float, hours:
         return choice.cheapest_alarms(alarms, weight, factor)
 
     cost = [weight * row.missed.value + row.hourly for row in rows]
-    more_hours = hours * choice.hours_to_decide(possible)
+    more_hours = hours * choice.factor_to_decide(possible)
     now, in_the_end = possible(1.0), possible(math.inf)
     rule = _WEIGHT.format(f"{weight:,}")
     # A cost is no limit that a set could break. So every possible set is certain, and there is no
@@ -188,11 +188,11 @@ def _cheapest(rows: Sequence[CueRow], alarms: AlarmCounts, weight: float, hours:
 def _best_below_limit(rows: Sequence[CueRow], alarms: AlarmCounts, most: float) -> Choice:
     # Chooses the set that misses fewest motions with at most `most` false cues an hour. possible,
     # within, in_the_end: see `_choice`.
-    possible, within = choice.rarest_alarms(alarms, most)
+    possible, within = choice.alarms_within_limit(alarms, most)
     undecided = alarms.count[possible & ~within]
     # More motion without a false cue shows that the next set keeps the limit.
     more_hours = hours_to_bound(most, int(undecided.min())) if len(undecided) else math.nan
-    in_the_end, _ = choice.rarest_alarms(alarms, most, math.inf)
+    in_the_end, _ = choice.alarms_within_limit(alarms, most, math.inf)
     cost, rule = [row.missed.value for row in rows], f"{_LIMIT}{most:g}"
     return _choice(rule, rows, cost, possible, within, more_hours, in_the_end)
 

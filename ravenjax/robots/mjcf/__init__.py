@@ -169,22 +169,22 @@ def _arm(model: mujoco.MjModel) -> tuple[Arm, tuple[str, ...]]:
         gear, factor = model.actuator_gear[a, 0], model.actuator_gainprm[a, 0]
         bias = model.actuator_biasprm[a, :3] * (model.actuator_biastype[a] != 0)
         kinds[k] = "position" if bias[1] else "velocity" if bias[2] else "motor"
-        # MuJoCo: gear (factor control + bias[0] + gear (bias[1] position + bias[2] velocity)). In
-        # `Arm`, a motor's control is its force, and a servo's control is in the joint's unit.
+        # MuJoCo: gear (factor control + bias[0] + gear (bias[1] position + bias[2] velocity)). The
+        # control of `Arm` is this control times `unit`: a motor's force, or a servo's joint goal.
+        # `Arm` writes its force as gain control, for a servo times the stiffness or the damping.
         unit = gear * factor if kinds[k] == "motor" else 1.0 / gear
         constant[k] = gear * bias[0]
         stiffness[k], damping[k] = -(gear**2) * bias[1:]
-        # `Arm.gain` of a servo is a factor of its stiffness or damping.
-        gain[k] = gear * factor / unit / (stiffness[k] or damping[k] or 1.0)
+        force_per_control = gear * factor / unit
+        gain[k] = force_per_control / (stiffness[k] or damping[k] or 1.0)
         if model.actuator_ctrllimited[a]:
             control[:, k] = sorted(model.actuator_ctrlrange[a] * unit)
         if model.actuator_forcelimited[a]:
             force[:, k] = np.clip(sorted(model.actuator_forcerange[a] * gear), *force[:, k])
     if not any(kinds):
         raise UserError('expected an actuator, such as <position joint="elbow" kp="100"/>')
-    vectors = [
-        Vec(column.tolist()) for column in (home, *reach, gain, constant, stiffness, damping)
-    ]
+    columns = home, *reach, gain, constant, stiffness, damping
+    vectors = [Vec(column.tolist()) for column in columns]
     bounds = [(Vec(low.tolist()), Vec(high.tolist())) for low, high in (control, force)]
     integrator = mujoco.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_")
     integrator = integrator if integrator != "IMPLICITFAST" else ""
@@ -224,7 +224,7 @@ def _driven(model: mujoco.MjModel, a: int, joints: list[int], kinds: list[str]) 
     numbers in the model. kinds: kind of the actuator found for each of them; "": none.
     """
     name = model.actuator(a).name or f"number {a}"
-    kinds_of = (model.actuator_trntype, model.actuator_dyntype, model.actuator_gaintype)
+    kinds_of = model.actuator_trntype, model.actuator_dyntype, model.actuator_gaintype
     if any(kind[a] != 0 for kind in kinds_of) or model.actuator_biastype[a] not in (0, 1):
         raise UserError(
             f"actuator {name}: expected one of <position>, <velocity> and <motor> on a joint,"

@@ -53,7 +53,8 @@ class Operator(Section):
         keys = self.model_dump(exclude_defaults=True).keys() - {"motion"}
         path_keys = keys & {"tip", "file"}
         has_path_alone = len(path_keys) == 1 and keys == path_keys
-        if not (has_path_alone if self.motion == "tip" else not path_keys):
+        keys_fit = has_path_alone if self.motion == "tip" else not path_keys
+        if not keys_fit:
             raise ValueError("motion 'tip' takes only tip or file, 'sines' seed, amplitude and hz")
         sizes = {len(row) for row in self.tip}
         # A quaternion of zeros is no orientation.

@@ -245,7 +245,8 @@ def _move(
     position and velocity, as in MuJoCo. gain_share: share of the gains of servos that acts, 0 to 1.
     """
     _, *gains = _gains(arm, params)
-    # `step` uses the damping within a time step, `lost_force` from the start of the tick.
+    # `step` applies the damping to changes of velocity within a time step. `lost_force` is the
+    # force that the servos lost by motion in the earlier time steps of the tick.
     stiffness, damping = (gain.map(mul, gain_share) for gain in gains)
     after = step(arm.mechanism, *before, force, damping)
     for _ in range(arm.steps - 1):
@@ -256,10 +257,10 @@ def _move(
 
 
 def _control(
-    arm: Arm, params: Params, gravity: Scalar, jpos: Vec, jvel: Vec, command: Vec, before: Vec
+    arm: Arm, params: Params, gravity_share, jpos: Vec, jvel: Vec, command: Vec, before: Vec
 ) -> Vec:
-    """Return the forces of the actuators, without limits, plus a share of the forces that balance
-    gravity. before: command of the last tick.
+    """Return the forces of the actuators, without limits. They contain a share (0 to 1) of the
+    forces that balance gravity. before: command of the last tick.
     """
 
     def control_of(kind: str, position, velocity, goal, last_goal, kp, kd) -> Scalar:
@@ -275,8 +276,9 @@ def _control(
     force = plus(arm.gain.map(mul, strength).map(mul, control.map(clamp, *arm.control)), arm.bias)
     force = minus(minus(force, stiffness.map(mul, jpos)), damping.map(mul, jvel))
     held = mechanism.gravity_torque(arm.mechanism, jpos)
+    # A joint without an actuator has no force: a zero of the type of the others.
     return Vec(
-        f + mul(gravity, h) if kind else 0.0 * h
+        f + mul(gravity_share, h) if kind else 0.0 * h
         for kind, f, h in zip(arm.kinds, force, held, strict=True)
     )
 

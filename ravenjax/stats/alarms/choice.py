@@ -24,7 +24,7 @@ class AlarmCounts(NamedTuple):
 
     missed: np.ndarray  # int [alarms], number of missed hazards
     # int [alarms, alarms], number of hazards that the first misses and the second detects.
-    only: np.ndarray
+    missed_by_first: np.ndarray
     hazards: int  # number of hazards
     count: np.ndarray  # int [alarms], number of false alarms
     hours: np.ndarray  # [alarms], hours of fault-free motion with these false alarms
@@ -38,15 +38,15 @@ def missed_difference(alarms: AlarmCounts) -> Estimate:
     It is the share that only the first alarm misses minus the share that only the second misses.
     """
     if not alarms.sampled:
-        value = (alarms.only - alarms.only.T) / alarms.hazards
+        value = (alarms.missed_by_first - alarms.missed_by_first.T) / alarms.hazards
         return Estimate(value, value, value)
-    return difference_of_counts(alarms.only, alarms.only.T, alarms.hazards)
+    return difference_of_counts(alarms.missed_by_first, alarms.missed_by_first.T, alarms.hazards)
 
 
 def false_rates(alarms: AlarmCounts, times: float = 1.0) -> Estimate:
     """Return false alarms per hour with exact Poisson intervals, arrays [alarms].
 
-    `times`: the interval is that after this many times the hours; it has no width if infinite.
+    The interval is for `times` as many hours with the same rate; if infinite, it has no width.
     """
     if np.isinf(times):
         value = alarms.count / alarms.hours
@@ -66,13 +66,13 @@ def cheapest_alarms(alarms: AlarmCounts, weight: float, times: float = 1.0) -> n
     return ~(difference > 0).any(axis=1)
 
 
-def rarest_alarms(
+def alarms_within_limit(
     alarms: AlarmCounts, per_hour: float, times: float = 1.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return which alarms may miss the fewest hazards with at most `per_hour` false alarms, and
-    which alarms certainly keep this limit. Both are bool [alarms].
+    """Return which alarms may be the best, and which certainly keep the limit: both bool [alarms].
 
-    times: see `false_rates`.
+    The best alarm misses the fewest hazards of those with at most `per_hour` false alarms an hour.
+    Alarms are compared by the ends of their intervals. times: see `false_rates`.
     """
     false = false_rates(alarms, times)
     # The tolerance allows for rounding.
@@ -82,8 +82,8 @@ def rarest_alarms(
     return (false.low <= per_hour) & ~is_worse.any(axis=1), keeps_limit
 
 
-def hours_to_decide(possible: Callable[[float], np.ndarray]) -> float:
-    """Return by what factor the hours must grow until more hours exclude no further alarm.
+def factor_to_decide(possible: Callable[[float], np.ndarray]) -> float:
+    """Return the factor on the hours from which on the alarms that may be best stay the same.
 
     Rates are assumed to be unchanged. The result is NaN if the present hours are enough, and
     infinite if the factor would be above MAX_FACTOR. `possible`: maps the factor to the alarms that
@@ -100,10 +100,8 @@ def hours_to_decide(possible: Callable[[float], np.ndarray]) -> float:
     # Bisection on a logarithmic scale, to half a percent.
     while high / low > 1.005:
         middle = np.sqrt(low * high)
-        if np.array_equal(possible(middle), final):
-            high = middle
-        else:
-            low = middle
+        is_enough = np.array_equal(possible(middle), final)
+        low, high = (low, middle) if is_enough else (middle, high)
     return float(high)
 
 

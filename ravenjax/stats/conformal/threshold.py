@@ -84,8 +84,8 @@ class FalseAlarmTarget(NamedTuple):
         """The smallest number n of independent units without an alarm that is enough to show the
         limit: (1 - risk)^n <= 1 - confidence.
 
-        The hours of n operations are about -ln(1 - confidence) / per_hour, for any length. Raise
-        ValueError unless rate and length are above 0 and the confidence is between 0 and 1.
+        `risk` is r T / (1 + r T) with r = `per_hour`, T = `length_h`. n operations last about
+        -ln(1 - confidence) / r hours. Raise ValueError unless r > 0, T > 0, 0 < confidence < 1.
         """
         expected = self.per_hour * self.length_h
         if not (self.per_hour > 0 and self.length_h > 0 and math.isfinite(expected)):
@@ -99,21 +99,21 @@ class FalseAlarmTarget(NamedTuple):
 
     @property
     def min_clusters(self) -> int:
-        """The smallest number n of units without loss with which the betting test of `excess_p`
-        shows that the mean loss is at most `risk`; for units of several operations.
+        """The smallest number of units of several operations, all without loss, that is enough to
+        show a mean loss of at most `risk` by the betting test of `excess_p`.
 
         Each unit multiplies the capital of the test by 1 + risk. The capital has to reach
         1 / (1 - confidence). If detectors are not always active, more units are needed.
         """
-        clusters = -math.log(alpha_of(self.confidence)) / math.log1p(self.risk)
+        units = -math.log(alpha_of(self.confidence)) / math.log1p(self.risk)
         # The tolerance prevents that rounding adds a unit.
-        return max(self.min_units, math.ceil(clusters - 1e-9))
+        return max(self.min_units, math.ceil(units - 1e-9))
 
     def without_alarm(self, hours: np.ndarray) -> np.ndarray:
         """Return the loss r (T - H) / (1 + r T) of operations without an alarm, [operations].
 
-        H is `hours`, the time in which detectors are active [operations]; r is `per_hour`, and T is
-        `length_h`. Raise ValueError if hours are not in 0..T.
+        H: `hours` with active detectors; r: `per_hour`; T: `length_h`. Other hours do not show how
+        rare alarms are, so they are a loss (see the class). Raise ValueError if H is not in 0..T.
         """
         # Rounding may make the hours slightly larger than the duration.
         if not ((hours >= 0) & (hours <= self.length_h * (1 + 1e-9))).all():
@@ -195,7 +195,7 @@ def excess_p(losses: np.ndarray, risk: float, confidence: float, exact: bool = F
     is the betting test of Waudby-Smith and Ramdas (J. R. Stat. Soc. B 86, 2024). A capital of 1 is
     multiplied for each unit by 1 - bet * (loss - risk), so it grows if losses are below `risk`. If
     the hypothesis is true, the capital ever reaches c with a probability of at most 1 / c. Bets are
-    the paper's predictable plug-in bets, at most 1; they are best for `confidence`.
+    the paper's predictable plug-in bets for this `confidence`, at most 1.
     """
     from scipy.stats import binom  # slow to import
 
@@ -203,7 +203,7 @@ def excess_p(losses: np.ndarray, risk: float, confidence: float, exact: bool = F
     if exact:
         return float(binom.cdf(round(float(losses.sum())), units, risk))
     count = np.arange(1, units + 1)
-    # Mean and variance of the losses so far. The first loss is an assumed one, equal to `risk`.
+    # Mean and variance of losses so far, after an assumed loss `risk` with the variance risk / 4.
     mean = (risk + np.cumsum(losses)) / (1 + count)
     variance_after = (risk / 4 + np.cumsum((losses - mean) ** 2)) / (1 + count)
     # A bet may depend only on the losses before its own.

@@ -139,18 +139,15 @@ class Sequential:
         names = [stratum.name for stratum in self.strata]
         intervals = list(self._intervals(k, n, taken))
         incomplete = taken < self.size
-        wide_intervals = [
-            interval
-            for interval in intervals
-            if interval.half_width > self.half_width
-            and incomplete[self._select(interval.stratum)].any()
-        ]
+        too_wide = [interval for interval in intervals if interval.half_width > self.half_width]
+        wide_intervals = [x for x in too_wide if incomplete[self._select(x.stratum)].any()]
         waiting = tuple(dict.fromkeys(interval.stratum for interval in wide_intervals))
         half_widths = [interval.half_width for interval in wide_intervals or intervals]
         return Look(
             number=number,
             looks=len(self.shares),
             taken=dict(zip(names, taken.tolist(), strict=True)),
+            # All draws of each stratum.
             held=dict(zip(names, self.size.tolist(), strict=True)),
             intervals=tuple(intervals),
             widest=max(half_widths, default=0.0),
@@ -158,7 +155,7 @@ class Sequential:
             stop=not waiting or number == len(self.shares),
             half_width=self.half_width,
             each=self.each,
-            # Whether these are the planned sizes of one look.
+            # Whether `taken` is a row of the planned sizes [looks, strata].
             even=bool((taken == self.sizes()).all(axis=1).any()),
         )
 
@@ -167,11 +164,12 @@ class Sequential:
 
         k: events [rates, strata]. n: valid draws [strata]. Numbers never decrease. With allocation
         `neyman`, the planned total is distributed among the strata that `look` is waiting for, and
-        each number is rounded up to a planned size. For the rate of the whole table, draws are in
-        proportion to size times standard deviation (Neyman 1934). For separate rates of strata they
-        are in proportion to the variance, which makes the widest interval narrowest, and a stratum
-        gets at most what it probably needs. Of several rates the largest deviation counts.
+        each number is rounded up to a planned size. If `of` is "whole", draws are in proportion to
+        size times standard deviation (Neyman 1934). If `of` is "groups", they are in proportion to
+        variance, which makes the widest interval narrowest, but a stratum gets at most what it
+        probably needs. Of several rates the largest deviation counts.
         """
+        # Row `look.number` is that of the next look, because looks count from 1.
         sizes, counts = self.sizes(), np.array(list(look.taken.values()), np.int64)
         if self.allocation == "proportional":
             return np.maximum(counts, sizes[look.number])
@@ -195,13 +193,14 @@ class Sequential:
 
         k: events [rates, strata]. n: valid draws [strata].
         """
-        # A rate of the whole table does not limit the draws of a single stratum.
+        # A rate of the whole table does not limit a single stratum, which may need all its draws.
         if self.of == "whole":
             return self.size
         alpha = alpha_of(self.each)
         low, high = anytime_bounds(k, n, alpha, self.half_width)
         # The rate may move within its interval towards one half, where a rate is hardest to
-        # estimate. `needed` draws distinguish it from a rate at the distance of a half-width.
+        # estimate. At the rate `worst`, a draw adds about half_width^2 / (2 worst (1 - worst)) to
+        # a log likelihood ratio of `anytime_bounds`, which has to reach log(2 / alpha).
         worst = np.minimum(np.maximum(0.5, low), high)
         needed = 2 * math.log(2 / alpha) * worst * (1 - worst) / self.half_width**2
         return np.maximum(1, np.ceil(needed - n)).max(axis=0).astype(np.int64)
@@ -267,9 +266,8 @@ def stratified_rate(
     overall = share @ centre
     effective = overall * (1 - overall) / np.sum(share**2 * centre * (1 - centre) / runs)
     value = float(share @ (hits / runs))
-    low, high = rate_bounds(
-        np.array(value * effective), np.array(effective), alpha, half_width=half_width
-    )
+    effective_counts = np.array(value * effective), np.array(effective)
+    low, high = rate_bounds(*effective_counts, alpha, half_width=half_width)
     return Estimate(value, float(low), float(high))
 
 
@@ -282,12 +280,13 @@ def allocate_runs(total: int, weight: ArrayLike, least: ArrayLike, most: ArrayLi
     """
     weights, low, high = np.asarray(weight, float), np.asarray(least), np.asarray(most)
     total = int(np.clip(total, low.sum(), high.sum()))
-    # Strata with a weight get all that they may. What is left is for the others.
+    # If there are too many runs for the strata with a weight, these get all that they may, which
+    # is their lower bound while the other runs are divided.
     full = np.where(weights > 0, high, low)
     if total > full.sum():
         return allocate_runs(total, np.ones(len(weights)), full, high)
-    # The factor with which the clipped multiples of the weights sum to the total. The sum is linear
-    # between the factors at which a stratum reaches a bound.
+    # Find the factor f for which the sum of clip(f * weights, low, high) is the total. The sum is
+    # linear between `corners`, the factors at which a stratum reaches a bound.
     bounds = np.stack([low, high])[:, weights > 0] / weights[weights > 0]
     corners = np.unique(np.append(0.0, bounds))
     sums = np.clip(corners[:, None] * weights, low, high).sum(axis=1)

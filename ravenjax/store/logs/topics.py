@@ -185,7 +185,7 @@ def signals_topic(names: Sequence[str], single: bool = False) -> Topic:
     needed = f"{'=' * 80}\nMSG: std_msgs/Header\n{_definition(HEADER)}"
     # The message is encoded here, because rosbags would compile an encoder for hundreds of fields.
     head = ros2_types().encode(ros2_types().message(HEADER, *_header("")))
-    # CDR aligns numbers, counted from byte 4. Its own header is before, and the time is after.
+    # CDR aligns numbers from byte 4, the end of its own header, where the time stamp begins.
     head += bytes(-(len(head) - 4) % size)
     template, spans = head + bytes(size * len(names)), ((len(head), len(names)),)
     definition = f"std_msgs/Header header\n{fields}{needed}"

@@ -74,8 +74,8 @@ def sample_times(
         mean = f"{(rows - 1) / span:.4g} rows a second" if span > 0 else "all rows at one time"
         raise UserError(
             f"{path}: with {rate_text}, {rows} rows last {stated:.4g} s; according to {clock}"
-            f" {span:.4g} s ({mean}); expected agreement within {100 * RATES_AGREE:g} %. Write the"
-            f" rate of the recording, or remove its times{slower}"
+            f" {span:.4g} s ({mean}); expected agreement within {100 * RATES_AGREE:g} %. Write"
+            f" the rate of the recording, or remove its times{slower}"
         )
     note = f"{clock} is not used, because {rate_text} spaces rows evenly; it spans {span:.3f} s"
     return None, rate_text, (note,)

@@ -144,7 +144,8 @@ class _CacheWarmer:
             motions = [each for each in commands if each.get("type") in ("input", "increments")]
             owner = self._real_session.arbiter.owner
             driving = [each for each in motions if console_of(each) == owner]
-            # Only the console with the seat moves the hands: in the second session it is "script".
+            # The second session has one console, "script". It repeats what the driver of the first
+            # session sends, or what any console sends if nobody drives.
             self._commands = [{**each, "console": "script"} for each in driving or motions[:1]]
 
     def tick(self) -> None:

@@ -102,15 +102,7 @@ class FakeSession:
         """The first command so far, or soon, that has these parts."""
 
         def found():
-            commands = list(self.commands)
-            return next(
-                (
-                    one
-                    for one in commands
-                    if all(one.get(name) == value for name, value in parts.items())
-                ),
-                None,
-            )
+            return next((one for one in [*self.commands] if parts.items() <= one.items()), None)
 
         return waiting.until(found, f"no command with {parts}")
 

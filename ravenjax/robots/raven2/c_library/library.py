@@ -96,7 +96,7 @@ def _code(software: ControlSoftware, robot: VirtualRobot) -> str:
     machines = {"control": software, "robot": robot}
     # For example, raven_control_default is field "params" of part "control"
     for name, (part, field) in _TABLES["constants"].items():
-        # The first signals of the robot are those of its last reading
+        # A new robot has a first reading, whose signals are those at the start
         owner = robot.reading if field == "signals" else machines[part]
         row = machines[part].code.kinds[field].row(getattr(owner, field))
         escaped = "".join(f"\\{byte:02X}" for byte in row.tolist())

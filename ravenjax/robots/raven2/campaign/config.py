@@ -230,7 +230,7 @@ class RavenConfig(CampaignConfig):
         self, plan, paths: Collection[str], groups_without_use: Callable[[np.ndarray], np.ndarray]
     ) -> Iterator[tuple[str, np.ndarray, str]]:
         # Yields (key, which runs, message) for values of [reaction] without effect.
-        # groups_without_use: turns the runs that use a key into the runs of groups that never do.
+        # groups_without_use: bool [runs], the run uses a key -> no run of its group uses the key.
         written = {
             # The parameter in m/s has another name than the key in mm/s
             "correct_speed" if name == "correct_mm_s" else name

@@ -78,5 +78,4 @@ def _tissue_depth(motion: Motion, arm_index: int, path: np.ndarray) -> np.ndarra
     arm, start_jpos = motion.arms[arm_index], motion.start_jpos[arm_index]
     with run_eagerly():
         start = kinematics.forward_pose(arm, Vec(map(np.float64, start_jpos))).position
-        tip = start + position_from_itp(arm, Vec(path.T))
-        return np.asarray(scene.tissue_depth(arm, tip))
+        return np.asarray(scene.tissue_depth(arm, start + position_from_itp(arm, Vec(path.T))))

@@ -92,10 +92,9 @@ def planned_pedal_down(
     whether the software obeys the PLC.
     """
     down = np.zeros(ticks, bool)
-    phases = _pedal_phases(software, foot, cycles, longest=0, plc=plc, unknown=False, ticks=ticks)
+    phases = _pedal_phases(software, foot, cycles, drawn=0, plc=plc, unknown=False, ticks=ticks)
     for begin, end in zip(phases.begins.tolist(), phases.ends.tolist(), strict=True):
-        # The run level begins and ends a tick before the pedal clock's phase, except at the run's
-        # end
+        # The run level begins and ends a tick before the pedal clock, except at the run's end
         level_end = end - 1 if end < ticks else end
         down[begin - 1 : level_end] = True
     return down
@@ -164,21 +163,21 @@ class DrawnPackets:
 
 
 def _pedal_phases(
-    software: str, foot: np.ndarray, cycles: int, longest: int, plc: int, unknown: int, ticks: int
+    software: str, foot: np.ndarray, cycles: int, drawn: int, plc: int, unknown: int, ticks: int
 ) -> PedalPhases:
     # Returns the intervals of pedal-down in ticks of the run. foot: bool [rows of the motion],
-    # pedal pressed. cycles: ticks of a packet, if lengths are not drawn. longest: ticks of the
-    # longest packet; 0: lengths are not drawn. plc: whether the software obeys the PLC. unknown:
-    # whether the intervals depend on what happens in the run; their delay is then None.
-    foot_changes = np.flatnonzero(np.diff(foot.astype(np.int8), prepend=np.int8(0)))
-    # Rows of the motion to ticks. A packet has the next row, or if its length is drawn, the row of
-    # the tick in which it is sent
-    foot_changes = foot_changes * (1 if longest else cycles)
+    # pedal pressed. cycles: ticks of each packet, if lengths are not drawn. drawn: ticks of the
+    # longest packet, if lengths are drawn, otherwise 0. plc: whether the software obeys the PLC.
+    # unknown: whether the intervals depend on what happens in the run.
+    changed_rows = np.flatnonzero(np.diff(foot.astype(np.int8), prepend=np.int8(0)))
+    # Packet k contains row k of the motion. If lengths are drawn, the motion has a row per tick
+    foot_changes = changed_rows * (1 if drawn else cycles)
     foot_changes = foot_changes[foot_changes < ticks]
-    # A change of the foot waits for the next packet
-    max_delay: int | None = max(longest - 1, 0)
-    if unknown or (max_delay and (np.diff(foot_changes) <= max_delay + LATENCY).any()):
-        max_delay = None  # the effects of two changes may overlap
+    # A change of the foot waits for the next packet. None: the times of pedal-down are unknown
+    max_delay: int | None = max(drawn - 1, 0)
+    effects_overlap = max_delay and (np.diff(foot_changes) <= max_delay + LATENCY).any()
+    if unknown or effects_overlap:
+        max_delay = None
     level = PEDAL_UP if software == "raven2" else PEDAL_DOWN
     clock_changes = list(_pedal_clock_changes(foot_changes.tolist(), level, plc, ticks))
     begins, ends = clock_changes[0::2], clock_changes[1::2]
@@ -191,10 +190,9 @@ def _pedal_clock_changes(
     foot_changes: Sequence[int], level: int, plc: int, ticks: int
 ) -> Iterator[int]:
     # Yields the ticks before `ticks` in which the pedal clock starts and stops, alternately. It
-    # counts ticks in pedal-down, from the tick after pedal-down begins. foot_changes: ticks of
-    # packets in which the foot presses and lifts the pedal, alternately. level: run level at the
-    # start; it stays without the PLC (plc: 0). With it, the software adopts the PLC's level after
-    # MISMATCHES ticks of difference (`state_machine.adopt_level`). The PLC follows the foot.
+    # starts one tick after pedal-down begins. foot_changes: ticks of packets in which the foot
+    # presses and lifts the pedal, alternately. level: run level of the software and of the PLC at
+    # the start. plc: 1 if the software obeys the PLC; 0: its level stays.
     foot, plc_level, mismatches, tick = False, level, 0, 0
     if level == PEDAL_DOWN:
         yield 1
@@ -205,12 +203,13 @@ def _pedal_clock_changes(
             foot = not foot
             next_change = next(remaining_changes)
         before = level, plc_level, mismatches
+        # The software adopts the PLC's level of the last tick after MISMATCHES ticks of difference
         if plc and plc_level != level:
             mismatches += 1
             if mismatches >= MISMATCHES:
                 level, mismatches = plc_level, 0
                 yield tick + 1
         plc_level = PEDAL_DOWN if foot else PEDAL_UP
-        # Once nothing changes, the next event is the next change of the foot
-        settled = (level, plc_level, mismatches) == before
-        tick = max(tick + 1, next_change) if settled else tick + 1
+        # If this tick changed nothing, nothing changes until the foot does, so skip these ticks
+        changed = (level, plc_level, mismatches) != before
+        tick = tick + 1 if changed else max(tick + 1, next_change)

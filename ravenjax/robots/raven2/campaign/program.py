@@ -74,9 +74,9 @@ def _packet_shares(
     config: RavenConfig, choices: np.ndarray | None
 ) -> tuple[tuple[float, ...], ...]:
     # Returns the built-in distributions of packet lengths, then the file's; () if no run draws
-    # lengths. choices: index of each run's distribution [runs], NaN or None: that of the file.
+    # lengths. choices: index of each run's built-in distribution [runs]; NaN or None: the file's.
     shares = config.campaign.packet_shares
-    # Index 0 is the distribution in which every cycle has a packet, so nothing is drawn
+    # Index 0, a packet in every cycle, draws nothing. For NaN (0 here), `shares` decides below
     some_run_draws = choices is not None and np.nan_to_num(choices).any()
     if some_run_draws or shares != packets.SHARES[packets.EVERY_CYCLE]:
         return (*packets.SHARES, shares)

@@ -1,6 +1,4 @@
-"""Sections of a Raven-II's campaign file: [campaign], [operator], [limits], [reaction], [hand],
-[controller].
-"""
+"""Sections of a Raven-II campaign file: campaign, operator, limits, reaction, hand, controller."""
 
 from __future__ import annotations
 
@@ -172,9 +170,7 @@ _Wrist = Annotated[float, Field(ge=-100.0, le=100.0)]
 
 
 class Start(Section):
-    """[operator.start]: joint positions at the start of a generated motion. Omitted joints start at
-    the home pose.
-    """
+    """[operator.start]: joints at the start of a generated motion; omitted joints start at home."""
 
     shoulder_deg: _Shoulder | None = None
     """shoulder, between its hard stops"""
@@ -430,9 +426,7 @@ class Hand(Section):
 
 
 class OwnStages(Section):
-    """[controller]: Python files that replace stages of the control software. Their parameters are
-    control.own.STAGE.NAME.
-    """
+    """[controller]: Python files that replace stages. Parameters: control.own.STAGE.NAME."""
 
     motor_control: Path | None = None
     """a file whose step returns (state, tau_d): desired torques from desired motor positions"""

@@ -49,5 +49,5 @@ class Motion:
     def first_rows(self, rows: int) -> Motion:
         """Return the first `rows` rows of the motion; a shorter motion repeats its last row."""
         index = np.minimum(np.arange(rows), len(self) - 1)
-        columns = ("position_um", "quat", "grasp_mrad", "surgeon_mode")
+        columns = "position_um", "quat", "grasp_mrad", "surgeon_mode"
         return dataclasses.replace(self, **{name: getattr(self, name)[index] for name in columns})

@@ -214,7 +214,7 @@ class _Path:
             yield self.move((self.pose[0], row, -0.008))
             yield self.move((self.pose[0] + 0.003, row, 0.001), (0.0, 0.0, 0.0))
             yield self.move(grasp=closed_mrad)
-            beside = (self.pose[0] - 0.006, row + 0.006, -0.012)
+            beside = self.pose[0] - 0.006, row + 0.006, -0.012
             yield self.move(beside, (math.radians(10.0), 0.0, roll / 3.0))
             row = -0.009 if row > 0.006 else row + self.rng.uniform(0.003, 0.005)
 
@@ -267,15 +267,15 @@ def _sample_segments(segments: Segments, rows: int) -> tuple[np.ndarray, np.ndar
 def _hand_motion(arm: ArmName, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return hand positions [T, 3] um and quaternions [T, 4] in the arm's ITP frame."""
     axes = _instrument_axes()
-    # m in frame 0. While the pedal is up, the hand moves alone; _HAND is this additional motion
+    # [T, 3], m in frame 0. While the pedal is up, the hand moves alone; _HAND is this motion
     hand = _multiply(poses[:, _TIP] + poses[:, _HAND], axes)
     turn = _multiply(poses[:, _TURN], axes)
     if arm == "green":
         # gold mirrored at the x-z plane of frame 0; rotations mirror as pseudovectors
         hand, turn = hand * [1.0, -1.0, 1.0], turn * [-1.0, 1.0, -1.0]
-    # Rows times the rotation matrix are columns times its inverse, from frame 0 to ITP
-    to_itp = np.array(ITP_AXES[arm])
-    return _multiply(hand, to_itp) / NOMINAL_SCALE * 1e6, _quaternions(_multiply(turn, to_itp))
+    # The matrix turns columns from ITP to frame 0. A row times this matrix turns back, to ITP
+    from_itp = np.array(ITP_AXES[arm])
+    return _multiply(hand, from_itp) / NOMINAL_SCALE * 1e6, _quaternions(_multiply(turn, from_itp))
 
 
 def _multiply(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:

@@ -132,8 +132,7 @@ def add_tip_motion(
 def tip_offset(setup: RavenSetup, params: OperatorParams, hands: HandOffsets) -> PerArm[Vec]:
     """Return the tip offsets that the hands' offsets cause, m in frame 0."""
     m_per_um = params.scale * 1e-6  # m of the tip per um of the hand
-    offsets = hands.offset
-    return per_arm(setup, lambda i, arm: mapping.position_from_itp(arm, offsets[i]) * m_per_um)
+    return per_arm(setup, lambda i, arm: mapping.position_from_itp(arm, hands.offset[i]) * m_per_um)
 
 
 def mark_sent(hands: HandOffsets, fresh: Scalar) -> HandOffsets:

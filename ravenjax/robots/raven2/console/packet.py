@@ -73,6 +73,5 @@ def fill_fields(fields: Any, packet: Packet, arms: tuple[ArmName, ...]) -> None:
     for i, arm in enumerate(arms):
         slot = ARMS.index(arm)
         numbers = *packet.delta[i], *packet.quat[i], packet.grasp[i]
-        names = *DELTAS, *QUATS, "grasp"
-        for name, value in zip(names, numbers, strict=True):
+        for name, value in zip((*DELTAS, *QUATS, "grasp"), numbers, strict=True):
             fields[name][slot] = value

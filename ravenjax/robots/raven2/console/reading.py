@@ -129,21 +129,21 @@ class PacketReader:
         turn, orientation = self._read_rotation(sent, hand.quat)
         if turn is None:
             return Misfit("quaternion", arm, list(sent), self._describe_form())
-        # `not >=` also refuses NaN
+        # A turn by an angle has w = cos(angle / 2) |turn|. `not >=` also refuses NaN
         if not turn[3] * turn[3] >= self._min_cos_square * sum(c * c for c in turn):
             expected = f"at most {largest.turn_rad:g} rad ({self._describe_form()})"
             return Misfit("turn", arm, list(sent), expected)
         mrad = profile.jaw.mrad
-        step: float = jaw
+        increment: float = jaw
         if profile.jaw.form == "positions":
             position = jaw * abs(mrad)
             if not profile.jaw.lowest_mrad <= position <= profile.jaw.highest_mrad:
                 ends = f"{profile.jaw.lowest_mrad:g}..{profile.jaw.highest_mrad:g} mrad"
                 return Misfit("grasp", arm, f"{position:g} mrad", f"a position in {ends}")
-            step = 0 if hand.jaw is None else jaw - hand.jaw
-        grasp = int(step)
+            increment = 0 if hand.jaw is None else jaw - hand.jaw
+        grasp = int(increment)
         if mrad != 1.0:
-            grasp, jaw_remainder = _round_with_remainder(step * mrad + jaw_remainder)
+            grasp, jaw_remainder = _round_with_remainder(increment * mrad + jaw_remainder)
         if abs(grasp) > largest.jaw_mrad:
             expected = f"an increment of at most {largest.jaw_mrad:g} mrad"
             return Misfit("grasp", arm, f"{grasp} mrad", expected)

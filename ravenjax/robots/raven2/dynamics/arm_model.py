@@ -30,9 +30,7 @@ def operating_scene() -> mujoco.MjModel:
 
 @functools.cache
 def one_arm(arm: ArmName) -> mujoco.MjModel:
-    """Return the compiled model of one arm without shapes and scene. Its seven degrees of freedom
-    are in the order of `JOINTS`.
-    """
+    """Return an arm's compiled model without shapes and scene. Degrees of freedom: `JOINTS`."""
     return one_arm_spec(arm).compile()
 
 

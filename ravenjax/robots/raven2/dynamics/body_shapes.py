@@ -52,7 +52,7 @@ def group_geoms(model: mujoco.MjModel, body: int) -> list[list[int]]:
     """Return the numbers of a body's geoms, as one list for each material and colour."""
     geoms_by_look: dict[tuple[float, ...], list[int]] = {}
     for geom in _drawn_geoms(model, body):
-        look = (float(model.geom_matid[geom]), *model.geom_rgba[geom].round(3).tolist())
+        look = float(model.geom_matid[geom]), *model.geom_rgba[geom].round(3).tolist()
         geoms_by_look.setdefault(look, []).append(geom)
     return list(geoms_by_look.values())
 

@@ -58,10 +58,10 @@ def solve_by_mjx(
     """Return the solution x of `system` x = `right` by one `mjx.step`: changes of the joint speeds.
 
     system: 7 x 7, lower triangle, M / timestep + D. right: N m, insertion N. MuJoCo computes M and
-    bias. The tendon of joints i and j has length L_i q_i + L_j q_j, where L is LEVERS, and damping
-    D_ij / (L_i L_j). It adds D_ij L_i / L_j to the damping of joint i, so the joint's own damper
-    has the rest of D_ii. The implicit integrator evaluates dampers at the end of the step, so the
-    applied torques cancel the bias and the damping at the start of the step.
+    takes D as dampers: a tendon for each pair of joints i and j gives D_ij, and a damper of each
+    joint completes D_ii. The tendon has length L_i q_i + L_j q_j, where L is LEVERS, and damping
+    D_ij / (L_i L_j). It also adds D_ij L_i / L_j to D_ii. The applied torques cancel the bias of
+    MuJoCo and the forces of the dampers at the speed at the start of the step.
     """
     from ravenjax.mechanics.mechanism import advance_by_mjx  # imports MuJoCo
 
@@ -81,7 +81,7 @@ def solve_by_mjx(
         "body_mass": real(model.body_mass) * mass_scale,
         "body_inertia": real(model.body_inertia) * mass_scale,
         "tendon_damping": pair_damping[np.tril_indices(len(right), -1)],
-        # The sum contains D_ii, so D_ii has the factor 2
+        # D_ii less what the tendons add. The sum also contains D_ii itself, hence the factor 2
         "dof_damping": 2.0 * jnp.diagonal(damping) - levers * levers * pair_damping.sum(axis=1),
     }
     _, speed_after = advance_by_mjx(model, qpos, qvel, applied, options, **changes)

@@ -7,9 +7,7 @@ from ravenjax.robots.raven2.dynamics import arm_model
 
 _TABLES = resources.read_tables(__file__, "scene_views.toml")
 ENDOSCOPES = _TABLES["endoscopes"]
-"""Endoscope -> its position relative to `FIELD_CENTRE`, m, world frame. The eyes of a stereo
-endoscope are 5 to 6 mm apart.
-"""
+"""Endoscope -> position relative to `FIELD_CENTRE`, m, world. Stereo eyes are 5 to 6 mm apart."""
 FIELD_CENTRE = np.array([0.0, 0.0, 0.192])
 """Middle of the operating field, a little above the tissue, m, world frame."""
 # Vertical field of view. Rigid endoscopes see 60 to 75 degrees across their round picture.

@@ -24,9 +24,10 @@ class LinkErrors:
     wrist_length: Scalar  # m
 
 
-def tip_position(arm: str, jpos: Vec, errors: LinkErrors) -> Vec:
+def jaw_axis_position(arm: str, jpos: Vec, errors: LinkErrors) -> Vec:
     """Return the position (3, m, frame 0) of the jaw axis of an arm with link errors. The jaw axis
-    is known in frame 4 and converted from frame to frame. jpos: joints, rad and m.
+    is known in frame 4 and converted from frame to frame. jpos: joints, rad and m. `add`, `sub` and
+    `mul` omit operations with an error that is the constant 0.
     """
     geometry = GEOMETRY[arm]
     # The green arm has the other twist of link 2, and frame 0 is rotated by 180 deg about x

@@ -30,18 +30,19 @@ def joint_gravity_torque(arm: str, jpos: Vec, gravity: Scalar = GRAVITY) -> Vec:
     c2, s2 = jnp.cos(jpos[1]), jnp.sin(jpos[1])
     if geometry.zero2:  # theta2 differs from the elbow by half a turn
         c2, s2 = -c2, -s2
-    # GM1, GM2: sine and cosine of link 1's twist; GM3, cos23: of link 2's
+    # Sines and cosines of the twists, the angles between axes 1 and 2, and between axes 2 and 3
+    sin12, cos12, sin23, cos23 = GM1, GM2, GM3, geometry.cos23
     gx, gy = -gravity * c1, gravity * s1  # gravity in frame 1; its z component is zero
-    tilted_gy = GM2 * gy  # after the rotation about x by the twist of link 1
-    hx, hy, hz = c2 * gx + s2 * tilted_gy, c2 * tilted_gy - s2 * gx, -GM1 * gy  # gravity, frame 2
+    tilted_gy = cos12 * gy  # after the rotation about x by the twist of link 1
+    hx, hy, hz = c2 * gx + s2 * tilted_gy, c2 * tilted_gy - s2 * gx, -sin12 * gy  # gravity, frame 2
     m1, m2, m3 = MASSES
     # First moments (kg m): of links 2 and 3 in frame 2, then of all links in frame 1.
     x2 = m2 * link2[0]
-    y2 = m2 * link2[1] - m3 * GM3 * jpos[2]
-    z2 = m2 * link2[2] + m3 * geometry.cos23 * jpos[2]
+    y2 = m2 * link2[1] - m3 * sin23 * jpos[2]
+    z2 = m2 * link2[2] + m3 * cos23 * jpos[2]
     x1 = m1 * link1[0] + c2 * x2 - s2 * y2
-    y1 = m1 * link1[1] + GM2 * (s2 * x2 + c2 * y2) - GM1 * z2
-    return Vec((y1 * gx - x1 * gy, y2 * hx - x2 * hy, m3 * (GM3 * hy - geometry.cos23 * hz)))
+    y1 = m1 * link1[1] + cos12 * (s2 * x2 + c2 * y2) - sin12 * z2
+    return Vec((y1 * gx - x1 * gy, y2 * hx - x2 * hy, m3 * (sin23 * hy - cos23 * hz)))
 
 
 def gravity_torque(arm: str, jpos: Vec, gravity: Scalar = GRAVITY) -> Vec:

@@ -61,8 +61,7 @@ def instrument_line(arm: str, jpos: Vec) -> InstrumentLine:
     """Return the instrument at `jpos` (7, rad and m) as a line of two straight pieces."""
     chain = kinematics.chain_axes(arm, jpos)
     to_end, end_per_yaw = _jaw_vector(chain, jaw_yaw(jpos))
-    wrist = chain.z3 * (jpos[2] + D4)
-    return InstrumentLine(chain, wrist, chain.tip + to_end, end_per_yaw)
+    return InstrumentLine(chain, chain.z3 * (jpos[2] + D4), chain.tip + to_end, end_per_yaw)
 
 
 def line_point(arm: str, line: InstrumentLine, position: Vec, share: Scalar) -> InstrumentPoint:

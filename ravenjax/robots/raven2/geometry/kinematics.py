@@ -66,7 +66,8 @@ def chain_axes(arm: str, jpos: Vec) -> ChainAxes:
     c4, s4 = jnp.cos(jpos[3]), jnp.sin(jpos[3])
     c5, s5 = jnp.sin(jpos[4]), -jnp.cos(jpos[4])  # theta5 = wrist - 90 deg
 
-    # Axes of frame 3 are columns of Rx(75 deg) Rz(theta2) Rx(alpha2) Rz(+-90 deg), in frame 1
+    # Axes of frame 3 are columns of Rx(75 deg) Rz(theta2) Rx(alpha2) Rz(+-90 deg), in frame 1.
+    # GM1, GM2: sine and cosine of 75 deg. GM3, cos23: sine and cosine of alpha2
     def from_frame1(x: Scalar, y: Scalar, z: Scalar):
         # Returns a vector of frame 1 in frame 0.
         x0, y0 = c1 * x - s1 * y, s1 * x + c1 * y
@@ -183,20 +184,21 @@ def _find_wrists(arm: str, pose: Pose) -> tuple[_Wrists, _Axes]:
         # Side 1: the wrist is between the jaw axis and the remote centre. Side 0: beyond the axis
         wrist_position = position + offset if side else position - offset
         insertion = jnp.sqrt(dot(wrist_position, wrist_position))
-        yaw = Vec((-u[0], u[1])) if side else Vec((u[0], -u[1]))
+        cos_sin6 = Vec((-u[0], u[1])) if side else Vec((u[0], -u[1]))
         direction = wrist_position * (1.0 / insertion)
-        return _Wrist(insertion, direction, -w if side else w, yaw)
+        return _Wrist(insertion, direction, -w if side else w, yaw=cos_sin6)
 
     return (wrist(0), wrist(1)), (x6, y6, z6)
 
 
 def _solve_depth(arm: str, wrist: _Wrist, axes: _Axes, depth: Scalar) -> _BendPair:
     # Returns both solutions of a side and a depth. axes: x, y and z axis of the pose. depth: False
-    # if the insertion axis points from the wrist to the remote centre. GM1 to GM3: sines and
-    # cosines of the angles between the axes.
+    # if the insertion axis z3 points from the wrist to the remote centre. The shoulder's axis z1 is
+    # (0, 0, 1). GM1, GM2: sine and cosine of the angle from z1 to z2; GM3, cos23: from z2 to z3.
     (x6, y6, z6), cos23 = axes, GEOMETRY[arm].cos23
     ahead, behind = (wrist.direction, wrist.insertion), (-wrist.direction, -wrist.insertion)
     insertion_axis, distance = where(depth, ahead, behind)
+    # The z component of the insertion axis is GM2 cos23 - cosine GM1 GM3
     cosine = insertion_axis[2] * (-1.0 / (GM1 * GM3)) + GM2 * cos23 / (GM1 * GM3)
     c2 = clamp(cosine, -1.0, 1.0)
     s2 = jnp.sqrt((1.0 - c2) * (1.0 + c2))
@@ -210,12 +212,11 @@ def _solve_depth(arm: str, wrist: _Wrist, axes: _Axes, depth: Scalar) -> _BendPa
     # From the origin of frame 4 to the jaw axis, in units of Lw
     to_jaw = wrist.to_jaw + (insertion_axis - z3) * (distance * (1.0 / LW))
 
-    # theta4 follows from a direction v: to_jaw, or z6 if to_jaw is almost parallel to z3
+    # theta4 is the angle to x4, the x axis of frame 4. From v = factor x4 + along_z3 z3, where v is
+    # to_jaw = c5 x4 + s5 z3, or if this is almost parallel to z3, z6 = s5 x4 - c5 z3
     c5, s5 = -dot(z3, z6), dot(z3, to_jaw)
     uses_jaw = jnp.abs(c5) > SINGULAR_BOUND
     vx, vy, vz = where(uses_jaw, to_jaw, z6)
-    # `along_z3` is z3 v. Without its part along z3, v is a multiple of x4, by c5 or s5. `roll` has
-    # the components of v along m x z3 and m = z1 x z3, times this factor
     along_z3, factor = jnp.where(uses_jaw, s5, -c5), jnp.where(uses_jaw, c5, s5)
 
     # If z3 is almost parallel to z6, the pose's axes do not determine theta6
@@ -225,6 +226,7 @@ def _solve_depth(arm: str, wrist: _Wrist, axes: _Axes, depth: Scalar) -> _BendPa
     return _BendPair(
         axis=Vec((x, y)),
         theta2=Vec((c2, s2)),
+        # Of factor (v - along_z3 z3) = factor^2 x4, the components along m x z3 and m = z1 x z3
         roll=Vec(((z3[2] * along_z3 - vz) * factor, (z3[0] * vy - z3[1] * vx) * factor)),
         d3=distance - D4,
         theta5=jnp.atan2(s5, c5),
@@ -234,11 +236,12 @@ def _solve_depth(arm: str, wrist: _Wrist, axes: _Axes, depth: Scalar) -> _BendPa
 
 
 def _split_bends(arm: str, pair: _BendPair) -> tuple[Theta, Theta]:
-    """Return the DH variables of both bends. In the second, theta2, b1 and alpha are negated."""
+    """Return the DH variables of both bends of the elbow. Bend 1 has -theta2, -b1 and -alpha."""
     side, cos23 = GEOMETRY[arm].side, GEOMETRY[arm].cos23
     (x, y), (c2, s2), (e, f) = pair.axis, pair.theta2, pair.roll
-    # theta1 turns (b1, -b2), the insertion axis in frame 1, to (x, y). theta4 is the angle from x3,
-    # (beta, -alpha), to x4, (e, f). y3 is (alpha, beta)
+    # The angle from (p, q) to (u, v) is atan2(p v - q u, p u + q v). theta1 is the angle from (b1,
+    # -b2), the insertion axis z3 in frame 1, to (x, y), the same axis in frame 0. theta4 is the
+    # angle from x3, (beta, -alpha), to x4, (e, f), which are perpendicular to z3
     b1, b2 = s2 * GM3, c2 * (GM2 * GM3) + GM1 * cos23
     alpha, beta = s2 * (side * GM1), c2 * (-side * GM1 * cos23) - side * GM2 * GM3
     fa, ea, fb, eb = f * alpha, e * alpha, f * beta, e * beta
@@ -330,10 +333,10 @@ def _nearest_of_all(arm: str, measured: Theta, wrists: _Wrists, axes: _Axes) -> 
 def _likely_choice(
     arm: str, measured: Theta, wrists: _Wrists, axes: _Axes
 ) -> tuple[_Choice, Scalar]:
-    # Returns the solution that is probably nearest, and a lower bound of the cost of all others. A
-    # solution has a side, a depth and a bend. Of each side it takes the depth with the nearer d3,
-    # and then the side with the smaller `_common_cost`. Costs are sums of squares, so a part of a
-    # solution's cost is a lower bound of its cost. The bound may be NaN.
+    # Returns the solution that is probably nearest, and a lower bound of the cost of all others. Of
+    # each side it takes the depth with the nearer d3, then the side with the smaller `_common_cost`
+    # (both by parts of the cost), then the bend with the smaller cost. Costs are sums of squares,
+    # so a part of a cost is a lower bound of it, here for other sides and depths. It may be NaN.
     def nearer_depth(wrist: _Wrist):
         shallow, deep = (
             _depth_cost(measured, distance - D4) for distance in (-wrist.insertion, wrist.insertion)
@@ -352,9 +355,9 @@ def _likely_choice(
 
 def _centre_choice(measured: Theta, insertion: Scalar) -> _Choice:
     # Returns the solution that the original selects if a wrist is within Lw of the remote centre.
-    # The original stops before it computes angles, which stay zero. If only side 1 is so near, d3
-    # of side 0 was computed before; otherwise d3 is zero. The cost is the squared distance of this
-    # solution. insertion: m, distance of the wrist of side 0 from the remote centre.
+    # The original stops before it computes angles, which stay zero. If only the wrist of side 1 is
+    # so near (insertion > LW), d3 of side 0 was computed before; otherwise d3 is zero. The cost is
+    # the solution's squared distance. insertion: m, from remote centre to the wrist of side 0.
     shallow, deep = -D4 - insertion, -D4 + insertion
     nearer = jnp.where(jnp.abs(measured.d3 - deep) < jnp.abs(measured.d3 - shallow), deep, shallow)
     d3 = jnp.where(insertion <= LW, 0.0, nearer)
@@ -362,8 +365,7 @@ def _centre_choice(measured: Theta, insertion: Scalar) -> _Choice:
     # `sum` starts with the first square in place of 0, which would be another operation
     cost = sum((_square(angle) for angle in angles[1:]), _square(angles[0]))
     zero = jnp.zeros_like(d3)
-    theta = Theta(zero, zero, d3, zero, zero, zero)
-    return _Choice(theta, cost + _depth_cost(measured, d3))
+    return _Choice(Theta(zero, zero, d3, zero, zero, zero), cost + _depth_cost(measured, d3))
 
 
 def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK:
@@ -374,8 +376,8 @@ def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> IK
     measured = joints.theta_from_joint(arm, jpos_ref)
     wrists, axes = _find_wrists(arm, pose)
 
-    # `bound` is a lower bound of the costs of all other solutions. One of them can only be nearer
-    # if it is below the cost of the likely one, which is rare. `not <` is also true of NaN
+    # No other solution has a cost below `bound`. All are computed only if the likely one's cost is
+    # not below `bound`, which is rare. `~(a < b)` is also true if a number is NaN
     likely, bound = _likely_choice(arm, measured, wrists, axes)
     compute_all = partial(_nearest_of_all, arm, measured, wrists, axes)
     nearest = if_rarely(~(likely.cost < bound), compute_all, likely)

@@ -40,5 +40,5 @@ def soft_limits(tool: str, software: str = "raven2") -> SoftLimits:
     roll, wrist, grasp1, _ = (limit * _DEG for limit in find_tool(tool).limit_deg)
     if is_fork:
         roll = FORK_ROLL_LIMIT
-    lower = (*POSITIONING_LOWER, -roll, -wrist, None if is_fork else -grasp1)
+    lower = *POSITIONING_LOWER, -roll, -wrist, None if is_fork else -grasp1
     return SoftLimits(lower, (*POSITIONING_UPPER, roll, wrist, None))

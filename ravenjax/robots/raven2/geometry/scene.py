@@ -72,7 +72,7 @@ def tissue_surface(arm: ArmName, point: Vec) -> Surface:
     """
     x, y, z = to_world(arm, point)
     axis_y, slope = _vessel_axis(x)
-    # d^2 is VESSEL_LEAN offset^2. `rise` is (-dh/dx, -dh/dy, 1), where h is the height
+    # d^2 is VESSEL_LEAN offset^2, d offset/dx is -slope. rise: (-dh/dx, -dh/dy, 1), h: the height
     offset, scale = y - axis_y, VESSEL_LEAN / VESSEL_RADIUS**2
     profile = jnp.maximum(1.0 - scale * (offset * offset), 0.0)
     ridge_slope = (4.0 * VESSEL_HEIGHT * scale) * (profile * offset)  # -dh/dy of the ridge

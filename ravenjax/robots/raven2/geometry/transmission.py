@@ -82,7 +82,7 @@ def _tool_signs(sign: float, software: str) -> Vec:
 
 def tau_signs(arm: str, tool: str, software: str = "raven2", square: float = 1.0) -> Vec:
     """Return the signs (7) of DAC counts that turn motors forward: tau_per_amp of raven2. square:
-    factor that a square_raven adapter's tool motors have in addition to the sign of motors 1-3.
+    with a square_raven adapter, the sign of tool motors is this factor times that of motors 1-3.
     """
     positioning = -1.0 if arm == "gold" else 1.0
     tool_sign = {"raven": -1.0, "dv": 1.0, "square_raven": square * positioning}
@@ -113,7 +113,7 @@ def motor_from_joint(
     )
     insertion_part = (mpos[2] if mpos_insertion is None else mpos_insertion) * (1.0 / GB_RATIO)
     wrist_part = mul(find_tool(tool).wrist_coupling, wrist)
-    tool_joints = (roll, wrist, add(grasp1, wrist_part), sub(grasp2, wrist_part))
+    tool_joints = roll, wrist, add(grasp1, wrist_part), sub(grasp2, wrist_part)
     signs = coupling_signs(arm, tool, software)
     tools = Vec(TR[3:]).map(lambda tr, q, s: tr * q + mul(s, insertion_part), tool_joints, signs)
     return Vec((*mpos, *tools))
@@ -135,9 +135,7 @@ def joint_from_motor(arm: str, tool: str, mpos: Vec, software: str = "raven2") -
 
 
 def motor_matrix(arm: str, tool: str, software: str = "raven2") -> tuple[tuple[float, ...], ...]:
-    """Return the 7 x 7 matrix of `motor_from_joint` without `mpos_insertion`. Rows belong to
-    motors, columns to joints.
-    """
+    """Return the 7 x 7 matrix (motors x joints) of `motor_from_joint` without `mpos_insertion`."""
     unit_vectors = [Vec(row) for row in np.eye(7).tolist()]
     columns = [motor_from_joint(arm, tool, unit, software=software) for unit in unit_vectors]
     return tuple(zip(*columns, strict=True))

@@ -245,8 +245,7 @@ def control_cycle(
     jpos_d = files.check("jpos_d", jpos_d)
     cartesian = replace_fields(cartesian, jpos_d=jpos_d)
 
-    targets = map_arms(setup, motor_control.motor_targets, tools, jpos_d, mpos)
-    mpos_d = inject("mpos_d", targets)
+    mpos_d = inject("mpos_d", map_arms(setup, motor_control.motor_targets, tools, jpos_d, mpos))
     if files.replaces(user_files.MOTOR_CONTROL):
         motors = files.step_motor_control(
             params.motor_control, state.motor_control, active, pedal_down, mpos_d, jpos
@@ -342,9 +341,7 @@ def columns_of(records: tuple[Any, ...], *names: str) -> dict[str, tuple[Any, ..
 
 
 def replace_fields(records: tuple[Any, ...], **columns: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return the records of the arms with new values of some fields.
-    columns: name of a field -> its new values, one per arm.
-    """
+    """Return the arms' records with new values. columns: field -> its new values, one per arm."""
     rows = rows_of(**columns)
     return tuple(replace(old, **row) for old, row in zip(records, rows, strict=True))
 
@@ -364,8 +361,8 @@ def _inject_poses(
 def _simulated_motors(
     setup: RavenSetup, inputs: Inputs, state: ControlState, mpos: PerArm[Vec], mvel: PerArm[Vec]
 ) -> tuple[PerArm[Vec], PerArm[Vec]]:
-    # Returns motor positions and velocities in a dynamics-simulator build of the 2015 fork. Motors
-    # 1-3 are read from the simulated model. In build dyn_sim, tool motors are at their targets.
+    # Returns motor positions and velocities in a dynamics-simulator build of the 2015 fork: the
+    # simulated model's motors 1-3, and tool motors as measured, but in dyn_sim at their targets.
     if setup.build == "dyn_sim":
         mpos = tuple(motors.mpos_d for motors in state.motor_control)
         mvel = for_each_arm(setup, Vec.full(7, narrow_numbers(setup, 0.0)))

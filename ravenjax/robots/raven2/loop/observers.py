@@ -86,7 +86,7 @@ def update_model_and_cue(
         # command: translation, quaternion and jaw motion of the arm in the packet.
         if setup.console == "increments":
             # A packet may last several cycles, and its increments count only in the first.
-            no_motion = (Vec.full(3, 0), Vec((0.0, 0.0, 0.0, 1.0)), 0)
+            no_motion = Vec.full(3, 0), Vec((0.0, 0.0, 0.0, 1.0)), 0
             command = where(fresh, command, no_motion)
         return nominal.Command(*command, engaged=clean.surgeon_mode)
 
@@ -152,8 +152,8 @@ def golden_reference(
 ) -> monitor.Reference:
     """Return the tips of the golden run in this tick.
 
-    tips, pos: true tips (m) and measured tips (um) of the robot. While `signal.golden_differs` is
-    false, they are the result: no fault has acted, and the robot is its own golden run.
+    tips, pos: true tips (m) and measured tips (um) of the robot, which is its own golden run until
+    a fault acts. `signal.golden_differs` tells this in training sessions; it is None in campaigns.
     """
     if signal.golden_differs is None:
         return signal.reference

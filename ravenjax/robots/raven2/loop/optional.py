@@ -61,8 +61,8 @@ def _time_packets(clock: packet_clock.PacketClock, console: Console) -> packet_c
         )
         clock = packet_clock.step(clock, now, fresh, cycles)
     console.timing = PacketTiming(console.sequence, clock.tick, clock.before)
-    # `older` returns the timing of the packet that arrives, by the faults of the network. If these
-    # can deliver earlier packets, stage `history` replaces this function.
+    # `older` returns the timing of the packet that arrives: here the newest. If faults of the
+    # network can deliver earlier packets, stage `history` replaces this function.
     console.older = lambda network: console.timing
     # The plan continues in every tick. A packet contains the motion since the packet before.
     console.plan = PlanMoment(row=now, before=now - 1, continues=jnp.bool_(True))
@@ -74,8 +74,8 @@ def _remember_packet_times(history: Vec, console: Console) -> Vec:
     now, history = console.signal.tick, packet_history.step(history, console.fresh)
 
     def arriving_packet(network: Network) -> PacketTiming:
-        # `lag` and `delay` are numbers of packets. A packet contains the motion since the packet
-        # before it, so both are found.
+        # `lag` and `delay` are numbers of packets. The arriving packet contains the motion since
+        # the packet before it, so the result has the times at which both packets were sent.
         late = jnp.maximum(network.lag + network.delay, 0)
         ages = (packet_history.packet_age(history, packets) for packets in (late, late + 1))
         sent, sent_before = (now - age for age in ages)

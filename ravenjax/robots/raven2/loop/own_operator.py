@@ -147,8 +147,8 @@ def act_as_file(state: OwnOperatorState, console: Console) -> OwnOperatorState:
 
 
 def _advance_pace(pace: OwnPace, share: Scalar, continues: Scalar, lag_sent: Scalar) -> OwnPace:
-    """Return the lag after one millisecond. share: pace of the hands, 1 as planned, 0 at rest.
-    continues: bool, the plan continues in this tick. lag_sent: the lag in the newest packet.
+    """Return the lag behind the plan after one millisecond. share: rows of the plan that the hands
+    perform in it, 0 to 1. continues: bool, the plan continues. lag_sent: lag in the newest packet.
     """
     # A comparison with NaN is false, so NaN gives the planned pace.
     share = jnp.where(share < 1.0, jnp.maximum(share, 0.0), 1.0)

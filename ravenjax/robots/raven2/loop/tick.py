@@ -149,7 +149,7 @@ def _wait_for_packet(
         sequence = now if every_tick else lax.div(now, jnp.maximum(cycles, 1))
         if ends_with_robot:
             sequence = jnp.where(soft_estopped != 0, state.packet, sequence)
-        # The sequence number then changes in every tick.
+        # A robot build with a packet in every tick changes the sequence number in every tick.
         always_fresh = every_tick and not ends_with_robot
         fresh = jnp.bool_(True) if always_fresh else sequence != state.packet
 

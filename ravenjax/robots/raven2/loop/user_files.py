@@ -174,7 +174,8 @@ class UserFiles:
     def check(self, seam: str, signal: PerArm[Vec]) -> PerArm[Vec]:
         """Return the signal after the checks at a seam of the control software, one Vec per arm.
 
-        A check that stops sets commands of its arm to 0; `stop` and `allow` then stop the robot.
+        A check that stops sets commands of its arm to 0 and is stored in `_stops`. By this list,
+        `stop` and `allow` stop the robot later in the tick.
         """
         # `note` adds the signal to the views of files, before and after each check.
         name = _FIELDS.get(seam, seam)
@@ -223,8 +224,8 @@ class UserFiles:
         pins = boards.pins
         if refusing:
             self.state = replace(self.state, refusing=refusing)
-            # A held watchdog bit makes the PLC stop. In an E-stop it is not held, because the PLC
-            # cannot be started without the watchdog's wave.
+            # The PLC stops the robot if the watchdog bit no longer alternates, so a board that
+            # refuses holds its bit. In an E-stop the bit alternates, or the PLC could not start.
             holds_wave = [refuses & (plc_runlevel != E_STOP) for refuses in refusing]
             commands = _where_tripped(refusing, _zeros(commands), commands)
             pins = tuple(
@@ -291,7 +292,7 @@ class UserFiles:
         gravity = for_each_arm(setup, Vec.full(3, 0.0))
         if has_gravity:
             gravity = map_arms(setup, motor_control.gravity_torques, jpos)
-        gains = ("kp", "kd", "ki", "mvel_d")
+        gains = "kp", "kd", "ki", "mvel_d"
         self.note(
             active=active,
             pedal_down=pedal_down,
@@ -331,6 +332,7 @@ class UserFiles:
     def _step_stage(self, stage: str, name: str, examples: Sequence[Vec]) -> list[Vec]:
         # Runs the user's file in place of a stage of the control software, and returns the result
         # `name` for each arm. examples: values with the form that the result must have.
+        # `controller`: pairs (stage, file). Parameters and states have the same order.
         index = list(dict(self._setup.controller)).index(stage)
         _, source = self._setup.controller[index]
         code, dtype = part.load_part(source), self._setup.precision.narrow

@@ -218,8 +218,8 @@ def _solutions(arm: str, tip: Transform):
     """Return the eight solutions (6 DH variables, validity), and whether the original stopped.
 
     The original stops at the first side whose wrist is at the remote centre, before it computes any
-    angle, so all angles are zero. This side is invalid, and the other side counts as valid. Only a
-    stop at side 1 leaves values of d3, those of side 0.
+    angle, so all angles are zero. After a stop at side 0, side 0 is invalid, side 1 valid, and d3
+    is zero. After a stop at side 1, side 1 is invalid, and side 0 is valid with its values of d3.
     """
     x, y, _ = inverse_transform(tip).origin
     to_remote_centre = Vec((x, y, 0.0))
@@ -256,14 +256,14 @@ def _cosine2(arm: str, height: Scalar, d: Scalar) -> Scalar:
 
 
 def _angles(arm: str, tip: Transform, wrist: Vec, d3: Scalar, theta2: Scalar) -> Vec:
-    # Returns the DH variables from the wrist's position, d3 and theta2. theta4 to theta6 are those
-    # of t36. If a divisor (c5 or s5) is near 0, they are computed from entries with the other one.
+    # Returns the DH variables from the wrist's position, d3 and theta2. t36 has the origin (LW c5
+    # c4, LW c5 s4, D4 + LW s5), column z (s5 c4, s5 s4, -c5) and row z (s5 c6, -s5 s6, -c5). The
+    # column gives theta4 if c5 is near 0. x6 = (c6, 0, s6) in frame 5 gives theta6 if s5 is near 0.
     cos2, sin2 = jnp.cos(theta2), jnp.sin(theta2)
     theta1 = _theta1(arm, wrist, d3 + D4, cos2, sin2)
     t03 = _chain(*_links123(arm, theta1, theta2, d3))
     t36 = multiply_literally(inverse_transform(t03), tip)
     (_, _, r02), (_, _, r12), (r20, r21, r22) = t36.rotation
-    # Cosines and sines of theta4, theta5 and theta6
     c5, s5 = -r22, (t36.origin[2] - D4) / LW
     use_tip = jnp.abs(c5) > kinematics.SINGULAR_BOUND
     c4 = jnp.where(use_tip, t36.origin[0] / (LW * c5), r02 / s5)
@@ -300,7 +300,7 @@ def gravity_torque(arm: str, jpos: Vec) -> Vec:
     (com1, com2), (_, m2, m3) = gravity.CENTRES[arm], gravity.MASSES
     # The original puts the mass of link 3 at the origin of its frame
     com3 = t23.origin
-    in_frame1 = (com1, transform_point(t12, com2), transform_point(t12, com3))
+    in_frame1 = com1, transform_point(t12, com2), transform_point(t12, com3)
     # Gravity in frames 1, 2 and 3
     g1 = matvec(inverse_matrix(t01.rotation), Vec((-gravity.GRAVITY_AS_STORED, 0.0, 0.0)))
     g2 = matvec(inverse_matrix(t12.rotation), g1)

@@ -71,8 +71,8 @@ def damped_spring(
     """Return the force `spring * (1 + damping * closing)`, at least 0, linearised for a step.
 
     spring, stiffness: force (N) and its derivative by depth (N/m) at the end of the step `dt` (s),
-    if the closing speed (m/s) is constant. damping: s/m. `rate` of the result includes both: a
-    faster closing also makes the depth greater.
+    if the closing speed (m/s) is constant. damping: s/m. `rate` of the result, the derivative by
+    the closing speed, has two terms: by the depth, which grows by closing dt, and by the damping.
     """
     damping_factor = 1.0 + damping * closing
     in_contact = damping_factor > 0.0
@@ -96,9 +96,10 @@ class TipContact(NamedTuple):
         return self.rise * self.normal.force - self._sliding(self.velocity) * self.drag
 
     def force(self, speed_gains: Vec) -> Vec:
-        """Return the force (3, N) in the step. speed_gains: of the joints, rad/s and m/s."""
+        """Return the force (3, N) in the step. speed_gains: changes of joint speeds, rad/s, m/s."""
         change = self.tip.velocity(speed_gains)
         normal = jnp.maximum(self.normal.force - self.normal.rate * dot(self.rise, change), 0.0)
+        # Friction is `drag` times the sliding velocity.
         return self.rise * normal - self._sliding(self.velocity + change) * self.drag
 
     def add_damping(self, system: list[list[Scalar]]) -> None:
@@ -129,7 +130,7 @@ def jaw_tips(
     def find_contact(tip: instrument.InstrumentPoint) -> TipContact:
         # Computes the contact of one tip: a damped Hertz contact with dry friction.
         surface, velocity = scene.tissue_surface(arm, tip.position), tip.velocity(jvel)
-        # `rise` is the normal (-dh/dx, -dh/dy, 1) of the height h, whose length is not 1.
+        # The normal (-dh/dx, -dh/dy, 1) of the surface's height h. Its length |rise| is not 1.
         rise = surface.rise
         closing = -dot(rise, velocity)
         depth = jnp.maximum(surface.depth + closing * dt, 0.0)
@@ -138,19 +139,19 @@ def jaw_tips(
         normal = damped_spring(k * depth * root, 1.5 * k * root, params.damping, closing, dt)
         square = dot(rise, rise)
         inverse_square = 1.0 / square
-        # The square of the sliding speed is that of the speed minus that of the normal speed.
-        sliding = jnp.maximum(dot(velocity, velocity) - closing * closing * inverse_square, 0.0)
+        # Squares of speeds: sliding^2 = speed^2 - normal^2. The normal speed is closing / |rise|.
+        speed2 = dot(velocity, velocity)
+        sliding2 = jnp.maximum(speed2 - closing * closing * inverse_square, 0.0)
+        # The force of friction is params.friction |rise| normal.force; `drag`: per sliding speed.
         coulomb = params.friction * normal.force
-        drag = coulomb * jnp.sqrt(square / (sliding + CREEP_M_S**2))
+        drag = coulomb * jnp.sqrt(square / (sliding2 + CREEP_M_S**2))
         return TipContact(tip, rise, surface.vessel, normal, drag, inverse_square, velocity)
 
     return tuple(map(find_contact, instrument.jaw_tips(arm, jpos)))
 
 
 def contact_forces(contacts: tuple[TipContact, ...], speed_gains: Vec) -> Touch:
-    """Return the forces of tissue and vessel in a step. speed_gains: changes of joint speeds in it,
-    rad/s and m/s.
-    """
+    """Return the forces of tissue and vessel. speed_gains: changes of joint speeds, rad/s, m/s."""
     forces = [tip.force(speed_gains) for tip in contacts]
     total = forces[0] + forces[1]
     on_vessel = [
@@ -254,5 +255,4 @@ def _nearest_points(first: _Piece, second: _Piece) -> _Pair:
     distance = norm(separation)
     # s and t are the places of the points, from 0 at the begin of a piece to 1 at its end.
     jaw_shares = (s if first.is_jaws else s * 0.0), (t if second.is_jaws else t * 0.0)
-    depth = first.radius + second.radius - distance
-    return _Pair(depth, distance, separation, points, jaw_shares)
+    return _Pair(first.radius + second.radius - distance, distance, separation, points, jaw_shares)

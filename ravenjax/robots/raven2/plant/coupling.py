@@ -35,7 +35,7 @@ class Coupling:
 
     def to_motors(self, joints: Vec) -> Vec:
         """Return T x: motor angles (or speeds) from joint positions (or speeds)."""
-        # T[i] is (rows[i] + ratio[i] rows[Z]) / gain, where Z is the insertion.
+        # T[i][j] is (rows[i][j] + ratio[i] rows[Z][j]) / gain[j], where Z is the insertion.
         joints = joints.map(_divide, self.gain)
         insertion = dot(self.rows[Z], joints)
         return Vec(
@@ -46,8 +46,8 @@ class Coupling:
     def to_joints(self, motors: Vec) -> Vec:
         """Return T^-1 x: joint positions (or speeds) from motor angles (or speeds)."""
         joints = []
-        # T[i] is (rows[i] + ratio[i] rows[Z]) / gain, where Z is the insertion. `rows` is lower
-        # triangular, so each joint follows from the joints before it.
+        # T[i][j] is (rows[i][j] + ratio[i] rows[Z][j]) / gain[j], where Z is the insertion. `rows`
+        # is lower triangular, so each joint follows from the joints before it.
         for i in range(N):
             remainder = sub(motors[i], mul(self.ratio[i], motors[Z]))
             for j in range(i):
@@ -57,7 +57,7 @@ class Coupling:
 
     def joint_loads(self, torques: Vec) -> Vec:
         """Return T^T f: loads of the joints (N m; insertion N) from motor torques f (N m)."""
-        # T[i] is (rows[i] + ratio[i] rows[Z]) / gain, so torque i also acts as torque Z.
+        # T[i][j] is (rows[i][j] + ratio[i] rows[Z][j]) / gain[j]: torque i also acts as torque Z.
         insertion = torques[Z]
         for i in range(N):
             insertion = add(insertion, mul(self.ratio[i], torques[i]))
@@ -67,7 +67,7 @@ class Coupling:
 
     def motor_torques(self, loads: Vec) -> Vec:
         """Return T^-T f: motor torques (N m) that balance loads f (N m; insertion N) on joints."""
-        # T is T_drawn diag(1 / gain), where T_drawn has the gains 1 of drums as drawn.
+        # T is D diag(1 / gain), where D is T with all gains 1. Therefore T^-T f is D^-T (gain f).
         drawn, loads = dataclasses.replace(self, gain=AS_DRAWN), loads.map(mul, self.gain)
         torques = []
         for i in range(N):
@@ -78,8 +78,8 @@ class Coupling:
 
     def congruence(self, weights: Vec) -> list[list[Scalar]]:
         """Return T^T diag(weights) T, symmetric; entries [i][j] with j > i are 0 instead."""
-        # T = R rows diag(1 / gain), each 7 x 7. R adds `ratio` times the insertion's row to the
-        # rows of tool motors. inner = R^T diag(weights) R, of which the lower triangle is stored.
+        # T = R rows diag(1 / gain). R is the unit matrix, but R[i][Z] = ratio[i] for tool motors i.
+        # inner = R^T diag(weights) R, its lower triangle
         inner: list[list[Scalar]] = [[0.0] * N for _ in range(N)]
         for i in range(N):
             inner[i][i] = weights[i]
@@ -123,8 +123,8 @@ def _terms(rows: Sequence[Vec], i: int, j: int) -> list[tuple[int, int, float]]:
 @cache
 def arm_coupling(arm: ArmName, tool: str, software: str) -> Coupling:
     """Return the coupling of an arm with a tool. `software` sets the sign of the first jaw."""
-    # Each tool motor's row of T is `ratio` times the insertion's row plus a remainder, `rows`, with
-    # few entries. Differences that are rounding errors are set to 0.
+    # A tool motor's row of the motor matrix is `ratio` times the insertion's row plus a remainder.
+    # Most entries of the remainder are 0, which saves operations; rounding errors are set to 0.
     matrix = transmission.motor_matrix(arm, tool, software)
     ratio = tuple(matrix[i][Z] / matrix[Z][Z] if i > Z else 0.0 for i in range(N))
     rows = [Vec(matrix[i]) for i in range(Z + 1)]

@@ -61,8 +61,8 @@ def coulomb_damping(level: Scalar, drive: Scalar, inertia_rate: Scalar) -> Scala
     speed at the end of the step without friction, same unit. inertia_rate: inertia divided by the
     step, plus all other implicit damping, N m s/rad (insertion: N s/m).
     """
-    # With this damping the final speed is sign(drive) excess / inertia_rate. If friction is greater
-    # than the force, the lower bound stops the joint.
+    # The final speed is drive / (inertia_rate + damping) = sign(drive) excess / inertia_rate. If
+    # friction is greater than the force, the lower bound stops the joint.
     excess = jnp.maximum(jnp.abs(drive) - level, 0.0)
     return level * inertia_rate / jnp.maximum(excess, inertia_rate * CREEP)
 
@@ -114,9 +114,11 @@ def cable_tension(stiffness: Scalar, damping: Scalar, delta: Scalar, rate: Scala
 def linearise_cable(
     arm: float, stiffness: Scalar, damping: Scalar, stretch: Scalar, dt: float
 ) -> Linear:
-    """Return a cable's law over the coming `dt` (s). arm: lever, m/rad. stretch: rad."""
-    # `cable_tension` times the lever, at the end of the step. Its derivative is `slope`.
+    """Return a cable's torque as a function of its stretch rate in the coming `dt` (s).
+    arm: lever, m/rad. stretch: rad at the start. stiffness: N. damping: N s/m.
+    """
     delta = arm * stretch
+    # Derivative of the tension by the stretch in m. During dt, the stretch grows by rate dt.
     slope = 2.0 * stiffness * _cosh(delta)
     force = (2.0 * arm) * stiffness * _sinh(delta)
     return Linear(force, (arm * arm) * (dt * slope + 2.0 * damping))
@@ -189,9 +191,10 @@ def eliminate_motor(
 ) -> EliminatedMotor:
     """Return the motor's speed and the cable's force as functions of the link's speed.
 
-    The equation of the motor's speed w at the end of the step is resistance w = known_torque +
-    coupling (link's speed - w). `stretch_rate` (w minus the link's speed) and `force` hold for an
-    unchanged link speed. `stiffening` is the loss of force per gain of link speed.
+    At the end of the step, resistance w = known_torque + coupling (v - w), with the speeds w of the
+    motor and v of the link. So w = (known_torque + coupling v) inverse and w - v = (known_torque -
+    resistance v) inverse, where inverse is 1 / (resistance + coupling). `stretch_rate` (w - v) and
+    `force` are those at v = link_speed. `stiffening`: loss of force per gain of v.
 
     inertia_rate: Im/dt, N m s/rad. viscous, coulomb: friction, N m s/rad and N m. drive: torque, N
     m. speed, link_speed: of motor and link, rad/s of motor angle, at the start of the step.
@@ -274,10 +277,11 @@ def stop_params(tool: str) -> StopParams:
 def stop_force(
     params: StopParams, i: int, jpos: Scalar, jvel: Scalar, dt: float
 ) -> tuple[Scalar, Scalar]:
-    """Return the force of joint i's hard stop (N m; insertion N), and its derivative by speed.
+    """Return the force of joint i's hard stop (N m; insertion N), and its damping.
 
-    The force is that at the end of a step `dt` (s) at the present speed. The derivative is the loss
-    of force per gain of speed (N m s/rad; insertion N s/m). Both are 0 within the joint's range.
+    The force is that at the end of a step `dt` (s) at the present speed. The damping is the loss of
+    force per gain of speed (N m s/rad; insertion N s/m), by the stop's own damping and because the
+    joint penetrates farther during the step. Both are 0 within the joint's range.
     """
     above = jnp.maximum(jpos - params.upper[i], 0.0)
     below = jnp.minimum(jpos - params.lower[i], 0.0)

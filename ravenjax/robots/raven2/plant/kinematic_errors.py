@@ -106,7 +106,7 @@ def _tip(arm: str, jpos: Vec, errors: KinematicErrors) -> Vec:
     if is_exact(errors):
         return kinematics.forward_pose(arm, jpos).position
     links = tree.map_leaves(lambda error: mul(errors.scale, error), errors.links)
-    return built_links.tip_position(arm, jpos, links)
+    return built_links.jaw_axis_position(arm, jpos, links)
 
 
 STEPS = 4
@@ -171,5 +171,4 @@ def _linear_fit(arm: str) -> tuple[list[list[float]], list[list[float]]]:
         rows[:, :3] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
         rows[:, 3:] = np.eye(3)
     # The matrix is rounded, because LAPACK's last digits depend on the CPU.
-    fit_matrix = np.linalg.pinv(design.reshape(-1, 6)).round(12)
-    return tips.tolist(), fit_matrix.tolist()
+    return tips.tolist(), np.linalg.pinv(design.reshape(-1, 6)).round(12).tolist()

@@ -40,7 +40,7 @@ from ravenjax.robots.raven2.plant.drives import coulomb_damping
 from ravenjax.robots.raven2.setup import ArmName, RavenSetup
 
 TICK_S = 1e-3
-LAGRANGE = 5  # joints of the Euler-Lagrange equation; the two jaws are double integrators
+COUPLED_JOINTS = 5  # joints with the mass matrix M; the two jaws are double integrators
 INSERTION = 2
 
 # Diagonal of M at the home pose (kg m2; insertion kg), both arms; unit inertia for the jaws.
@@ -113,22 +113,23 @@ def params(setup: RavenSetup, parameter_set: str = parameter_sets.DEFAULT) -> No
     gain = motor.torque_per_count / transmission.TORQUE_PER_COUNT * motor.gain
     reaction_share, ratio = motor.reaction_scale, transmission.TR
     square = ratio.map(lambda r: r**2)
-    link_inertia = (*INERTIA[:LAGRANGE], 0.0, 0.0)
-    # I / J. I: inertia of the joint. J: inertia at its motor, with the link's share. All gains and
-    # frictions of the motor become those of the model by this factor.
+    link_inertia = *INERTIA[:COUPLED_JOINTS], 0.0, 0.0
+    # With rigid cables, a motor turns by r q and obeys J r q'' = -KP gain r q - viscous r q' -
+    # coulomb sign(q'). Times I / (J r), this is the equation of a joint of inertia I in the model.
+    # J: inertia at the motor, with the link's share.
     inertia_ratio = Vec(INERTIA) / (motor.inertia + reaction_share * link_inertia / square)
     gains = stored.GAINS["raven2"]["gold"]
     kp, kd = (inertia_ratio * Vec(gains[name]) * gain for name in ("kp", "kd"))
     kv = inertia_ratio * (motor.viscous + reaction_share * values.link_viscous / square)
     kc = inertia_ratio * (motor.coulomb + reaction_share * values.link_coulomb / ratio) / ratio
     # A jaw is a double integrator without friction, so its kd contains the viscous friction.
-    jaw_friction = Vec((*Vec.full(LAGRANGE, 0.0), *kv[LAGRANGE:]))
+    jaw_friction = Vec((*Vec.full(COUPLED_JOINTS, 0.0), *kv[COUPLED_JOINTS:]))
     return NominalParams(
         kp=kp,
         kd=kd + jaw_friction,
         ki=INTEGRAL_RATE * kp[INSERTION],
-        kv=Vec(kv[:LAGRANGE]),
-        kc=Vec(kc[:LAGRANGE]),
+        kv=Vec(kv[:COUPLED_JOINTS]),
+        kc=Vec(kc[:COUPLED_JOINTS]),
         mass_scale=1.0,
         resync=np.int32(0),
         target=TargetParams(Vec(allowed.lower[:5]), Vec(allowed.upper[:5])),
@@ -175,16 +176,16 @@ def track_target(
     error = jpos_d - jpos
     integral = state.integral + dt * error[INSERTION]
     # Jaws are locked at their home angles, because their few grams hardly move the centre of mass.
-    locked = Vec((*jpos[:LAGRANGE], *limits.HOME_JPOS[LAGRANGE:]))
-    link_speeds = Vec((*jvel[:LAGRANGE], 0.0, 0.0))
+    locked = Vec((*jpos[:COUPLED_JOINTS], *limits.HOME_JPOS[COUPLED_JOINTS:]))
+    link_speeds = Vec((*jvel[:COUPLED_JOINTS], 0.0, 0.0))
     # G(q) of the controller cancels G(q) of the model exactly, so both are left out.
     mass, bias = link_dynamics.mass_matrix_and_bias(
         arm, locked, link_speeds, Vec.full(3, 0.0), params.mass_scale
     )
     # Lower triangle and right side of the equations of joints 1-5 for the changes dv of speeds: M
-    # dv / dt = kp error - bias - (damping + friction) (v + dv)
+    # dv / dt = kp (error - dt (v + dv)) - bias - (kd + kv + friction) (v + dv)
     system, right = [], []
-    for i in range(LAGRANGE):
+    for i in range(COUPLED_JOINTS):
         row = [mul(1.0 / dt, mass[i][j]) for j in range(i + 1)]
         damping = params.kd[i] + params.kv[i] + dt * params.kp[i]
         row[i] = row[i] + damping
@@ -196,7 +197,7 @@ def track_target(
         right.append(force - friction * jvel[i])
         system.append(Vec(row))
     speed_gains = list(solve_spd(tuple(system), Vec(right)))
-    for i in range(LAGRANGE, 7):
+    for i in range(COUPLED_JOINTS, 7):
         damping = params.kd[i] + dt * params.kp[i]
         speed_gains.append((params.kp[i] * error[i] - damping * jvel[i]) / (1.0 / dt + damping))
     jvel = jvel + Vec(speed_gains)

@@ -143,8 +143,8 @@ def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> Pl
     motors = tuple(drives.advance_angle(drives.REFERENCE, angle) for angle in angles)
     fractions = Vec(motor.fraction * transmission.ENCODER_RAD for motor in motors)
     zero = jnp.int32(0)
-    # The whole counts are the reference. The joints there are the true joints less the motion that
-    # the rest of the angles, without the cables' stretch, causes.
+    # The whole counts are the reference. In every tick, T (joints - jpos_ref) = angles from the
+    # reference - stretch. Now the joints are true_jpos, and the angles are `fractions`.
     return PlantState(
         motors=tuple(drives.Angle(zero, cast(motor.fraction, dtype)) for motor in motors),
         stretch=cast(stretch, dtype),
@@ -192,18 +192,19 @@ def step_all(
     arms = setup.arms
     if touched is None or len(arms) < 2:
         return map_arms(setup, partial(step, touched=touched), params, states, signals)
-    ticks = map_arms(setup, partial(_ArmTick, touched=touched), params, states, signals)
-    left, right = ticks
+    arm_ticks = map_arms(setup, partial(_ArmTick, touched=touched), params, states, signals)
+    left, right = arm_ticks
     for _ in range(setup.substeps):
         jpos, jvel = (left.jpos(), right.jpos()), (left.state.jvel, right.state.jvel)
         touching = contact.find_instrument_contact(arms, touched, jpos, jvel, left.dt)
         rows, present_force = touching.separation_rows, touching.normal.force
-        systems = [arm.equations(rows[i] * present_force) for i, arm in enumerate(ticks)]
-        # dv = speed_gains + gains_per_newton (force - present_force), linear in the contact force.
-        gains_per_newton = [arm.solve(systems[i][0], rows[i]) for i, arm in enumerate(ticks)]
-        speed_gains = [arm.solve(*system) for arm, system in zip(ticks, systems, strict=True)]
+        systems = [arm.equations(rows[i] * present_force) for i, arm in enumerate(arm_ticks)]
+        # The changes of joint speeds are linear in the contact force. Solved with `present_force`,
+        # they are speed_gains; each newton more adds gains_per_newton.
+        gains_per_newton = [arm.solve(systems[i][0], rows[i]) for i, arm in enumerate(arm_ticks)]
+        speed_gains = [arm.solve(*system) for arm, system in zip(arm_ticks, systems, strict=True)]
         force = touching.force(speed_gains, gains_per_newton)
-        for i, arm in enumerate(ticks):
+        for i, arm in enumerate(arm_ticks):
             corrected_gains = speed_gains[i] + gains_per_newton[i] * (force - present_force)
             arm.move(corrected_gains, (touching.directions[i], force))
     return left.end(), right.end()
@@ -319,7 +320,8 @@ class _ArmTick:
         mvel, stretch, motors, tensions = [], [], [], []
         for i, motor in enumerate(self._solved):
             link_speed = self._link_speed[i] + link_gains[i]
-            # Speed of the motor, and of the cable's stretch, at the end of the substep.
+            # Speed of the motor, and of the cable's stretch, at the end of the substep. Both follow
+            # from the link's speed; `stretch_rate` is that at an unchanged link speed.
             speed = (motor.known_torque + motor.coupling * link_speed) * motor.inverse
             rate = motor.stretch_rate - motor.resistance * motor.inverse * link_gains[i]
             mvel.append(speed)

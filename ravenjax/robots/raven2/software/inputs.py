@@ -95,8 +95,9 @@ def per_board(name: str, given: Any, highest: int, *shapes: Shape) -> np.ndarray
     If `highest` is 1, truth values are allowed. shapes: ([arms],) for one cycle, ([cycles],
     [cycles, arms]) for several. An array [cycles] is returned as [cycles, 1].
     """
-    # The usual case must be fast. True is equal to 1, but no whole number.
-    if type(given) in (int, bool) and 0 <= given <= highest and (highest == 1 or given is not True):
+    # The usual case must be fast.
+    kinds = (int, bool) if highest == 1 else (int,)
+    if type(given) in kinds and 0 <= given <= highest:
         return np.asarray(given, np.int32)
     array = _integers(name, given, ((), *shapes), (0, highest))
     return array[:, np.newaxis] if len(shapes) > 1 and array.ndim == 1 else array

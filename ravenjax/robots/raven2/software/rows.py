@@ -44,7 +44,7 @@ def row_kind(setup: RavenSetup) -> RecordKind:
     """Return the record `Inputs` that compiled code reads from a row, with each number's offset."""
     row, slots = row_type(setup), [ARMS.index(arm) for arm in setup.arms]
     offset_of = _byte_offsets(row)
-    # This record contains the byte offset of each number in place of the number.
+    # The record `Inputs` with the byte offset of each number in place of the number.
     packet = offset_of["packet"]
     offsets = Inputs(
         Packet(
@@ -60,7 +60,7 @@ def row_kind(setup: RavenSetup) -> RecordKind:
         tuple(offset_of["read_ok"]),
     )
     boards = usb.init(setup)
-    # An example of `Inputs`, for its types. `pins` has the types of `read_ok`.
+    # The same record, with leaves in the same order, for the types: `read_ok` has those of `pins`.
     example = Inputs(packets.empty_packet(setup), boards, read_ok=boards.pins)
     record = RecordKind.of(example).record
     types = tuple(map(str, tree.tree_leaves(record)))

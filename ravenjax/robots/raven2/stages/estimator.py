@@ -51,8 +51,7 @@ def step(
     setup, arm: ArmName, tool: str, params: EstimatorParams, state: EstimatorState, enc_val: Vec
 ) -> tuple[EstimatorState, Vec, Vec]:
     """Return the state after one sample of one arm, mpos (7, rad) and mvel (7, rad/s)."""
-    signs = transmission.encoder_signs(arm, tool, setup.software)
-    counts = narrow_numbers(setup, enc_val) * signs
+    counts = narrow_numbers(setup, enc_val) * transmission.encoder_signs(arm, tool, setup.software)
     offset = narrow_numbers(setup, params.enc_offset)
     angle = narrow_numbers(setup, RAD_PER_COUNT * widen_numbers(setup, counts - offset))
     started = state.started != 0

@@ -56,7 +56,8 @@ def step(
     accepted = numbered & (number == last + 1)
     skip = numbered & _below(last + 1, number)
     duplicate = numbered & (number == last)
-    # After 0xFFFFFFFF, 0 is dropped as reserved, and 1 as a skip and a reset. 2 is then accepted.
+    # After 0xFFFFFFFF, number 1 is above last + 1 = 0, a skip, and also far below `last`, a reset.
+    # Both make 1 the last number, so 2 is then accepted.
     behind = numbered & _below(number, last) & ~accepted
     far_behind = _below(RESET_GAP, last) & _below(number, last - RESET_GAP)
     reset = behind & far_behind

@@ -126,6 +126,6 @@ def _count_sample(
     """
     counts = over & hard
     trip = counts & (counter > HARD_SAMPLES)
-    # A sample that trips restarts the count, as its first sample. Soft regulation resets the count.
+    # A sample that trips is also the first of the next count, so it sets the counter to 1.
     resets = instant | trip | (over & ~hard)
     return jnp.where(resets, 0, counter) + as_int(counts), trip

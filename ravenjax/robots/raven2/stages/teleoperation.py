@@ -105,6 +105,7 @@ def accumulate_increments(
         rotation_quat = select_evaluation(setup).quat_from_matrix(increment)
         quaternion = mapping.quat_mul(rotation_quat, old.quaternion)
         opening = old.pose.grasp_mrad - params.grasp_gain * packet.grasp[i]
+        # Comparisons in the original's order.
         opening = jnp.where(
             opening > params.grasp_max_mrad,
             params.grasp_max_mrad,

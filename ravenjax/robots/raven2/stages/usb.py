@@ -44,5 +44,4 @@ def transfer_values(held: AnyUsb, message: AnyUsb, ok: PerArm[Scalar]) -> AnyUsb
     """
     succeeded = tuple(flag != 0 for flag in ok)
     new, old = vars(message), vars(held)
-    fields = (tuple(map(where, succeeded, new[name], old[name])) for name in new)
-    return type(held)(*fields)
+    return type(held)(*(tuple(map(where, succeeded, new[name], old[name])) for name in new))

@@ -197,7 +197,7 @@ function draw() {
   coach.frame({ phase, started: panels.started, down, blocked }, scope);
   if (panels.role !== "operator" || drill.on) $("why").hidden = true;
   else why.frame({ ...panels.state, warned, link: root.dataset.link, level: latest.number("runlevel"), live: latest.number("live") === 1, pressed: input.pedal, down });
-  if (panels.shown && (panels.shown !== "stopped" || !$("alarm-words").hidden)) $("why").hidden = true; // the banner or the alarm says it
+  if (panels.shown && (panels.shown !== "stopped" || (!$("alarm-words").hidden && !why.again))) $("why").hidden = true; // the banner or the alarm says it
   probe.drawn();
 }
 requestAnimationFrame(draw);
@@ -218,6 +218,12 @@ function counted() {
 }
 
 // --- buttons ---
+
+// While a finger holds the pedal or a pad, browsers give no click for the tap of another finger.
+addEventListener("pointerup", ({ isPrimary, target, clientX, clientY }) => {
+  const button = !isPrimary && target instanceof Element && target.closest("#rj button:not(#estop)");
+  if (button instanceof HTMLElement && button.contains(document.elementFromPoint(clientX, clientY))) button.click();
+});
 
 for (const button of /** @type {NodeListOf<HTMLButtonElement>} */ (document.querySelectorAll("[data-operator]")))
   button.addEventListener("click", () => {

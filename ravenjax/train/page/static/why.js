@@ -7,6 +7,7 @@ const RECENT_MS = 30000; // silences in this time make a connection that stutter
 const USUAL_PER_S = 25; // messages, as input.js sends them
 const FEW_PER_S = 15;
 const IDLE_MS = 3000;
+const AT_ONCE_MS = 1000; // a robot that stops within this time after a restart has the same cause as before; an assumption
 const DRIVERS = { itp: "The ITP console", crtk: "A console over ROS", script: "A script" };
 const SINCE = {
   resume: "The session was paused",
@@ -19,8 +20,8 @@ const SINCE = {
   link: "No reports of the robot arrived",
 };
 
-/** The line, "" while the robot moves. level: run level; since: why the pedal must be lifted; rate: messages that this page sends, per second; warned: the field shows a cue or an alarm. */
-export function reason({ link, phase, owner, view, level, live, pressed, down, idle, warned = false, since, silences, rate, check }, touch = coarse()) {
+/** The line, "" while the robot moves. level: run level; since: why the pedal must be lifted; rate: messages that this page sends, per second; warned: the field shows a cue or an alarm; again: the robot stopped at once after a restart. */
+export function reason({ link, phase, owner, view, level, live, pressed, down, idle, warned = false, since, silences, rate, check, again = false }, touch = coarse()) {
   const pedal = touch ? "PEDAL" : "SPACE";
   if (link === "down") return "No connection: the robot holds still until the session answers.";
   if (phase === "over") return "The session is over.";
@@ -28,15 +29,17 @@ export function reason({ link, phase, owner, view, level, live, pressed, down, i
   if (phase === "paused") return "The instructor has paused the session: wait.";
   if (phase === "stopped") {
     const by = check ? `the check ${check.replaceAll("_", " ")}` : "an emergency stop";
-    return `Stopped by ${by}: lift the pedal, then restart${touch ? "" : " (Backspace)"}.`;
+    const restart = `then restart${touch ? "" : " (Backspace)"}.`;
+    if (again) return `Stopped again at once by ${by}: the cause is still there. Lift the pedal, remove the cause, ${restart}`;
+    return `Stopped by ${by}: lift the pedal, ${restart}`;
   }
   if (owner !== "page" && owner !== "nobody") return `${DRIVERS[owner] ?? owner} drives: wait, or take over while its pedal is up.`;
   if (level < 2) return "The robot is homing: wait.";
   if (pressed && !down) {
-    const again = `Let go of ${pedal}, then hold it again.`;
+    const lift = `Let go of ${pedal}, then hold it again.`;
     if (silences > 1 || rate < FEW_PER_S)
-      return `The connection stutters: ${rate < FEW_PER_S ? `${rate} of ${USUAL_PER_S} messages a second, ` : ""}${silences} silence${silences === 1 ? "" : "s"} in half a minute. ${again}`;
-    return since in SINCE ? `${SINCE[since]}. ${again}` : again;
+      return `The connection stutters: ${rate < FEW_PER_S ? `${rate} of ${USUAL_PER_S} messages a second, ` : ""}${silences} silence${silences === 1 ? "" : "s"} in half a minute. ${lift}`;
+    return since in SINCE ? `${SINCE[since]}. ${lift}` : lift;
   }
   if (view === "replay" && !down) return `Hold ${pedal}: the robot repeats the motion that you tried.`;
   if (!down && warned) return "The pedal is up: the robot holds still.";
@@ -56,14 +59,23 @@ export class Why {
     this.silent = [];
     this.check = "";
     this.moved = 0;
+    this.phase = "";
+    this.restarted = -Infinity; // tick at which the robot was restarted, or first followed the hands afterwards
+    this.again = false;
   }
 
-  event({ kind, why, down, check, phase, virtual }, now = performance.now()) {
+  event({ kind, why, down, check, phase, virtual, tick }, now = performance.now()) {
     if (kind === "rearm") this.since = why;
     if (kind === "rearm" && why.startsWith("silen")) this.silent.push(now);
     if (kind === "pedal" && down) this.since = "";
     if (kind === "alarm" && !virtual && (!FOLLOW.has(check) || !this.check)) this.check = check;
-    if (kind === "phase" && phase === "ready") this.check = "";
+    if (kind !== "phase") return;
+    const before = this.phase;
+    this.phase = phase;
+    if (phase === "ready") this.check = "";
+    if (phase === "ready" && before === "stopped") this.restarted = tick;
+    if (phase === "running" && before === "ready" && this.restarted >= 0) this.restarted = tick;
+    if (phase === "stopped" && before !== "paused") this.again = tick - this.restarted < AT_ONCE_MS;
   }
 
   /** Called once a frame. state: the arguments of `reason` that this object does not know. */
@@ -73,7 +85,7 @@ export class Why {
     this.silent = this.silent.filter((at) => now - at < RECENT_MS);
     const check = ["estop", ""].includes(this.check) ? "" : this.check;
     const idle = now - this.moved > IDLE_MS;
-    const text = reason({ ...state, check, idle, since: this.since, silences: this.silent.length, rate: this.input.rate });
+    const text = reason({ ...state, check, again: this.again, idle, since: this.since, silences: this.silent.length, rate: this.input.rate });
     if (this.place.textContent !== text) this.place.textContent = text;
     this.place.hidden = !text;
   }

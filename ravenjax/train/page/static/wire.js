@@ -28,7 +28,8 @@ export class Wire {
   }
 
   send(message) {
-    if (this.socket.readyState === WebSocket.OPEN && this.socket.bufferedAmount < 16384) this.socket.send(JSON.stringify(message));
+    const waits = this.socket.bufferedAmount >= 16384; // a newer message replaces the hands, and nothing replaces a command
+    if (this.socket.readyState === WebSocket.OPEN && !(waits && message.type === "input")) this.socket.send(JSON.stringify(message));
   }
 
   take(data) {

@@ -50,7 +50,7 @@ def test_the_tip_is_that_of_the_multiplied_matrices(arm) -> None:
         for q in rng.uniform(LOW, HIGH, (10, 7)):
             size = rng.uniform(-1.0, 1.0, 7) * (0.1, 0.1, 0.01, 0.01, 0.01, 0.01, 0.005)
             errors = LinkErrors(*map(float, size))
-            tip = np.array(built_links.tip_position(arm, Vec(q), errors))
+            tip = np.array(built_links.jaw_axis_position(arm, Vec(q), errors))
             np.testing.assert_allclose(tip, by_matrices(arm, q, errors), atol=1e-14)
 
 
@@ -59,7 +59,7 @@ def test_links_as_drawn_have_the_software_s_tip(arm) -> None:
     with jax.enable_x64(True):
         for q in np.random.default_rng(2).uniform(LOW, HIGH, (10, 7)):
             tip = np.array(
-                built_links.tip_position(arm, Vec(q), built_links.LinkErrors(*(0.0,) * 7))
+                built_links.jaw_axis_position(arm, Vec(q), built_links.LinkErrors(*(0.0,) * 7))
             )
             np.testing.assert_allclose(
                 tip, np.array(kinematics.forward_pose(arm, Vec(q)).position), atol=1e-14

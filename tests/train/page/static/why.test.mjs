@@ -19,6 +19,7 @@ test("one line says why the robot does not move, and what to do", () => {
     [{ phase: "paused" }, /instructor has paused/],
     [{ phase: "stopped", check: "overdrive_hard" }, /check overdrive hard: lift the pedal, then restart/],
     [{ phase: "stopped" }, /an emergency stop/],
+    [{ phase: "stopped", check: "overdrive_hard", again: true }, /^Stopped again at once by the check overdrive hard: the cause is still there/],
     [{ owner: "itp" }, /ITP console drives: wait/],
     [{ level: 1 }, /homing/],
     [{ down: false, since: "resume" }, /^The session was paused. Let go of SPACE, then hold/],
@@ -44,6 +45,19 @@ test("silences count for half a minute, and a stop is named by its first check",
   for (const check of ["overdrive_hard", "soft_estop", "estop"]) why.event({ kind: "alarm", check });
   why.frame({ link, phase: "stopped", owner, view, level: 0, live: false, pressed: true, down: false }, 31_000);
   assert.match(place.textContent, /overdrive hard/);
+});
+
+test("a stop within a second after a restart, or after the robot follows again, is named as such", () => {
+  const again = (...phases) => {
+    const why = new Why({}, {});
+    for (const [phase, tick] of phases) why.event({ kind: "phase", phase, tick });
+    return why.again;
+  };
+  const stopped = [["ready", 0], ["running", 900], ["stopped", 1000]];
+  assert.equal(again(...stopped), false, "the first stop");
+  assert.equal(again(...stopped, ["ready", 5000], ["stopped", 5004]), true, "before the pedal is down");
+  assert.equal(again(...stopped, ["ready", 5000], ["running", 9000], ["stopped", 9100], ["paused", 9100], ["stopped", 9100]), true, "once the pedal is down");
+  assert.equal(again(...stopped, ["ready", 5000], ["running", 9000], ["paused", 20_000], ["running", 20_000], ["stopped", 20_100]), false, "much later");
 });
 
 test("a button that cannot be pressed says why, and durations are short", () => {

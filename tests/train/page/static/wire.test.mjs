@@ -39,14 +39,15 @@ test("a frame is five numbers an arm and then the row, by the names of the welco
   assert.deepEqual([[...frame.aim("gold")], [...frame.aim("green")]], [[3, 4, 5], [8, 9, 10]]);
 });
 
-test("nothing is sent to a socket that is not open, or that does not keep up", () => {
+test("nothing is sent to a socket that is not open, and only commands to one that does not keep up", () => {
   const { wire, socket } = made();
-  wire.send({ do: 1 });
+  wire.send({ type: "input", do: 0 });
   socket.bufferedAmount = 16384;
-  wire.send({ do: 2 });
+  wire.send({ type: "operator", do: 1 });
+  wire.send({ type: "input", do: 2 });
   Object.assign(socket, { bufferedAmount: 0, readyState: 0 });
   wire.send({ do: 3 });
-  assert.deepEqual(socket.sent, [{ do: 1 }]);
+  assert.deepEqual(socket.sent, [{ type: "input", do: 0 }, { type: "operator", do: 1 }]);
 });
 
 test("a lost socket comes back, each time later, and soon again after it was there", () => {
