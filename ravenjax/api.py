@@ -181,11 +181,11 @@ def check_monitor(
 ) -> pd.DataFrame:
     """Test whether scores of new fault-free operations have a monitor's calibrated distribution.
 
-    The table has one row per score, the joint score first. Columns: score; place, median rank among
-    the calibration's scores (0 to 1); p; adjusted, p adjusted for all scores together; martingale,
-    largest value of the test martingale; shifted, whether adjusted is at most `level`. attrs: level
-    and the new units, operations, hours and alarms. sources: as for `ravenjax monitor check`. Raise
-    UserError and StoreError.
+    The table has one row per score, the joint score first. Columns: score; place, median over the
+    new operations of the score's rank in the calibration (0 to 1); p; adjusted, p adjusted for all
+    scores together; martingale, largest value of the test martingale; shifted, whether adjusted is
+    at most `level`. attrs: level and the new units, operations, hours and alarms. sources: as for
+    `ravenjax monitor check`. Raise UserError and StoreError.
     """
     from ravenjax.analyses.monitors import checking
 

@@ -51,12 +51,13 @@ def require_consent(path: Path, content: bytes, robot: Sequence[Path] = ()) -> N
     kind = "robots" if robot else "parts"
     # An empty file whose name is the hash marks code to which the user agreed.
     mark = state_folder and state_folder / "trusted" / kind / hashlib.sha256(content).hexdigest()
-    trusts_all = os.environ.get(VARIABLE) == "1" or EVERYWHERE in _FOLDERS.get()
-    resolved = path.resolve()
+    folders, resolved = _FOLDERS.get(), path.resolve()
+    trusts_all = os.environ.get(VARIABLE) == "1" or EVERYWHERE in folders
     # A robot's module may lie anywhere, if any folder is trusted.
-    in_trusted_folder = any(robot or resolved.is_relative_to(folder) for folder in _FOLDERS.get())
+    in_trusted_folder = bool(folders) if robot else any(map(resolved.is_relative_to, folders))
     files = robot or [resolved]
-    # The code may run if all code is trusted, if its folder and owner are, or if it ran before.
+    # Code may run if all code is trusted, if its folder and its owner are trusted, or if it has run
+    # before.
     if trusts_all or (in_trusted_folder and all(file.stat().st_uid in OWNERS for file in files)):
         # If the hash cannot be stored, the user must agree again next time.
         with contextlib.suppress(OSError):

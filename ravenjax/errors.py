@@ -113,7 +113,8 @@ def suggest_unit(key: str, value: Any, low: float = -math.inf, high: float = mat
 def _allowed_range(model: type[BaseModel], key: str) -> tuple[float, float]:
     # Returns the smallest and the largest number that a table permits for a key.
     schema = json.dumps(model.model_json_schema()["properties"].get(key))
-    # The pattern finds the numbers of "minimum" and "exclusiveMinimum", and of the maxima.
+    # The pattern finds the numbers of "minimum" and "exclusiveMinimum", and of the maxima. A key of
+    # several types may have several bounds. A number within any of them may be permitted.
     low, high = (
         [float(text) for text in re.findall(rf'{end}imum": ([-+.\de]+)', schema, re.IGNORECASE)]
         for end in ("min", "max")

@@ -193,13 +193,13 @@ class Computation:
         golden_bytes = series_bytes
         if self._fast_forward.uses_checkpoints.any():
             golden_bytes += snapshot_bytes(program.ticks)
-        blocks = max(self.threads, min(BLOCKS_PER_THREAD * self.threads, MAX_WINDOW_ROWS // lanes))
-        # Checkpoints save more ticks in larger windows, see SORTED_ROWS.
+        useful = min(BLOCKS_PER_THREAD * self.threads, MAX_WINDOW_ROWS // lanes)
+        # In a larger window, more faults begin at about the same time, and share checkpoints.
         if self.kernel.branches:
             ticks_per_row = max(1.0, float((self.plan.ends - self.plan.acts).mean()))
-            blocks = max(blocks, int(min(SORTED_ROWS, SORTED_TICKS / ticks_per_row)) // lanes)
+            useful = max(useful, int(min(SORTED_ROWS, SORTED_TICKS / ticks_per_row)) // lanes)
         # A file waits for all windows with its rows, so a window has no more rows than a file.
-        blocks = min(blocks, max(self.threads, -(-chunk // lanes)))
+        blocks = max(self.threads, min(useful, -(-chunk // lanes)))
         # On a CPU, each thread may copy series at the same time.
         memory, copies = GOLDEN_BYTES, self.threads
         if self._on_gpu:
@@ -221,9 +221,9 @@ class Computation:
     def _submit_golden_runs(
         self, pool: ThreadPoolExecutor, window: Window, earlier: GoldenRuns | None
     ) -> GoldenRuns:
-        # Returns the golden runs of a window, of which `pool` may still compute some. earlier:
-        # those of the window before; shared ones are not computed again. Each golden run has the
-        # parameters of the first row that belongs to it. Branches: their checkpoints.
+        # Returns the golden runs of a window. `pool` may still compute some of them. earlier: the
+        # golden runs of the window before. If rows of both windows share a golden run, it is not
+        # computed again. A golden run has the parameters of the first row that uses the golden run.
         numbers, first = np.unique(self.plan.golden[window.rows], return_index=True)
         rows = window.rows[first]
         is_known = np.isin(numbers, () if earlier is None else earlier.numbers)
@@ -236,12 +236,13 @@ class Computation:
                 pool.submit(self._compute_golden_runs, new_rows[i : i + lanes])
                 for i in range(0, len(new_rows), lanes)
             ]
-            kept = earlier if is_known.any() else None
-            golden_runs = GoldenRuns(
-                numbers,
-                pool.submit(Computed.join, parts, kept and kept.computed, numbers),
-                {n: b for n, b in kept.branches.items() if n in numbers} if kept else {},
-            )
+            kept, branches = None, {}
+            if earlier is not None and is_known.any():
+                kept = earlier.computed
+                branches = {n: b for n, b in earlier.branches.items() if n in numbers}
+            joined = pool.submit(Computed.join, parts, kept, numbers)
+            golden_runs = GoldenRuns(numbers, joined, branches)
+        # `branches` has the checkpoints of a golden run, by its number.
         for number, row in zip(numbers.tolist(), rows, strict=True):
             if self._fast_forward.uses_checkpoints[number] and number not in golden_runs.branches:
                 golden_runs.branches[number] = pool.submit(self._make_branches, row, golden_runs)
@@ -271,18 +272,16 @@ class Computation:
         return Branches(trunk, ends, outcomes.select_golden_outcomes(columns))
 
     def _golden_outcomes(self, rows: np.ndarray, golden_runs: GoldenRuns) -> Columns:
-        # Returns the outcomes that the golden run of each row has at the end of the row's run. A
-        # golden run is computed until the last of its runs ends. For a run that ends earlier, the
-        # outcomes come from its Branches, or the golden run is computed again up to this end.
+        # Returns the outcomes that the golden run of each row has at the end of the row's run.
         computed = golden_runs.computed.result()
         golden, ends = self.plan.golden[rows], self.plan.ends[rows]
         missing = self._fast_forward.ends_early[rows]
         if len(computed.numbers) == 1 and not missing.any():
-            return {
-                name: np.broadcast_to(values, len(rows))
-                for name, values in computed.outcomes.items()
-            }
+            columns = computed.outcomes.items()
+            return {name: np.broadcast_to(values, len(rows)) for name, values in columns}
+        # 1. The outcomes at the last end of the runs of each golden run; `missing`: earlier ends.
         columns = take_rows(computed.outcomes, np.searchsorted(computed.numbers, golden))
+        # 2. A golden run with checkpoints also has the outcomes at all earlier ends.
         for number in np.unique(golden[missing]).tolist():
             if number in golden_runs.branches:
                 branches = golden_runs.branches[number].result()
@@ -291,6 +290,7 @@ class Computation:
                 end_indices = np.searchsorted(branches.ends, ends[found])
                 for name, values in branches.outcomes.items():
                     columns[name][found] = values[end_indices]
+        # 3. Other golden runs are computed again up to each earlier end.
         if missing.any():
             # One number for each pair of golden run and end, so that no pair is computed twice.
             pairs = golden[missing] * (1 + self.plan.program.ticks) + ends[missing]
@@ -304,9 +304,9 @@ class Computation:
     # --- blocks ---
 
     def _compute_faulty_runs(self, rows: np.ndarray, golden_runs: GoldenRuns) -> OutcomePair:
-        # Computes runs with faults. A run starts from the trunk of its golden run: its checkpoints.
-        # The trunk is None if the golden run has no checkpoints or none of these runs uses it.
-        # The lanes that fill the block are additional work.
+        # Computes runs with faults. They start from checkpoints of their golden runs. A trunk has
+        # all checkpoints of a golden run. It is None if there are none, or no run here needs them.
+        # Lanes that only fill the block are computed, too: the progress must count their ticks.
         self.progress.more_due((self.kernel.size(len(rows)) - len(rows)) * self.plan.program.ticks)
         computed = golden_runs.computed.result()
         is_used = np.isin(computed.numbers, self.plan.golden[rows]).tolist()

@@ -110,12 +110,13 @@ class FastForwardPlan:
         """Whether runs start from checkpoints of each golden run, bool [golden runs]."""
         if not self._lanes:
             return np.zeros(self._golden_count, bool)
-        # Checkpoints save the ticks of a run before its fault. For a run that ends early, they also
-        # save a golden run up to this end, which would be needed for its outcomes there. The cost
-        # is one golden run with checkpoints, up to the last of these ticks.
+        # A run that starts from a checkpoint saves the ticks before its fault. If it ends early, it
+        # also saves a second golden run, which would end at the same tick to give its outcomes.
         early_ends = np.where(self.ends_early, self._plan.ends, 0)
         saved_of_run = self._plan.acts + early_ends
+        # As many runs as there are lanes save their ticks at the same time.
         saved = np.bincount(self._plan.golden, saved_of_run, self._golden_count) / self._lanes
+        # One more golden run stores the checkpoints. It lasts until the last fault or early end.
         cost = np.maximum(self.last_act, self._largest_of_runs(early_ends))
         return saved > MIN_SAVING * cost
 

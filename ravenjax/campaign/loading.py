@@ -90,7 +90,7 @@ def from_record(
         if isinstance(raw, dict):
             groups = raw.get("group", ())
             # A group with a list of hazards becomes one group for each of their cases. Messages
-            # name the groups of the file.
+            # name the groups of the file, so number_in_file has the number of each group's origin.
             raw, where.number_in_file = expansion.expand_tables(raw, robot)
             if where.number_in_file:
                 where.groups = groups
@@ -176,8 +176,7 @@ def check_parameters(config: CampaignConfig, known: Iterable[str] | None = None)
 
 def _describe_mistake(model: type[CampaignConfig], error, raw) -> location.Complaint:
     # Returns the key to which an error of pydantic belongs, and ravenjax's message. A validator of
-    # a whole table may write "key: message". This key is then added, unless it is the last part
-    # already.
+    # a whole table may write "key: message". This key is then added, unless it is the last part.
     key, message = _key_in_file(error["loc"], raw), _message(model, error)
     name, colon, rest = message.partition(": ")
     if (

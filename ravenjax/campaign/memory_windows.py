@@ -34,12 +34,13 @@ def cut_into_windows(
     ranges: Sequence[range], golden: np.ndarray, acts: np.ndarray, limits: WindowLimits
 ) -> Iterator[Window]:
     """Yield the rows of `ranges` in order, in windows of blocks. golden: number of each row's
-    golden run. acts: first tick in which each row's faults may act. The rows of a block share one
-    golden run or a few, and their faults act at about the same time. If a block has more golden
-    runs, an engine copies a series for each lane. Such a block is divided, to limit its memory.
+    golden run. acts: first tick in which each row's faults may act. In a window, rows are sorted by
+    both. If a block has fewer than SHARED rows per golden run, an engine copies the time series of
+    a golden run for each lane. Such a block is divided, to limit its memory.
     """
     rows = np.concatenate([np.arange(span.start, span.stop) for span in ranges])
     lanes = limits.lanes
+    # Each of these lanes may have another golden run.
     unshared_lanes = min(limits.unshared_lanes, limits.golden_runs)
     begin = 0
     while begin < len(rows):

@@ -249,7 +249,7 @@ def _beyond_range(plan: Plan) -> OfRuns:
         if site != PARAMETER or (limits := channel.field) is None:
             continue
         is_nearer_low = usual - limits.low < limits.high - usual
-        # The number that is farthest out of the range during a fault with each effect.
+        # The number farthest out of range, by effect. "toggle": 0, as its value was checked before.
         reached = {
             **dict.fromkeys(("offset", "latch_offset"), usual + value),
             "scale": usual * value,
@@ -270,27 +270,28 @@ def _beyond_range(plan: Plan) -> OfRuns:
 # A value beyond single precision becomes infinite, which is never a usual value.
 @np.errstate(over="ignore")
 def _idle(plan: Plan) -> np.ndarray:
-    # Returns bool [runs, slots]: faults that leave a usual value of their channel unchanged.
+    # Returns bool [runs, slots]: faults that do not change a constant signal (usual is not NaN).
     value, length, usual = _numbers(plan)
-    is_known = ~np.isnan(usual)
-    # A change of an integer by less than 1 has no effect.
+    is_constant = ~np.isnan(usual)
+    # A change of an integer by less than 1 has no effect. Code 0 means that there is no fault.
     least = [float(channel.kind not in ("float", "bool")) for _, channel in _channels(plan)]
-    least = np.array([0.0, *least])[plan.faults["code"]]
+    least_change = np.array([0.0, *least])[plan.faults["code"]]
 
-    def small(change: np.ndarray) -> np.ndarray:
+    def is_small(change: np.ndarray) -> np.ndarray:
         # A parameter is stored in single precision.
         same = np.float32(usual + change) == np.float32(usual)
-        return (abs(change) < least) | (change == 0) | same
+        return (abs(change) < least_change) | (change == 0) | same
 
     idle = {
         "overwrite": np.float32(value) == np.float32(usual),
-        "offset": small(value),
-        "latch_offset": small(value) & is_known,
+        "offset": is_small(value),
+        # "latch_offset" and "stuck" hold a value, which changes every signal that is not constant.
+        "latch_offset": is_small(value) & is_constant,
         "scale": (value == 1) | (np.float32(usual * value) == np.float32(usual)),
-        "drift": small(value * length),
-        "stuck": is_known,
-        # The age of the window counts from 0, so sines of periods 1 and 2 are 0.
-        "periodic": small(value) | (plan.faults["period"] <= 2),
+        "drift": is_small(value * length),
+        "stuck": is_constant,
+        # At whole ticks, sin(2 pi n / period) is 0 for periods of 1 and 2 ticks.
+        "periodic": is_small(value) | (plan.faults["period"] <= 2),
         **dict.fromkeys(("random", "toggle"), (value == 0) & (usual == 0)),
         "lose": value == 0,
     }
@@ -308,7 +309,8 @@ def _numbers(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     usual = np.full(plan.faults["code"].shape, np.nan)
     for code, (site, channel) in enumerate(_channels(plan), start=1):
         known = channel.name if site == PARAMETER else channel.usual
-        # A text is the path of a parameter, which has the usual value.
+        # A text is the path of a parameter, which has the usual value. A signal of the pedal has
+        # one usual value while the pedal is up, and another while it is down.
         if isinstance(known, str):
             known = plan.numbers(known)[:, None]
         elif channel.pedal:
@@ -327,22 +329,25 @@ def _pedal_values(plan: Plan, up: float, down: float) -> np.ndarray:
     """
     faults, clocks, ticks = plan.faults, plan.any_clocks, plan.program.ticks
     numbers = np.full(faults["code"].shape, np.nan)
-    # The fork of 2015 is in pedal-down before the foot presses the pedal.
+    # An operator who reacts may lift the pedal at any time. In the software of 2015, the run level
+    # is pedal-down before the foot presses the pedal.
     if clocks is None or plan.program.setup.reacts or plan.program.setup.software != "raven2":
         return numbers
     starts, closes = faults["start"], span.last_window_ends(faults, ticks, clocks)
     by_time = (faults["trigger"] == TRIGGER_CODES["time"]) & (closes > 0)
     # Another fault of the run could stop the robot, which changes these signals.
     alone = by_time & (np.count_nonzero(faults["code"], axis=1, keepdims=True) == 1)
-    # The pedal is down from `begins` to `ends`, up to `later` ticks late; None: unknown.
+    # Each kind of run has its own phases in which the pedal is down. They begin and end up to
+    # `later` ticks after `begins` and `ends`. If `later` is None, the times are unknown.
     for kind, (begins, ends, later) in enumerate(clocks.phases):
         of_kind = alone & (clocks.kind == kind)[:, None]
         if later is None or not len(begins):
             continue
+        # The signals may change up to PEDAL_TICKS before a phase begins or ends.
         numbers[of_kind & (closes < begins[0] - PEDAL_TICKS)] = up
-        for begin, end in zip(begins + later, ends, strict=True):
+        for latest_begin, end in zip(begins + later, ends, strict=True):
             last = end - PEDAL_TICKS if end < ticks else ticks
-            numbers[of_kind & (starts >= begin) & (closes <= last)] = down
+            numbers[of_kind & (starts >= latest_begin) & (closes <= last)] = down
     return numbers
 
 
@@ -365,8 +370,8 @@ def _counted(plan: Plan, which: np.ndarray) -> str:
 def _clock_ends(plan: Plan) -> np.ndarray:
     """Return the first reading of each fault's clock after the end of a run, int [runs, slots]."""
     trigger, ticks, clocks = plan.faults["trigger"], plan.program.ticks, plan.any_clocks
-    # The clock "packet" begins at 1, and the clock "pedal" when the pedal first goes down. If
-    # faults may move the pedal, this time is unknown. 0 then gives the latest possible reading.
+    # Clocks count ticks, packets (from 1), or ticks since the pedal went down. If faults may move
+    # the pedal, the time of its first press is unknown, and 0 gives the latest possible reading.
     down = 0 if clocks is None or clocks.moved.any() else clocks.first_down(ticks)[:, None]
     pedal = np.where(trigger == TRIGGER_CODES["pedal"], down, 0)
     return ticks + (trigger == TRIGGER_CODES["packet"]) - pedal
@@ -382,9 +387,9 @@ def find_copies(plan: Plan) -> np.ndarray:
     rows = plan.rows["group"].map(fixed.__getitem__).to_numpy(bool)
     ticks, faults = plan.program.ticks, {k: v for k, v in plan.faults.items() if k != "key"}
     # A repetition after the end of the run becomes 0, and a duration ends with the run.
-    again = np.where(faults["start"] + faults["every"] < ticks, faults["every"], 0)
-    end = np.where(again == 0, _clock_ends(plan) - faults["start"], ticks)
-    faults |= {"every": again, "duration": np.minimum(faults["duration"], end)}
+    every = np.where(faults["start"] + faults["every"] < ticks, faults["every"], 0)
+    longest = np.where(every == 0, _clock_ends(plan) - faults["start"], ticks)
+    faults |= {"every": every, "duration": np.minimum(faults["duration"], longest)}
     # Faults act in the order of their slots, which matters only on the same channel.
     order = np.argsort(faults["code"], axis=1, kind="stable")
     faults = {name: np.take_along_axis(values, order, axis=1) for name, values in faults.items()}

@@ -47,8 +47,7 @@ class Prepared(NamedTuple):
 
     loop: Loop
     setup: Setup
-    # The robot's parameters as plain numbers, with the values that the file sets for all runs.
-    params: Any
+    params: Any  # the robot's parameters as plain numbers, with the file's values for all runs
     columns: tuple[np.ndarray, ...]  # columns of the operator's motion, [ticks] or longer
     motion: Any = None  # the same motion in the robot's own type
     operator: MotionSummary | None = None  # summary of a recorded motion

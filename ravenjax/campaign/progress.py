@@ -40,8 +40,7 @@ class Status:
     workers: int = 1  # parallel processes or tasks
     # Number of runs without a valid outcome by cause, including those of earlier starts.
     failures: Mapping[str, int] = dataclasses.field(default_factory=dict)
-    # Messages for the user, such as damaged files and workers that died.
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # messages for the user, such as damaged files and dead workers
 
     @property
     def computed(self) -> int:

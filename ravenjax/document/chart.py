@@ -35,13 +35,10 @@ class ChartAxis:
     title: str
     low: float
     high: float
-    # Values are fractions, written in percent.
-    share: bool = False
+    share: bool = False  # values are fractions, written in percent
     log: bool = False
-    # Unit of the numbers, such as "ms".
-    unit: str = ""
-    # A value that is marked, such as zero if values lie on both sides of it.
-    line: float | None = None
+    unit: str = ""  # unit of the numbers, such as "ms"
+    line: float | None = None  # marked value, such as zero if values lie on both sides of it
     # Names of the positions 0, 1, 2 ..., which replace the numbers. The first is on top.
     names: tuple[str, ...] = ()
 
@@ -71,13 +68,11 @@ class ChartAxis:
 class _Series:
     # What curves and dots have in common.
     name: str
-    # Name of a colour of the palette.
-    colour: str
+    colour: str  # name of a colour of the palette
     x: np.ndarray
     y: np.ndarray
     _: dataclasses.KW_ONLY
-    # False: hidden until the reader selects it.
-    visible: bool = True
+    visible: bool = True  # False: hidden until the reader selects it
     in_legend: bool = True
 
 
@@ -88,8 +83,7 @@ class Curve(_Series):
     # Empty: the curve has no band.
     low: Bounds = ()
     high: Bounds = ()
-    # Each value holds until the next x.
-    step: bool = False
+    step: bool = False  # each value holds until the next x
     dashed: bool = False
 
     @staticmethod
@@ -147,12 +141,9 @@ class Dots(_Series):
     x_high: Bounds = ()
     y_low: Bounds = ()
     y_high: Bounds = ()
-    # Diameters, px; () means 8.
-    size: tuple[float, ...] = ()
-    # Labels beside the marks.
-    texts: tuple[str, ...] = ()
-    # Description of each mark.
-    tips: tuple[str, ...] = ()
+    size: tuple[float, ...] = ()  # diameters, px; () means 8
+    texts: tuple[str, ...] = ()  # labels beside the marks
+    tips: tuple[str, ...] = ()  # description of each mark
     diamond: bool = False
 
 
@@ -174,8 +165,7 @@ class Chart:
     x: ChartAxis
     y: ChartAxis
     marks: tuple[Mark, ...]
-    # Height of the drawn area, px.
-    height: int = 300
+    height: int = 300  # height of the drawn area, px
 
     def legend(self) -> list[tuple[str, str, bool]]:
         """Return name, colour and visibility of each entry of the legend."""

@@ -23,8 +23,7 @@ class Rules(NamedTuple):
     jump: str = "jump_code"  # column of the rule for jumps
     limit_mm: float = LIMIT_MM  # unintended motion above which a run has a hazard
     built_in: str = "response"  # column with the response of the built-in checks alone
-    # Number and name of each detector that presses the E-stop.
-    stopping: tuple[tuple[int, str], ...] = ()
+    stopping: tuple[tuple[int, str], ...] = ()  # numbers and names of detectors that stop the robot
     harms: tuple[str, ...] = ()  # harms that the campaign defines and that count, as text
     limit_counts: bool = True  # unintended motion beyond the limit counts as harm
 

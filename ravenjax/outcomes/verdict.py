@@ -91,6 +91,7 @@ def built_in_responses(
     ]
     onset, never = np.asarray(outcomes["first_active_ms"]), np.iinfo(np.int32).max
     # Time at which an added check or detector first acted differently than in the golden run, ms.
+    # Before its fault a run equals the golden run, so this time is not before the fault.
     changed_ms = np.full(len(onset), never)
     for count_column, ms_column in columns:
         count, ms = np.asarray(outcomes[count_column]), np.asarray(outcomes[ms_column])
@@ -121,19 +122,21 @@ def _responses(
         if np.array_equal(count, golden_count) and np.array_equal(ms, golden_ms):
             continue
         sooner = beyond_golden(ms, golden_ms) >= 0
-        counts = (count > golden_count) | sooner
-        # The first trip may be the one of the golden run, but the response is not before the fault.
+        is_response = (count > golden_count) | sooner
+        # If only the count is higher, the first trip may equal that of the golden run. The time of
+        # the added trip is unknown, but it is not before the fault.
         ms = np.where(sooner, ms, np.maximum(ms, onset))
         if end_ms is not None:
             is_in_time = ms < end_ms if robot.check(name).follows else ms <= end_ms
-            counts = counts & ((end_ms < 0) | is_in_time)
+            is_response &= (end_ms < 0) | is_in_time
         # A smaller rank is a stronger response.
-        stronger = counts & ((response > rank) | ((response == rank) & (ms < response_ms)))
+        stronger = is_response & ((response > rank) | ((response == rank) & (ms < response_ms)))
         response[stronger] = rank
         cause[stronger] = number
         response_ms[stronger] = ms[stronger]
+        # A person notices a stop or an alarm.
         if rank in _TOLD:
-            earlier = counts & ((told_ms < 0) | (ms < told_ms))
+            earlier = is_response & ((told_ms < 0) | (ms < told_ms))
             told_ms[earlier] = ms[earlier]
     causes = ("", *(robot.check(name).named_cause for name in names))
     return Response(response, cause, response_ms, told_ms, causes)

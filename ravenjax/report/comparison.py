@@ -41,8 +41,7 @@ class ComparedPairs(NamedTuple):
     by_run_id: int
     by_fault: int
     unpaired: tuple[int, int]  # runs without a partner in each folder
-    # pairs with two valid outcomes of a fault that changed a bit in at least one of both runs
-    compared: int
+    compared: int  # pairs with two valid outcomes of a fault that changed a bit in some run
     inactive: int = 0  # pairs with two valid outcomes of a fault that changed no bit in either run
     faults: int = 0  # different faults among the compared pairs
     sampled: bool = False  # True if both campaigns drew their faults
@@ -88,8 +87,7 @@ class FolderComparison(NamedTuple):
     environment: Sequence[Change]  # engine, device, code, versions
     pairs: ComparedPairs
     rates: Sequence[RateChange]  # empty without a compared pair
-    # for each key of WORDS: all transitions that occurred
-    transitions: dict[str, Sequence[Transition]]
+    transitions: dict[str, Sequence[Transition]]  # for each key of WORDS: all occurring transitions
     changed: Sequence[RunChange]  # the most changed first
 
     def sentences(self) -> list[str]:
@@ -154,20 +152,20 @@ def _describe_origin(record: Manifest):
 def _pair_runs(table: ResultTable, folders: tuple[Path, Path]) -> ComparedPairs:
     # Creates the table `pairs`: runs with the same run id, then with equal faults and parameters.
     table.run(
-        "CREATE TABLE pairs AS SELECT a.row AS first, b.row AS second, true AS same "
+        "CREATE TABLE pairs AS SELECT a.row AS first, b.row AS second, true AS same_id "
         "FROM runs_first AS a JOIN runs_second AS b USING (run_id)"
     )
     for side, key in zip(SIDES, _fault_key_sql(table), strict=True):
         table.run(
-            f"CREATE TABLE left_{side} AS WITH keyed AS (SELECT row, hash({key}) AS key FROM"
+            f"CREATE TABLE unpaired_{side} AS WITH keyed AS (SELECT row, hash({key}) AS key FROM"
             f" runs_{side} ANTI JOIN (SELECT {side} AS row FROM pairs) USING (row)) SELECT row,"
             " key, row_number() OVER (PARTITION BY key ORDER BY row) AS nth FROM keyed"
         )
     table.run(
-        "INSERT INTO pairs SELECT a.row, b.row, false FROM left_first AS a JOIN left_second AS b"
-        " USING (key, nth)"
+        "INSERT INTO pairs SELECT a.row, b.row, false FROM unpaired_first AS a"
+        " JOIN unpaired_second AS b USING (key, nth)"
     )
-    counts = "count(*) FILTER (same), count(*) FILTER (NOT same)"
+    counts = "count(*) FILTER (same_id), count(*) FILTER (NOT same_id)"
     by_run_id, by_fault = table.row(f"SELECT {counts} FROM pairs")
     if not by_run_id + by_fault:
         raise UserError(

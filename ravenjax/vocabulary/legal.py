@@ -52,7 +52,7 @@ def legal_values(channel: Channel, effect: str, beyond: bool = False) -> Legal:
     elif kind == "int24" and has_unit:
         low, high = COUNTER
     elif kind != "float" and has_type:
-        # The range is symmetric: it lacks the smallest int32.
+        # An int32, or an int16 that may have more bits. The range lacks the smallest int32.
         low, high = 1 - 2**31, 2**31 - 1
     else:
         return Legal("any number")

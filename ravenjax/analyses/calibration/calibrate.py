@@ -74,7 +74,7 @@ class Calibration:
     @property
     def confounded(self) -> list[tuple[str, str, float]]:
         """Return pairs of unknowns that the log determines only jointly, with their correlation."""
-        # The covariance has the unit of spread_ratio: prior standard deviations.
+        # spread_ratio is the square root of the covariance's diagonal.
         correlation = self.fit.covariance / np.outer(self.spread_ratio, self.spread_ratio)
         return [
             (self.unknowns[i].path, self.unknowns[j].path, float(correlation[i, j]))
@@ -176,7 +176,7 @@ class LoggedRobot:
 
     def replay(self, part: JointLog, robots: Sequence[LoopParams]) -> np.ndarray:
         """Return joint positions of replays [robots, samples, 7] at the log's times, rad and m."""
-        # The robots may have delays, so the replay must simulate delays.
+        # The setup simulates delays only if they are unknowns. These robots may have delays.
         delays = parameters.select_unknowns(joints=(), asks=("delays",))
         return replays.replay_robots(self._setup(delays), robots, part)
 

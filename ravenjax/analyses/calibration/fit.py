@@ -133,9 +133,9 @@ def predict_in_batches(predict: Predictor, steps: np.ndarray, rows: int) -> np.n
 def _unexplained(residual: np.ndarray, slopes: np.ndarray) -> np.ndarray:
     """Return the part of the residual [n, 7] that no change of the k parameters removes: the noise.
 
-    `slopes` [k, n, 7]: derivatives of the joint positions. The joints have equal weights. The rest
-    of the residual is still to be fitted. This rest is strongly correlated in time. If it counted
-    as noise, the fit would stop too early.
+    `slopes` [k, n, 7]: derivatives of the joint positions. The joints have equal weights. The part
+    that a change removes is not noise: later steps of the fit remove it. It is strongly correlated
+    in time. If it counted as noise, the fit would stop too early.
     """
     scale = np.maximum(np.sqrt((residual**2).mean(axis=0)), MIN_NOISE)
     columns = (slopes / scale).reshape(len(slopes), -1).T

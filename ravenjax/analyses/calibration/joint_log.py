@@ -239,24 +239,28 @@ def _joints(
 def _require_possible(samples: Samples, name: str, joints: np.ndarray):
     """Raise UserError for joint positions [n, 7], rad and m, that no Raven-II can have.
 
-    name: "jpos_d" or "jpos". The message names the unit that the values probably have.
+    name: "jpos_d" or "jpos". The message names the unit that the values probably have. A position
+    is impossible if it is beyond an end of the joint's range (HOLD) by more than BEYOND.
     """
     outside = (joints < HOLD[0] - BEYOND) | (joints > HOLD[1] + BEYOND)
     if not outside.any():
         return
     row, joint = np.argwhere(outside)[0]
     word, value = JOINTS[joint], joints[row, joint]
-    slides = word in SLIDING_JOINTS
-    unit, other, factor = ("m", "mm", 1e-3) if slides else ("rad", "deg", UNITS["deg"])
+    unit, other, factor = "rad", "deg", UNITS["deg"]
+    if word in SLIDING_JOINTS:
+        unit, other, factor = "m", "mm", UNITS["mm"]
     low, high = (end[joint] for end in HOLD)
     column, advice = f"{name}_{word}", ""
-    # Try the other unit than that of the column's name. Its values may be possible.
+    # The end of a column's name tells its unit. Perhaps the numbers have the other unit. For
+    # example, numbers in mm in column `jpos_insertion`, whose unit is m, belong in
+    # `jpos_insertion_mm`, and 0.001 corrects them. The second alternative is the reverse mistake.
     alternatives = (
         (column, f"{column}_{other}", other, factor),
         (f"{column}_{other}", column, unit, 1 / factor),
     )
-    for name_in_log, right_name, right_unit, scale in alternatives:
-        converted = joints[:, joint] * scale
+    for name_in_log, right_name, right_unit, correction in alternatives:
+        converted = joints[:, joint] * correction
         inside = converted.min() >= low - BEYOND[joint] and converted.max() <= high + BEYOND[joint]
         if inside and name_in_log in samples.table:
             topic = samples.topic
@@ -296,11 +300,11 @@ def _read_bag(path: Path, arm: ArmName, options: ReplayOptions) -> Samples:
         setpoints, *candidates = map(bag.read, (setpoint, *measured))
     desired = bags.read_joints(path, setpoints)
     begin = setpoints.time_ns[0]
+    # These samples serve only to check the times, so `desired` also stands for measured joints.
     times = _regular_times(_samples(path, setpoints, begin, desired, desired), options)
     distances, found = [], []
     for messages in candidates:
         joints = bags.read_joints(path, messages)
-        # Times are checked before anything is interpolated.
         at = _regular_times(_samples(path, messages, begin, joints, joints), options)
         common = (at >= times[0]) & (at <= times[-1])
         desired_then = np.stack([np.interp(at, times, column) for column in desired.T], axis=1)

@@ -37,10 +37,8 @@ class Unknown(NamedTuple):
     # Fields of LoopParams, separated by dots: plant.actuators.coulomb. A ratio is a factor on all.
     fields: tuple[str, ...]
     joint: int | None  # index of the joint, for fields with seven values; None for one value
-    # Standard deviation of the prior, in the field's unit; for a ratio, of its logarithm.
-    spread: float
-    # True if the parameter is estimated as a ratio to its value before.
-    ratio: bool
+    spread: float  # standard deviation of the prior, in the field's unit or of the log ratio
+    ratio: bool  # True if the parameter is estimated as a ratio to its value before
 
     @property
     def path(self) -> str:

@@ -52,8 +52,7 @@ class LoopParams:
     # Time by which the controller's desired joints lag those of the log, ms. It is a property of
     # the log, not of the robot.
     setpoint_delay: Scalar
-    # Factor on stiffness and damping of every cable; 0: all cables are cut.
-    cables: Scalar
+    cables: Scalar  # factor on stiffness and damping of every cable; 0: all cables are cut
 
 
 @record
@@ -64,8 +63,7 @@ class LoopState:
     readings: tuple[Vec, ...]  # motor angles, rad, latest first
     outputs: tuple[Vec, ...]  # outputs of the filter, rad, latest first; empty without a filter
     integral: Vec  # integral of the motors' errors, rad s
-    # DAC counts of past cycles, latest first, as many as Setup.command_delay.
-    commands: tuple[Vec, ...]
+    commands: tuple[Vec, ...]  # DAC counts of the last Setup.command_delay cycles, latest first
 
 
 class Cycle(NamedTuple):

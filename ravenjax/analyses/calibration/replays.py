@@ -37,8 +37,7 @@ class ReplaySetup(RavenSetup):
     """Settings that select the code of a replay of one arm."""
 
     controller: Controller = position_loop.RAVEN2
-    # True if the controller may have received the log's desired joints with a delay.
-    shifted: bool = False
+    shifted: bool = False  # True: the controller may receive the desired joints with a delay
     # True: encoders and DAC use whole counts. Without whole counts, a replay has a derivative.
     whole_counts: bool = True
 
@@ -164,14 +163,14 @@ def _replays(
 
         def replay_block(start: int) -> np.ndarray:
             # Replays the parameter sets from number `start`, one in each lane of the kernel.
-            # Returns joints [rows, n, 7] at the times of the log's n samples.
-            rows = min(kernel.lanes, count - start)
-            # Lanes that are left over repeat the last set.
-            lanes = np.minimum(start + np.arange(kernel.size(rows)), count - 1)
-            of_block = {path: column[lanes] for path, column in columns.items()}
-            # The output of `advance` in each cycle [cycles, 7, lanes].
+            # Returns joints [sets, n, 7] at the times of the log's n samples.
+            set_count = min(kernel.lanes, count - start)
+            # `size` rounds up to whole vectors. Lanes that are left over repeat the last set.
+            set_of_lane = np.minimum(start + np.arange(kernel.size(set_count)), count - 1)
+            of_block = {path: column[set_of_lane] for path, column in columns.items()}
+            # A kernel names its time series `reference`: here the joints [cycles, 7, lanes].
             joints = kernel.run(Block(of_block, (), None), motion).reference
-            return np.moveaxis(joints[log.cycles, :, :rows], -1, 0).astype(np.float64)
+            return np.moveaxis(joints[log.cycles, :, :set_count], -1, 0).astype(np.float64)
 
         return np.concatenate(threads.map_in_threads(replay_block, range(0, count, kernel.lanes)))
 

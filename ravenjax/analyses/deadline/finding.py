@@ -117,15 +117,16 @@ class Actor(PlannedCampaign):
     def harmful(
         self, pairs: FaultActions, at: np.ndarray, horizon: int | None = None, alone: bool = False
     ) -> np.ndarray:
-        """Return whether harm occurs despite the action, bool [pairs]. Arguments: see `run`.
+        """Return whether harm occurs despite the action at tick `at`, bool [pairs].
 
-        Harm is an unintended motion, a harm that the campaign defines, or a failed run. If the
-        limit counts, a motion beyond the limit while the robot coasts to a stop is harm, too.
+        Harm is an unintended motion, a harm that the campaign defines, or a failed run. If
+        `limit_counts`, motion beyond `limit_mm` while the robot coasts to a stop is harm, too.
+        horizon: simulated ticks after the action; None: all. alone: actions without the faults.
         """
         if not len(at):
             return np.zeros(0, bool)
         outcomes = self.run(pairs, at, horizon, alone)
-        # This time also stands for harms that the campaign defines.
+        # unintended_first_ms is also the time of a harm that the campaign defines.
         harms = (outcomes["unintended_first_ms"] >= 0) | (outcomes["failed_ms"] >= 0)
         if not self.config.limit_counts:
             return harms
@@ -157,7 +158,8 @@ class Actor(PlannedCampaign):
 
         def bisect(horizon: int | None):
             # Halves each interval until the last tick that prevents the harm is known. The action
-            # prevents the harm at tick `low` and not at tick `high`. horizon: see `run`.
+            # prevents the harm at tick `low` and not at tick `high`. horizon: number of ticks to
+            # simulate after the action; None: until the end of the run.
             while (active := high - low > 1).any():
                 report(f"{int(active.sum())} runs with an action")
                 middle = ((low + high) // 2)[active]

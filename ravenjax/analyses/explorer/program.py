@@ -74,14 +74,15 @@ def question_plan(config: CampaignConfig) -> Plan:
             f"campaign {config.campaign.name!r} has no fault, so a page has nothing to vary: add a"
             " [[group.fault]] to one of its groups; a page offers its site and effects"
         )
-    # All runs get the random key 0: a page draws the lengths of packets once, not for each run.
+    # `keys`: inputs that are random keys. A page draws packets once, so all runs have key 0.
     varied = ready.varied | {key: np.zeros_like(ready.varied[key]) for key in ready.keys}
     # Full paths of the numbers that are inputs already.
     input_paths = set()
     for path in varied:
         input_paths.update(paths.named_numbers(program.params, program.setup, path))
+    # Parameters of words.toml become inputs, too, unless a varied path already contains them.
     for full_path, value in paths.path_leaves(program.params, program.setup):
-        # A page changes a parameter of all arms together.
+        # A page changes a parameter of all arms together. The dots end whole words of the path.
         path = paths.without_arm(full_path, program.setup.arms)
         is_offered = any(f"{path}.".startswith(f"{start}.") for start in WORDS["parameters"])
         if not is_offered or full_path in input_paths:

@@ -77,7 +77,7 @@ def calibrate_monitor(
     Finished operators stay on disk; the same call continues. Raise UserError and StoreError.
     """
     terms = split_scores(choose_candidates(request.config.robot, request.signals or SIGNALS))
-    units = calibration.units_within(request.target, request.robots, hours)
+    units = calibration.operators_within(request.target, request.robots, hours)
     design = OperationDesign(
         motions=tuple(request.motions) or varying_motions(request.config),
         robots=request.robots,
@@ -104,11 +104,10 @@ def simulate_operators(
     engine: str,
     on_operator: OnOperator,
 ) -> OperationScores:
-    """Return the scores of the operations of `units` operators: the largest score of each term in
-    each segment.
+    """Return the largest score of each term in each segment of the operations of all operators.
 
-    The folder `out` stores the scores of each operator. Only operators that are missing there are
-    simulated. `on_operator` is called after each of them.
+    units: number of operators. The folder `out` stores the scores of each operator. Only operators
+    that are missing there are simulated. `on_operator` is called after each of them.
     """
     folder = out / FOLDER
     score_folder.open_folder(folder, describe_design(config, design, terms, segments))

@@ -92,31 +92,31 @@ def require_hours(hours: float) -> None:
         raise UserError(f"--hours is {hours}, expected a number above 0, such as 20")
 
 
-def units_within(target: FalseAlarmTarget, robots: int, hours: float | None) -> int:
-    """Return the number of operators (the units) to simulate: as many as fit into `hours`. If
-    `hours` is None, RESERVE times min_clusters operators determine the threshold.
+def operators_within(target: FalseAlarmTarget, operations: int, hours: float | None) -> int:
+    """Return the number of operators to simulate: as many as fit into `hours`. If `hours` is None,
+    RESERVE times the number with which the threshold keeps the target determine the threshold.
 
-    robots: operations of each operator. min_clusters: number of operators with which the threshold
-    keeps the target. Raise UserError, with the hours that are needed, if the hours are too few.
+    operations: number of operations of each operator. Raise UserError, with the hours that are
+    needed, if the hours are too few.
     """
     if hours is None:
         return count_units(int(np.ceil(RESERVE * target.min_clusters)))
     require_hours(hours)
-    min_units = count_units(target.min_clusters)
+    least = count_units(target.min_clusters)
     # The tolerance prevents that rounding loses an operator.
-    units = int(hours / (robots * target.length_h) + 1e-9)
-    if units < min_units:
-        min_hours = min_units * robots * target.length_h
+    operators = int(hours / (operations * target.length_h) + 1e-9)
+    if operators < least:
+        min_hours = least * operations * target.length_h
         alternative = ""
-        if robots > 1:
-            alternative = f", or --robots 1 --hours {np.ceil(min_hours / robots):g}"
+        if operations > 1:
+            alternative = f", or --robots 1 --hours {np.ceil(min_hours / operations):g}"
         raise UserError(
-            f"{hours:g} h are enough for {units} operators, but to show at most"
+            f"{hours:g} h are enough for {operators} operators, but to show at most"
             f" {target.per_hour:g} false alarms an hour with {target.confidence:.0%} confidence,"
-            f" {min_units} operators are needed: write --hours {np.ceil(min_hours):g} or"
+            f" {least} operators are needed: write --hours {np.ceil(min_hours):g} or"
             f" more{alternative}"
         )
-    return units
+    return operators
 
 
 def calibrate_thresholds(

@@ -60,8 +60,7 @@ class OperatorScores:
     operator: int
     motion: str
     seed: int
-    # float32 [operations, detectors], maximum over the operation; NaN for a failed run.
-    score: np.ndarray
+    score: np.ndarray  # float32 [operations, detectors], maximum; NaN for a failed run
     hours: np.ndarray  # time in which the detectors were active
 
 

@@ -35,11 +35,9 @@ class Score:
     kind: Kind
     signal: str  # field of the robot's view
     channels: tuple[int, ...]  # indices in the field; (): the field is a single number
-    # Name of each channel, such as joints and axes; ("",) for a single number.
-    labels: tuple[str, ...]
+    labels: tuple[str, ...]  # name of each channel, such as joints; ("",) for a single number
     units: tuple[str, ...]  # unit of each channel
-    # Value of each channel at which the score is 1, in the unit of the channel.
-    scales: tuple[float, ...]
+    scales: tuple[float, ...]  # value of each channel at which the score is 1, in its unit
     layer: str  # code of the robot's layer
     against: str = ""  # second field of a residual, with the same channels
 

@@ -224,7 +224,7 @@ def _test_vector_campaign(
         for path, value in content["parameters"].items()
         if config.parameters[path].kind == "fixed" and not any(arm in path for arm in other_arms)
     }
-    # A detector stores its last score only if `consecutive` is above 1. The score is read there.
+    # With `consecutive` above 1, the detector's state has the last score, for the test vector.
     detector = {"name": "monitor", "file": str(file), "consecutive": 2}
     raw["detector"] = [detector | {"threshold": [monitor.threshold]}]
     return validate_tables(raw)

@@ -46,8 +46,7 @@ class SearchRange:
     low: float
     high: float
     log: bool  # True for a logarithmic scale
-    # Accepted width of a bracket, as a share of its lower end (log) or of the whole range.
-    tolerance: float
+    tolerance: float  # accepted width of a bracket: share of its lower end (log) or of the range
 
     def spaced(self, low: np.ndarray, high: np.ndarray, points: int) -> np.ndarray:
         """Return [points, cells] evenly spaced on the scale, from `low` to `high` [cells]."""
@@ -72,8 +71,7 @@ class SearchRange:
 class Brackets:
     """The interval in which values become harmful, for each cell."""
 
-    # text [cells]: CROSSING, NEVER or ALWAYS harmful, or INVALID if an outcome was not valid.
-    state: np.ndarray
+    state: np.ndarray  # text [cells]: CROSSING, NEVER or ALWAYS harmful, or INVALID
     low: np.ndarray  # [cells], largest harmless value below the boundary; NaN if there is none
     high: np.ndarray  # [cells], smallest harmful value; NaN if there is none
     # For each cell, the intervals of the scan at whose ends the outcomes differ.
@@ -235,8 +233,9 @@ def _along(cells: Sequence[dict[str, Any]]) -> str | None:
 def draw(numbers: dict[str, Any]) -> list[Chart]:
     """Return charts of the boundary, from the results of `find`.
 
-    The axis `along` is a list of the file. Of other lists, each value of the first has a chart, and
-    each combination of the rest has a curve. With only one other list, its values have curves.
+    The faults of the search file have lists. The list `along` is the horizontal axis. With one more
+    list, each of its values has a curve. With further lists, each value of the first one has a
+    chart, and each combination of the others has a curve.
     """
     cells, along = numbers["cells"], numbers["along"]
     names = [name for name in cells[0]["cell"] if name != along]

@@ -144,7 +144,8 @@ def _pieces(config: CampaignConfig, group: Group, moments: Moments) -> Iterator[
     rng = np.random.default_rng([config.campaign.seed, zlib.crc32(group.name.encode())])
     for faults, axes_in_file in faults_and_axes(config, group):
         axes = moments.convert_phases(axes_in_file, group.name)
-        # repeat: number of each run's repeat. places: position of each run on each axis.
+        # repeat: number of each run's repeat. places: position of each run on each axis, an index
+        # in a list or a quantile.
         runs, repeat, places = sampling.sample_runs(group, axes, rng)
         slots = [
             fill_slot(config.robot, fault, _select_slot(axes, f), _select_slot(places, f))
@@ -154,6 +155,8 @@ def _pieces(config: CampaignConfig, group: Group, moments: Moments) -> Iterator[
             path: axis.at(places[_PARAMETER, path])
             for path, axis in _select_slot(axes, _PARAMETER).items()
         }
+        # Each combination of crossed parameters has the same runs, so the first combination has the
+        # same run `number * runs` rows before.
         for number, crossing in enumerate(_crossings(config, group)):
             yield _Piece(
                 runs=runs,
@@ -226,9 +229,10 @@ def _arrange_table(config: CampaignConfig, table: pd.DataFrame) -> pd.DataFrame:
     start = 0
     for group in config.group:
         rows = order[start : start + sizes[group.name]]
-        # Number of each first variant, from 0. The repeats of a draw follow each other.
-        variant_number = np.cumsum(is_first_variant[rows]) - 1
-        draw = variant_number[pair[rows] - start] // group.repeats
+        # Number of each row's first variant: 0 1 2 3 0 1 2 3 in the example above.
+        variant_number = (np.cumsum(is_first_variant[rows]) - 1)[pair[rows] - start]
+        # The repeats of a draw follow each other.
+        draw = variant_number // group.repeats
         draw_count = len(rows) // rows_of_a_draw(config, group)
         new_position = np.arange(draw_count)
         if group.design not in SAMPLED:

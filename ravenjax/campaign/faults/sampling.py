@@ -48,12 +48,14 @@ def sample_runs(group: Group, axes: Mapping[Key, Axis], rng: np.random.Generator
     sample, repeat = np.arange(runs), np.zeros((), np.int64)
     if group.repeats > 1:
         sample, repeat = np.divmod(sample, group.repeats)
+    # Position on each axis: the index of a listed value, or a quantile of a distribution.
     places: dict[Key, np.ndarray] = {key: np.zeros((), np.int64) for key in axes}
     if group.design in SAMPLED:
         random_axes = {key: axis for key, axis in axes.items() if axis.kind != "fixed"}
         draws = _draw_places(group.design, random_axes, samples, rng)
         return Sample(runs, repeat, places | {key: drawn[sample] for key, drawn in draws.items()})
-    # Number of samples between two values of a list. In a grid, the last list varies fastest.
+    # Number of samples until a list takes its next value. In a grid, the last list varies fastest:
+    # lists of 2 and 3 values have strides 3 and 1.
     stride = samples
     for key, axis in axes.items():
         if axis.kind == "list" and (length := len(axis.values)) > 1:
@@ -95,16 +97,19 @@ def _draw_points(design: str, rows: int, dimensions: int, rng: np.random.Generat
         # SciPy warns of any number of points that is not a power of two.
         return qmc.Sobol(dimensions, rng=rng).random(1 << (rows - 1).bit_length())[:rows]
     spawned = rng.spawn(1)[0]
-    # Sobol points as 30-bit numbers, with SciPy's scrambling "LMS+shift": random lower triangular
-    # matrices multiply the bits of each direction, highest first. The first point is random.
+    # Sobol points as 30-bit numbers. SciPy scrambles them: the first point is random, and a random
+    # lower triangular matrix multiplies the bits of each direction, the highest first, modulo 2.
     size, dtype = (dimensions, 30), np.uint32
     bit_values = dtype(1) << np.arange(30, dtype=dtype)
     first = spawned.integers(2, size=size, dtype=dtype) @ bit_values
     matrices = np.tril(spawned.integers(2, size=(*size, 30), dtype=dtype)) | np.eye(30, dtype=dtype)
+    # Bits of the 30 directions of each dimension: [dimensions, directions, bits].
     bits = np.array(table, dtype)[..., None] // bit_values[::-1] % 2
-    directions = bits @ matrices.swapaxes(1, 2) % 2 @ bit_values[::-1]
-    # A point differs from the point before it by one direction: the lowest set bit of its number.
+    scrambled_bits = (bits @ matrices.swapaxes(1, 2)) % 2
+    directions = scrambled_bits @ bit_values[::-1]
+    # Point n is point n - 1 XOR one direction: the direction whose index is the position of the
+    # lowest set bit of n. In binary, 1100 & -1100 is 100, and 100 - 1 is 11: two ones, position 2.
     numbers = np.arange(1, rows)
-    lowest_bits = np.bitwise_count((numbers & -numbers) - 1)
-    points = np.bitwise_xor.accumulate(np.c_[first, directions[:, lowest_bits]], axis=1)
+    positions = np.bitwise_count((numbers & -numbers) - 1)
+    points = np.bitwise_xor.accumulate(np.c_[first, directions[:, positions]], axis=1)
     return points.T / 2.0**30

@@ -43,7 +43,7 @@ NUMBERS: dict[str, tuple[type[np.number], float]] = {
 def fill_slot(
     robot: Robot, fault: Fault, axes: Mapping[str, Axis], places: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Return the columns FIELDS of a fault, each [runs], or [] if all runs have the same value.
+    """Return the columns FIELDS of a fault, each [runs], or a scalar that applies to all runs.
 
     Words are stored as indices into `words_of`. axes: values or distribution of each field except
     the site. places: position of each run on each axis.
@@ -65,7 +65,7 @@ def fill_slot(
             codes["channel"] = np.where(has_effect, channel, codes["channel"])
     value = axes["value"].at(places["value"])
     if not axes["value"].listed:
-        # Bool [channels, effects], by index in `words`: a drawn value is rounded to an integer.
+        # Bool [channels, effects], by their codes: a drawn value is rounded to an integer.
         needs_rounding = np.zeros((len(words["channel"]), len(words["effect"])), bool)
         for channel, name in itertools.product(site.channels, axes["effect"].listed):
             row, column = words["channel"].index(channel.name), words["effect"].index(name)

@@ -123,8 +123,7 @@ class Axis:
 
     def at(self, places: np.ndarray, whole: int = 0) -> np.ndarray:
         """Return the numbers at `places`, float64 of the same shape. places: indices of listed
-        values, or quantiles [0, 1) of a distribution. whole: round drawn numbers to multiples of
-        this integer.
+        values, or quantiles [0, 1) of a distribution. whole: round drawn numbers to its multiples.
 
         Listed values are not rounded.
         """
@@ -134,12 +133,13 @@ class Axis:
         if self.kind == PHASE:
             _, *stretches = self.values
             begins, ends = np.array(stretches, np.int64).T
-            # Number of milliseconds of the phase up to the end of each stretch.
+            # The milliseconds of the phase are numbered. In stretches from 10 to 13 and from 20 to
+            # 22, milliseconds 10, 11, 12, 20 and 21 have the numbers 0 to 4.
             counts = np.cumsum(ends - begins)
             number = np.minimum((places * counts[-1]).astype(np.int64), counts[-1] - 1)
             stretch = np.searchsorted(counts, number, side="right")
-            # The stretch has `counts - number` milliseconds from this one to its end.
-            return (ends[stretch] - (counts[stretch] - number)).astype(np.float64)
+            first_number = counts - (ends - begins)
+            return (begins[stretch] + number - first_number[stretch]).astype(np.float64)
         # Numbers are drawn in units of `whole`, rounded, and converted back.
         unit = max(whole, 1)
         low, high = (value / unit for value in self.values)
@@ -240,13 +240,14 @@ class KeyDefinition(NamedTuple):
     def json_schema(self) -> dict[str, Any]:
         """Return the JSON Schema of the key."""
         values = {"type": "array", "items": self.schema, "minItems": 1}
+        # FORMS has the content of a table by its key, such as "[low, high]" by "uniform".
         properties = {
-            form: {"description": FORMS[form], **(_TABLES["pair"] if form in _PAIRS else values)}
-            for form in self.forms
+            key: {"description": FORMS[key], **(_TABLES["pair"] if key in _PAIRS else values)}
+            for key in self.forms
         }
         table = {**_TABLES["table"], "properties": properties}
         # Such as "{choice = [value, value, ..]}".
-        examples = ", ".join(f"{{{form} = {FORMS[form]}}}" for form in self.forms)
+        examples = ", ".join(f"{{{key} = {FORMS[key]}}}" for key in self.forms)
         return {
             "description": f"{self.expected}, a list of these, or one of {examples}",
             "anyOf": [self.schema, values, table],

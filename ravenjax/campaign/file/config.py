@@ -120,7 +120,7 @@ class CampaignConfig(Section):
         return robot.with_checks(self.own_checks).with_channels(PARAMETER, channels)
 
     def _faulty_parameters(self) -> Iterator[tuple[int, int, str]]:
-        """Yield (group, slot, path) of each fault at site `parameter`, which robots may lack."""
+        """Yield (group, slot, path) of each fault of a parameter, if faults can change any."""
         for g, group in enumerate(self.group):
             if self.changeable and any(fault.site == PARAMETER for fault in group.fault):
                 for run in group.run or (Run(),):
@@ -230,7 +230,7 @@ class CampaignConfig(Section):
         """Return why the parameter at `path` has no effect in this campaign, or ""."""
         return ""
 
-    def says_beyond(self, fault: Fault) -> bool:
+    def allows_beyond_16_bits(self, fault: Fault) -> bool:
         """Return whether a fault may have values beyond 16 bits."""
         return fault.wraps
 

@@ -168,8 +168,9 @@ class Where:
         return UserError(text)
 
     def _locate_in_file(self, key: Key, message: str) -> Complaint:
-        # Returns a complaint with a key that is in the file. For a fault of the hazard library,
-        # this is a key of the group that names the hazard.
+        # Returns a complaint with a key that is in the file. In `key`, `names` and `number_in_file`
+        # a group that names hazards is already replaced by a group for each case. For a fault of
+        # the hazard library, the new key is one of the group that names the hazard.
         match key:
             case ("group", int(number), *rest) if number < len(self.number_in_file):
                 number_in_file = self.number_in_file[number]

@@ -65,11 +65,11 @@ class CampaignSection(Section):
     @classmethod
     def _whole_ms(cls, duration: float) -> float:
         # A tick may last several milliseconds. `semantics` then checks that a run has whole ticks.
-        ticks = round(duration * 1000.0)
-        if ticks < 1 or abs(duration * 1000.0 - ticks) > 1e-6 * ticks:
+        ms = round(duration * 1000.0)
+        if ms < 1 or abs(duration * 1000.0 - ms) > 1e-6 * ms:
             raise ValueError(
                 f"got {duration:.10g} s, expected whole milliseconds, at least 0.001 s, such as"
-                f" {max(1, ticks) / 1000:g}"
+                f" {max(1, ms) / 1000:g}"
             )
         return duration
 

@@ -87,7 +87,7 @@ def _find_group_errors(config: CampaignConfig, group: Group) -> Iterator[Complai
             errors = list(_find_fault_errors(config, group, fault))
             # Values can be checked only if site, channel and effect are correct.
             if not errors:
-                unfit = find_unfit_values(config, group, fault, config.says_beyond(fault))
+                unfit = find_unfit_values(config, group, fault, config.allows_beyond_16_bits(fault))
                 errors = [("value", message) for message in itertools.islice(unfit, 1)]
             for name, message in errors:
                 yield (*key, "fault", f, name), message
@@ -143,7 +143,7 @@ def _find_fault_errors(
 def _find_site_errors(
     config: CampaignConfig, fault: Fault, site: Site, paired: bool
 ) -> Iterator[tuple[str, str]]:
-    """Yield (key, message) for each wrong arm or channel, and each effect that the site lacks."""
+    """Yield (key, message) of each wrong arm, channel or effect. paired: the design is "zip"."""
     arms = config.campaign.arms
     fault_arms = fault.arm.listed if fault.arm else ()
     if fault.arm is not None and not site.per_arm:
@@ -166,7 +166,9 @@ def _find_site_errors(
         yield "channel", describe_unknown_name(f"channel of site {site.name}", unknown[0], names)
     elif site.name == "network":
         for effect, name in _combinations((fault.effect, fault.channels(site)), paired):
-            if effect in network and name != (acts_on := NETWORK_EFFECTS[effect].channel):
+            # The channel that a network effect determines.
+            acts_on = NETWORK_EFFECTS[effect].channel if effect in network else name
+            if name != acts_on:
                 yield (
                     "channel",
                     f"got {name!r}, but effect {effect!r} acts on {acts_on!r}: remove the key, or"
@@ -253,7 +255,8 @@ def last_start(config: CampaignConfig, fault: Fault) -> int:
     """Return the largest `start_ms`, in ms or packets, at which a fault still acts in the run."""
     if fault.trigger.listed != ("packet",):
         return config.campaign.duration_ms - 1
-    # The cycles per packet are a mean of the campaign, or this parameter. The other of both is 1.
+    # The campaign gives a mean number of cycles per packet, or a parameter gives the number. The
+    # unused one of both numbers is 1.
     axis = config.parameters.get(config.robot.packet_cycles)
     least_cycles = 1 if axis is None else min(axis.listed or axis.values)
     return math.ceil(config.campaign.ticks / max(config.cycles_a_packet, least_cycles)) - 1

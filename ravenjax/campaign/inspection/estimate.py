@@ -90,15 +90,18 @@ def estimate_cost(work: CostFactors, engine: str, speed: float) -> CostEstimate:
         compute_s = ticks * tick_ns(work) / _MODEL.ns_arm / _MODEL.cuda_ticks_per_s
     else:
         compute_s = ticks * tick_ns(work) * 1e-9 * _MODEL.slower.get(engine, 1.0) / speed
+    # The time series of golden runs are copied for the lanes if runs do not share them. A campaign
+    # keeps only some series at a time, with a GPU twice as many.
     copies = 1 if work.shares_series else 2
     series = copies * work.golden_runs * work.ticks * _MODEL.series_bytes * work.arms / 2**20
     most = _MODEL.most_series_mib * (2 if engine == "cuda" else 1)
+    # A start uses one core, so several cores (speed above 1) do not shorten it.
+    core_speed = min(1.0, speed)
+    storing_s = work.runs * _MODEL.ns_run * 1e-9 / speed
     plan = work.runs * (_MODEL.run_bytes + _MODEL.slot_bytes * work.slots) / 2**20
     return CostEstimate(
-        start_s=(_MODEL.start_s + _MODEL.site_s * work.sites) / min(1.0, speed),
-        run_s=compute_s
-        + work.runs * _MODEL.ns_run * 1e-9 / speed
-        + _MODEL.branch_s / min(1.0, speed),
+        start_s=(_MODEL.start_s + _MODEL.site_s * work.sites) / core_speed,
+        run_s=compute_s + storing_s + _MODEL.branch_s / core_speed,
         memory_mib=_MODEL.base_mib + _MODEL.site_mib * work.sites + plan + min(series, most),
     )
 

@@ -135,6 +135,7 @@ def fault_free_campaigns(tables: Nested, seconds: int) -> Iterator[tuple[str, Ne
         for table in ("parameters", "cross")
         for value in tables.get(table, {}).values()
     )
+    # 0 runs: one run for each listed value of a parameter.
     runs = DRAWN if has_distribution else 0
     motion, seed = tables["operator"].get("motion") or "suture", int(tables["operator"]["seed"])
     while True:

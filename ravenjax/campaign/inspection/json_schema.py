@@ -118,10 +118,12 @@ def _parameters(robot: Robot, any_path: Schema) -> Schema:
     table = _node(tree, any_path)
     text = "in [parameters]: a file with a population, from which robots are drawn"
     table["properties"][KEY] = {"description": text, "type": "string"}
-    # A path's pattern is ^(WORD)(\.(WORD))*$. Here only its first word is replaced.
+    # The pattern of any path is ^(WORD)(\.(WORD))*$. Here only the first word is another. _OWN is
+    # the pattern of paths to parameters in users' Python files.
     first_word = "|".join(map(re.escape, (*tree, KEY)))
-    _, *more_words = any_path["pattern"].partition(r"(\.")
-    return table | {"propertyNames": {"pattern": f"^({first_word}){''.join(more_words)}|^{_OWN}$"}}
+    any_pattern = any_path["pattern"]
+    more_words = any_pattern[any_pattern.index(r"(\.") :]
+    return table | {"propertyNames": {"pattern": f"^({first_word}){more_words}|^{_OWN}$"}}
 
 
 _OWN = r"((detectors|checks|control|operator)\.own|checks\.threshold)(\.[A-Za-z][A-Za-z0-9_]*)+"

@@ -38,8 +38,7 @@ class ColumnAgreement(NamedTuple):
 
     name: str
     equal: int  # rows that are equal bit by bit
-    # Largest difference, in the column's unit. NaN for words, and where one of two numbers is NaN.
-    largest: float
+    largest: float  # largest difference, in the column's unit; NaN for words, or if a number is NaN
 
 
 class Rerun(NamedTuple):

@@ -105,25 +105,26 @@ def count_cases(
     results: Results,
     draws: Sequence[GroupDraws],
     taken: np.ndarray,
-    rates: Sequence[str],
+    names: Sequence[str],
     rules: Rules,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the number of draws with each of the events `rates` [rates, groups], and the number of
-    valid draws [groups]. Only the first taken[group] draws of each group are counted.
+    """Return the number of draws with each of the events `names` [events, groups], and the number
+    of valid draws [groups]. Only the first taken[group] draws of each group are counted.
 
     A row is valid if it has an outcome and its fault changed a bit. The first valid row of a draw
     decides whether its events happened. A draw without a valid row does not count.
     """
-    table = results.arrow(["index", "activated", *events.event_columns(rates, rules)])
+    table = results.arrow(["index", "activated", *events.event_columns(names, rules)])
     valid_sql = f"{events.VALID_SQL} AND activated"
+    run_count = sum(group.number * group.rows for group in draws)
     # The first row of `happened` says whether a run is valid, the others are events.
-    happened = np.zeros((1 + len(rates), draws[-1].rows_of(draws[-1].number).stop), bool)
-    happened[:, table["index"].to_numpy()] = events.events_happened(table, rates, rules, valid_sql)
-    case_counts = np.zeros((len(rates), len(draws)), np.int64)
+    happened = np.zeros((1 + len(names), run_count), bool)
+    happened[:, table["index"].to_numpy()] = events.events_happened(table, names, rules, valid_sql)
+    case_counts = np.zeros((len(names), len(draws)), np.int64)
     valid_counts = np.zeros(len(draws), np.int64)
     for number, (group, count) in enumerate(zip(draws, taken.tolist(), strict=True)):
         rows = group.rows_of(count)
-        of_group = happened[:, rows.start : rows.stop].reshape(1 + len(rates), count, group.rows)
+        of_group = happened[:, rows.start : rows.stop].reshape(1 + len(names), count, group.rows)
         valid, cases = of_group[0], of_group[1:]
         # Index of the first valid row of each draw; 0 if no row is valid, and then no event counts.
         first = valid.argmax(axis=1)[None, :, None]

@@ -43,7 +43,7 @@ def _has_drawn_fault(group: Mapping[str, Any]) -> bool:
 def _is_drawn(value, samples_lists: bool) -> bool:
     # samples_lists: the design draws from lists of values, instead of using each value.
     if isinstance(value, Mapping):
-        # { uniform = [0, 9] } is drawn in any design, { list = [1, 2] } as [1, 2] below.
+        # { uniform = [0, 9] } is drawn in any design, { list = [1, 2] } only from sampled lists.
         return samples_lists or "list" not in value
     return samples_lists and (
         value == "all" or (isinstance(value, list | tuple) and len(value) > 1)

@@ -162,15 +162,17 @@ def beyond_sql(name: str, limit: float, types: Mapping[str, str]) -> str:
 def _number_faults(table: ResultTable, types: Mapping[str, str], end_ms: int) -> bool:
     # Returns whether all faults differ. If not, creates the table `numbers` with the columns `row`
     # and `distinct`. `distinct` is the first row with the same inputs as the run, or as a run of
-    # the same pair. The template has three lines of SQL: whether an effect draws random numbers, a
-    # hash of a run's inputs, and the same hash if each run with such an effect is distinct.
+    # the same pair. The template has three SQL expressions: whether an effect of the run draws
+    # random numbers, a hash of the run's inputs, and a hash that also differs between runs with
+    # equal inputs if their effect draws random numbers, because these are different faults.
     names = ["operator"] + [name for name in types if name.startswith(("param:", "fault"))]
     inputs = {name: kind for name, kind in types.items() if name in names}
-    draws, key, key_of_copies = wording.fill_template(
+    draws, input_hash, fault_hash = wording.fill_template(
         "inputs.sql.j2", types=inputs, columns=types, end_ms=end_ms, random=RANDOM, quote=quote_name
     )
-    (drawn,) = table.row(f"SELECT coalesce(bool_or({draws}), false) FROM {RESULTS}")
-    keyed = f"(SELECT row, pair, {key_of_copies if drawn else key} AS input FROM {RESULTS})"
+    (any_draws,) = table.row(f"SELECT coalesce(bool_or({draws}), false) FROM {RESULTS}")
+    # Without such effects both hashes distinguish the same runs, and the first is faster.
+    keyed = f"(SELECT row, pair, {fault_hash if any_draws else input_hash} AS input FROM {RESULTS})"
     is_unique = "count(*) = count(DISTINCT input) AND bool_and(pair = row)"
     (unique,) = table.row(f"SELECT {is_unique} FROM {keyed}")
     if not unique:

@@ -89,9 +89,11 @@ def make_fault_free_table(
     ms, a number or a column. beside: the additional motion.
     """
     golden = [name for name in names if name == "operator" or name.startswith("golden_")]
+    # The report gives no false-alarm rate for built-in checks.
     golden = [name for name in golden if not _CHECKS.match(name)]
     alarms = [name for name in names if _ALARM.fullmatch(name)]
     columns = [*map(quote_name, golden), f"{end} AS length_ms"]
+    # Of golden runs, the times of detectors' alarms are unknown.
     columns += [f"NULL::INTEGER AS {quote_name(name)}" for name in alarms]
     # If `end` is a column, runs of one golden run have different ends. Keep the longest.
     if end in names:

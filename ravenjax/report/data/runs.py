@@ -173,7 +173,8 @@ class Runs:
         are kept or left out together.
         """
         share = min(1.0, most / max(1, self.count(where)))
-        # Equal numbers have equal hashes, so the draw is the same at each call.
+        # Equal numbers have equal hashes, so the draw is the same at each call. The hash of 0 is 0,
+        # so without adding 1, a 0 would always be drawn.
         return self.table.frame(
             f"SELECT {columns} FROM {RESULTS} JOIN (SELECT * FROM {FACTS} WHERE {where}) AS {FACTS}"
             f" USING (row) WHERE hash({quote_name(by)} + 1) % {2**32} < {int(2**32 * share)}"
@@ -205,7 +206,8 @@ def _more(manifest: Manifest):
     for n, check in enumerate(checks):
         columns[f"own{n}_ms"] = events.check_ms_sql(check.name)
     if checks:
-        # Without a separate column, the column `response` is of the built-in checks.
+        # `built_in` is the column with the response of the built-in checks. It is `response` if
+        # other checks cannot change the response.
         is_separate = manifest.rules.built_in != "response"
         columns["built_in_told_ms"] = "built_in_told_ms" if is_separate else "told_ms"
     if manifest.shape.observes:

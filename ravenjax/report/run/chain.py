@@ -38,13 +38,10 @@ class SignalTicks(NamedTuple):
     meaning: str
     differs: np.ndarray
     leaves: np.ndarray
-    # index into `channels` of the number that differed first
-    first_differing: np.ndarray
-    # index into `channels` of the number that left its range first
-    first_leaving: np.ndarray
+    first_differing: np.ndarray  # index into `channels` of the number that differed first
+    first_leaving: np.ndarray  # index into `channels` of the number that left its range first
     channels: tuple[str, ...]
-    # True if any of its numbers has a normal range
-    has_range: bool
+    has_range: bool  # True if any of its numbers has a normal range
 
 
 class ChainLink(NamedTuple):
@@ -54,12 +51,10 @@ class ChainLink(NamedTuple):
     signal: str
     meaning: str
     differs_ms: int
-    # name of the number that differed first, or ""
-    differs_in: str
+    differs_in: str  # name of the number that differed first, or ""
     leaves_ms: int
     leaves_in: str
-    # Time from leaving the normal range to harm; None if either is missing.
-    left_ms: int | None
+    left_ms: int | None  # time from leaving the normal range to harm; None if either is missing
 
 
 class NearCheck(NamedTuple):
@@ -67,13 +62,10 @@ class NearCheck(NamedTuple):
 
     check: str
     unit: str
-    # Least distance to the limit until harm; 0 or less means that it tripped.
-    margin: float
-    # the golden run's margin until the same tick
-    golden: float
+    margin: float  # least distance to the limit until harm; 0 or less means that it tripped
+    golden: float  # the golden run's margin until the same tick
     ms: int  # time of the least margin
-    # first trip in the whole run; -1: never
-    tripped_ms: int
+    tripped_ms: int  # first trip in the whole run; -1: never
     does: str
 
 
@@ -89,8 +81,7 @@ class Chain(NamedTuple):
     fault_ms: int  # first effect; -1: no effect
     cue_ms: int
     told_ms: int
-    # Time at which the run's hazard began; -1 if it has none, or one without a moment.
-    harm_ms: int
+    harm_ms: int  # time at which the hazard began; -1 if it has none, or one without a moment
     links: Sequence[ChainLink]  # signals that differ, in the robot's order
     # Checks that tripped, or came nearer to their limit than in the golden run.
     checks: Sequence[NearCheck]

@@ -44,6 +44,7 @@ def _draw_course(course: TipCourse) -> list[Chart]:
     time_spans = [course.recorded_s]
     if count:
         time_spans.append(replayed_s)
+    # Charts have the recording's time. The samples of a replay are 1 ms apart at any speed.
     recording = _position_and_speed(course.recorded_s, course.recorded)
     replay = _position_and_speed(np.arange(count) * TICK_S, course.replayed[:count])
     colour = ARM_COLOURS[robots.USUAL.arms.index(course.arm)]
@@ -58,7 +59,7 @@ def _draw_course(course: TipCourse) -> list[Chart]:
             low, high = float(np.nanmin(all_values)), float(np.nanmax(all_values))
             margin = 0.05 * (high - low) or 1.0
             low, high = low - margin, high + margin
-            # Lower and upper end of the coloured spans, which fill the height of the chart.
+            # Each coloured span is the band of a curve, from `floor` to `top` of the chart.
             floor, top = np.full(2, low), np.full(2, high)
             marks: list[Mark] = [Curve("recorded", SAME, recorded_s, recorded)]
             if is_near.sum() <= MAX_DOTS:

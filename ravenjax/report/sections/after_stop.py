@@ -18,8 +18,7 @@ class StopRow(NamedTuple):
     cause: str
     n: int
     took_ms: Quantiles  # from the fault's first effect to the stop
-    # Largest distance of the tip from its course while the robot was not live.
-    off_mm: Quantiles
+    off_mm: Quantiles  # largest distance of the tip from its course while the robot was not live
     before: Rate  # runs whose motion was beyond the limit before the stop
     after: Rate  # runs whose motion was beyond the limit only after the stop
     cue_before: Rate
@@ -39,12 +38,12 @@ def stop_rows(runs: Runs) -> list[StopRow]:
 
 
 def _count_stops(runs: Runs, by: str) -> list[StopRow]:
-    # Returns a row for each value of `by` (SQL): how many stopped runs had the motion or the cue
-    # before the stop, and how many after it.
+    # Returns a row for each value of `by` (SQL). Only runs that a check stopped are counted.
     stop = f"{FACTS}.response_ms"
     moved = f"unintended_ms >= 0 AND unintended_ms <= {stop}"
     is_beyond = run_facts.beyond_sql("unintended_off_mm", runs.manifest.limit_mm, runs.types)
-    # In the order of the rates in StopRow.
+    # In the order of the rates in StopRow: motion beyond the limit before the stop, and only after
+    # the stop; cue before the stop, later, and never; robot live again.
     conditions = (
         moved,
         f"NOT ({moved}) AND {is_beyond}",
@@ -59,16 +58,12 @@ def _count_stops(runs: Runs, by: str) -> list[StopRow]:
         *(f"count(*) FILTER ({condition})" for condition in conditions),
     )
     counts = tables.class_counts(runs, by, columns, f"{FACTS}.response = 'stopped'")
-    return [
-        StopRow(
-            cause or "not recorded",
-            n,
-            Quantiles(*took),
-            Quantiles(*off_mm),
-            *(tables.fault_share(runs, k, n, groups) for k in events),
-        )
-        for cause, groups, n, took, off_mm, *events in counts
-    ]
+    rows = []
+    for cause, groups, n, took, off_mm, *events in counts:
+        rates = [tables.fault_share(runs, k, n, groups) for k in events]
+        quantiles = Quantiles(*took), Quantiles(*off_mm)
+        rows.append(StopRow(cause or "not recorded", n, *quantiles, *rates))
+    return rows
 
 
 SECTIONS = {"after_stop": lambda runs, _: {"stops": found} if (found := stop_rows(runs)) else None}

@@ -36,11 +36,9 @@ class ClassRow(NamedTuple):
     # Share of faults with an unintended motion that a cue, check or detector reported before the
     # motion, as in `detectors.knowledge_sql`.
     before: Rate
-    # Time from the first effect until half of these faults were reported.
-    half_ms: Estimate
+    half_ms: Estimate  # time from the first effect until half of these faults were reported
     mm: Quantiles  # excursion of the true tip while the robot was live
-    # Faults whose motion exceeded the limit only while the robot was not live, as after a stop.
-    not_live: int
+    not_live: int  # faults whose motion exceeded the limit only while the robot was not live
     not_live_mm: float  # largest distance while the robot was not live
 
 
@@ -65,10 +63,8 @@ class Changed(NamedTuple):
     """Effect of the cue: comparisons of runs with and without a reaction, and the cue's lead."""
 
     pairs: list[Difference]  # over all faults, one for each reaction
-    # Lead of the cue that the verdicts use; None: no cue, or no fault evaded.
-    announced: Announced | None
-    # The haptic set that warns of most motions without a false cue, if it is better than that of
-    # the verdicts.
+    announced: Announced | None  # lead of the verdicts' cue; None: no cue, or no fault evaded
+    # The haptic set that warns of most motions without a false cue, if better than the verdicts'.
     better: Announced | None
 
 
@@ -102,7 +98,8 @@ def class_rows(runs: Runs, kind: str = "") -> list[ClassRow]:
         runs.delays(detectors.knowledge_sql(runs), start, runs.end, UNINTENDED, kind or None)
         for start in ("active_ms", "unintended_ms")
     )
-    # `class_counts` puts the value of `kind`, the groups and the number of faults before these.
+    # `class_counts` puts the value of `kind`, the groups and the number of faults before these. The
+    # last two are excursions while the robot was not live (column unintended_off_mm).
     columns = (
         *(f"count(*) FILTER ({event})" for event in ("evaded", "unintended", "loss")),
         tables.quantiles_sql("unintended_mm"),
@@ -111,25 +108,26 @@ def class_rows(runs: Runs, kind: str = "") -> list[ClassRow]:
     )
     by = f"{FACTS}.{quote_name(kind)}::VARCHAR" if kind else "''"
     rows = []
-    for name, groups, n, *counts, mm, not_live, far_mm in tables.class_counts(runs, by, columns):
+    for name, groups, n, *counts, mm, beyond, off_mm in tables.class_counts(runs, by, columns):
         half_ms = latency.incidence_curve(delays.get(name, NO_DELAYS)).quantile_interval(0.5)
         before = latency.rate_before(lags.get(name, NO_DELAYS))
         if not runs.sampled(groups):
             half_ms, before = tables.without_interval(half_ms), tables.without_interval(before)
         evaded, unintended, loss = (tables.fault_share(runs, k, n, groups) for k in counts)
         rates = evaded, unintended, loss, before
-        rows.append(ClassRow(name, *rates, half_ms, Quantiles(*mm), not_live, far_mm))
+        rows.append(ClassRow(name, *rates, half_ms, Quantiles(*mm), beyond, off_mm))
     return sorted(rows, key=lambda row: [*map(tables.rate_order, (row.evaded, row.unintended))])
 
 
 def cue_effects(runs: Runs) -> Changed:
     """Return the effect of the cue, and of a better haptic set without a false cue, if any."""
-    manifest = runs.manifest
     condition = "sample AND faulty AND evaded"
-    any_rows = runs.count(condition) and runs.motions.count
-    announcements = [_announced(runs, k, condition) for k in range(len(manifest.cues)) if any_rows]
-    used = announcements[manifest.verdict_cue] if announcements else None
+    announcements = []
+    if runs.count(condition) and runs.motions.count:
+        announcements = [_announced(runs, k, condition) for k in range(len(runs.manifest.cues))]
+    used = announcements[runs.manifest.verdict_cue] if announcements else None
     quiet = [cue for cue in announcements if not cue.false.k]
+    # The best set has the largest share of motions with the cue before the motion (times.before).
     best = max(quiet, key=lambda cue: (cue.times.before, cue.cue.threshold_mm), default=None)
     better = best and used and best.times.before > used.times.before
     comparisons = [row for row in runs.once(reaction.compare_actions) if row.among == "all faults"]

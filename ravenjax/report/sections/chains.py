@@ -188,10 +188,11 @@ def summarize_chains(runs: Runs, ticks: pd.DataFrame) -> Propagation:
 
     ticks: table of `store.access.explained`, one row per run.
     """
-    facts = robots.faults_with_units(runs, "unintended_ms AS harm", HARMFUL_EVADING)
-    lacking = set(facts.loc[~facts["row"].isin(ticks["index"]), "group"])
-    complete = sorted(set(facts["group"]) - lacking)
-    faults = facts.loc[facts["group"].isin(complete)].reset_index(drop=True)
+    evading = robots.faults_with_units(runs, "unintended_ms AS harm", HARMFUL_EVADING)
+    # Only groups whose evading faults are all explained are summarised.
+    partial = set(evading.loc[~evading["row"].isin(ticks["index"]), "group"])
+    complete = sorted(set(evading["group"]) - partial)
+    faults = evading.loc[evading["group"].isin(complete)].reset_index(drop=True)
     rows = ticks.set_index("index").loc[faults["row"]]
     drawn, noun = robots.drawn_units(runs, faults)
 
@@ -199,18 +200,19 @@ def summarize_chains(runs: Runs, ticks: pd.DataFrame) -> Propagation:
         return pair_intervals.pair_rate(hit, drawn)
 
     def median(values: np.ndarray):
-        """Return the median of the values above 0."""
+        """Return the median of the values above 0, which are times of events that happened."""
         positive = values > 0
-        times_drawn = None if drawn is None else drawn.where(positive)
-        return latency.delay_quantile(values[positive], positive[positive], 0.5, times_drawn)
+        times = values[positive]
+        units = drawn.where(positive) if drawn else None
+        return latency.delay_quantile(times, np.ones_like(times, bool), 0.5, units)
 
     harm = faults["harm"].to_numpy(np.int64)
     seams = _join_arms(rows, runs.manifest)
     # Time from leaving the normal range to harm, ms [seams, runs]; 0: not visible before harm.
     leaves = np.array([seam.leaves for seam in seams]).reshape(len(seams), len(harm))
     leads = np.where((leaves >= 0) & (leaves < harm), harm - leaves, 0)
-    # The first seam in which a fault is visible has the longest lead; 0 or -1: none before harm.
-    longest = leads.max(axis=0, initial=-1)
+    # The first seam in which a fault is visible has the longest lead.
+    longest = leads.max(axis=0, initial=0)
     firsts = leads.argmax(axis=0) if len(seams) else np.zeros(len(faults), int)
     carriers = []
     for index, (seam, lead) in enumerate(zip(seams, leads, strict=True)):
@@ -219,9 +221,10 @@ def summarize_chains(runs: Runs, ticks: pd.DataFrame) -> Propagation:
         names = seam.name, seam.layer, seam.meaning, seam.has_range
         if carries.k:
             carriers.append(Carrier(*names, carries, shows, median(lead), first))
-    counts = len(faults), len(facts)
-    groups = complete, sorted(lacking)
-    return Propagation(*counts, *groups, noun, carriers, rate(longest <= 0), median(longest))
+    hidden, lead_ms = rate(longest == 0), median(longest)
+    return Propagation(
+        len(faults), len(evading), complete, sorted(partial), noun, carriers, hidden, lead_ms
+    )
 
 
 def _join_arms(rows: pd.DataFrame, manifest: Manifest):

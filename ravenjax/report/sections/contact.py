@@ -16,10 +16,8 @@ class ContactRow(NamedTuple):
 
     group: str
     n: int
-    # N, largest force of tissue and vessel on an instrument
-    peak_n: Quantiles
-    # N s, that force integrated over the run, summed over instruments.
-    impulse_n_s: Quantiles
+    peak_n: Quantiles  # N, largest force of tissue and vessel on an instrument
+    impulse_n_s: Quantiles  # N s, that force integrated over the run, summed over instruments
     harder: Rate  # faults that pressed tissue or vessel harder than their golden run
     vessel: Rate  # faults that pressed the vessel harder than their golden run
     vessel_n: float  # N, the largest force of the vessel
@@ -39,8 +37,7 @@ def contact_rows(runs: Runs) -> list[ContactRow]:
 
 
 def _rows_by(runs: Runs, by: str) -> list[ContactRow]:
-    # Returns a row for each value of `by` (SQL). Faults count if their force is larger than that of
-    # the golden run.
+    # Returns a row for each value of `by` (SQL), over faults with more force than the golden run.
     names = ["contact_peak_n", "contact_vessel_peak_n"]
     # Instruments can touch each other only if there are two.
     if len(runs.manifest.shape.arms) > 1:

@@ -62,8 +62,7 @@ class Coverage(NamedTuple):
     detected: Rate  # share of the harmful faults that are detected
     before: Rate  # share that is detected before the harm
     alone: int  # number of faults that no other source reports
-    # Share that is detected by the deadline of a stop; None: no deadlines.
-    in_time: Rate | None = None
+    in_time: Rate | None = None  # share detected by the deadline of a stop; None: no deadlines
 
 
 class SmallestSets(NamedTuple):
@@ -95,8 +94,7 @@ class CoverageTable(NamedTuple):
         return [_smallest(self.harmful, self.sources, *item) for item in self.latest.items()]
 
     def list_runs(self, name: str, runs: Runs) -> list[tuple[str, ...]]:
-        """Return for each harmful fault: run, site, fault, times of harm and detection, their
-        order.
+        """Return for each harmful fault: run, site, fault, times of harm and detection, and order.
 
         `name`: of a source, or of a set of sources. Raise UserError for an unknown name.
         """
@@ -220,7 +218,7 @@ def _rows(
     # Yields the coverage of each source and each set of sources, for all sites and for each site.
     sites = {EVERY_SITE: np.full(len(harmful), True)}
     sites |= {site: (harmful["site"] == site).to_numpy() for site in sorted(set(harmful["site"]))}
-    # latest: see CoverageTable.
+    # latest: by criterion (a field of Coverage), the latest time at which a detection counts.
     reporting = [one for one in sources if one.reports]
     teams = {one.name: [one] for one in sources} | _together(sources)
     effects = {one.name: one.does for one in sources}
@@ -237,6 +235,7 @@ def _rows(
                 criterion: pair_intervals.pair_rate((ms >= 0) & (ms <= limit[here]), faults)
                 for criterion, limit in latest.items()
             }
+            # Faults that only this team detects.
             alone = int(((ms >= 0) & (others < 0)).sum())
             yield Coverage(site, name, effects.get(name, ""), alone=alone, **rates)
 

@@ -36,8 +36,8 @@ HARMLESS = "sample AND faulty AND NOT unintended"
 WEIGHTS = (1, 10, 100, 1000)
 """Costs of a missed hazard, in false cues, if one hazard occurs per hour."""
 FALSE_PER_HOUR = (0.5, 1, 10, 60)
-_WEIGHT, _LIMIT = "a missed hazard weighs {} times a false cue", "false cues an hour: at most {}"
-"""Texts of the two kinds of rules for the choice of a threshold."""
+_WEIGHT, _LIMIT = "a missed hazard weighs {} times a false cue", "false cues an hour: at most "
+"""Texts of the two kinds of rules for the choice of a threshold. The limit follows its text."""
 MOST_LISTED = 3
 """Largest number of thresholds that are listed. Of more, the least and the greatest are named."""
 
@@ -50,16 +50,12 @@ class CueRow(NamedTuple):
     missed: Rate  # share of runs with an unintended motion
     false: Rate  # share of fault-free motions
     per_hour: AlarmRate | None
-    # Share of faulty runs without an unintended motion that have a cue, and no golden cue.
-    harmless: Rate
-    # True if no other set has both fewer misses and fewer false cues.
-    best: bool
+    harmless: Rate  # share of faulty runs without unintended motion with a cue, but no golden cue
+    best: bool  # True if no other set has both fewer misses and fewer false cues
     delay_ms: Estimate  # median over runs with a cue, from the fault's first effect
-    # Share of runs with an unintended motion that have the cue before the motion.
-    before: Rate
+    before: Rate  # share of runs with an unintended motion that have the cue before the motion
     lead_ms: Estimate  # median time from the cue to the motion over these runs
-    # Median over these runs of the largest force, in device units; NaN: never felt.
-    force: float
+    force: float  # median over these runs of the largest force, in device units; NaN: never felt
     felt_ms: float  # median of the time with force in these runs, ms
     pulses: float  # median number of pulses in these runs
 
@@ -97,7 +93,8 @@ def cue_rows(runs: Runs) -> list[CueRow]:
     result = []
     for k, cue in enumerate(cues):
         times = tables.event_times(runs, after_onset(f"warned{k}_ms"))
-        hazards, false = times.before.n, free.count_with_event(f"golden_cue{k}_first_ms")
+        # `before` is a share of all hazards, so its n is their number.
+        hazards = times.before.n
         medians = ", ".join(f"coalesce(median(cue{k}_{what}::DOUBLE), 'nan')" for what in FELT)
         came = f"{UNINTENDED} AND ({after_onset(f'warned{k}_ms')}) >= 0"
         force, felt_ms, pulses = runs.table.row(f"SELECT {medians} FROM {runs.matching(came)}")
@@ -105,7 +102,7 @@ def cue_rows(runs: Runs) -> list[CueRow]:
             number=k,
             cue=cue,
             missed=tables.fault_share(runs, hazards - times.alarmed, hazards),
-            false=tables.wilson_share(false, free.count),
+            false=tables.wilson_share(free.count_with_event(f"golden_cue{k}_first_ms"), free.count),
             per_hour=free.cue_rate(k),
             harmless=tables.fault_share(runs, felt[k], harmless),
             best=False,
@@ -139,13 +136,14 @@ def choose_cues(runs: Runs, rows: Sequence[CueRow]) -> list[Choice]:
 
 
 def hours_to_offer(choices: Sequence[Choice]) -> float:
-    """Return the hours of fault-free motion that would decide the open choices; 0 if none would.
+    """Return hours of fault-free motion that would decide open choices; 0 if none would.
 
-    These are the hours for all limits of false cues, or else the fewest hours for one of the costs.
+    The rule of a choice is a limit of false cues, or the cost of a missed hazard. The hours decide
+    all choices under limits. If no limit is open, they decide the first choice under a cost.
     """
-    decidable = [one for one in choices if math.isfinite(one.hours)]
-    limits = [one.hours for one in decidable if one.rule.startswith(_LIMIT.partition("{")[0])]
-    return max(limits) if limits else min((one.hours for one in decidable), default=0.0)
+    hours_of_rules = {one.rule: one.hours for one in choices if math.isfinite(one.hours)}
+    of_limits = [hours for rule, hours in hours_of_rules.items() if rule.startswith(_LIMIT)]
+    return max(of_limits) if of_limits else min(hours_of_rules.values(), default=0.0)
 
 
 def _alarm_counts(runs: Runs, rows: Sequence[CueRow]) -> AlarmCounts:
@@ -159,6 +157,7 @@ def _alarm_counts(runs: Runs, rows: Sequence[CueRow]) -> AlarmCounts:
     missed = np.array([[digit == "0" for digit in pattern] for pattern, _ in patterns])
     count = np.array([n for _, n in patterns])
     rates = [row.per_hour for row in rows if row.per_hour is not None]
+    # missed_by_first[i, j]: number of hazards that set i misses and set j detects.
     return AlarmCounts(
         missed=count @ missed,
         missed_by_first=(missed * count[:, None]).T @ ~missed,
@@ -170,7 +169,7 @@ def _alarm_counts(runs: Runs, rows: Sequence[CueRow]) -> AlarmCounts:
 
 
 def _cheapest(rows: Sequence[CueRow], alarms: AlarmCounts, weight: float, hours: float) -> Choice:
-    # Chooses the set of least cost, if a missed motion costs `weight` false cues. `hours`: hours of
+    # Chooses the set of least cost, if a missed hazard costs `weight` false cues. hours: hours of
     # fault-free motion.
     def possible(factor: float):
         # Returns the sets that may be best after `factor` times as many hours.
@@ -180,8 +179,9 @@ def _cheapest(rows: Sequence[CueRow], alarms: AlarmCounts, weight: float, hours:
     more_hours = hours * choice.factor_to_decide(possible)
     now, in_the_end = possible(1.0), possible(math.inf)
     rule = _WEIGHT.format(f"{weight:,}")
-    # Every set keeps this rule, which has no limit, so there is no least threshold.
-    found = _choice(rule, rows, cost, now, now, more_hours, in_the_end)
+    # A cost is no limit that a set could break. So every possible set is certain, and there is no
+    # lowest threshold that keeps a limit.
+    found = _choice(rule, rows, cost, now, certain=now, hours=more_hours, in_the_end=in_the_end)
     return found._replace(least_mm=math.nan)
 
 
@@ -193,7 +193,7 @@ def _best_below_limit(rows: Sequence[CueRow], alarms: AlarmCounts, most: float) 
     # More motion without a false cue shows that the next set keeps the limit.
     more_hours = hours_to_bound(most, int(undecided.min())) if len(undecided) else math.nan
     in_the_end, _ = choice.alarms_within_limit(alarms, most, math.inf)
-    cost, rule = [row.missed.value for row in rows], _LIMIT.format(f"{most:g}")
+    cost, rule = [row.missed.value for row in rows], f"{_LIMIT}{most:g}"
     return _choice(rule, rows, cost, possible, within, more_hours, in_the_end)
 
 
@@ -206,23 +206,25 @@ def _choice(
     hours: float,
     in_the_end: np.ndarray,
 ) -> Choice:
-    """Return the choice under one rule. It is undecided if sets of several thresholds may be best.
+    """Return the choice of a threshold under one rule.
 
     Bool [sets], possible: sets that may be best. certain: sets that certainly keep the rule.
-    in_the_end: sets that may be best even after endless fault-free motion. cost: of each set, for
-    the choice among sets of one threshold. hours: fault-free motion that would rule out more sets.
+    in_the_end: sets that may be best even after endless fault-free motion. hours: fault-free motion
+    that would rule out more sets. The choice is decided if all possible sets have one threshold,
+    and one of them is certain. Of these sets, the choice has the one of least `cost` [sets].
     """
     certain_best = np.flatnonzero(possible & certain).tolist()
-    thresholds, remainder = (
-        sorted({rows[k].cue.threshold_mm for k in np.flatnonzero(which).tolist()})
-        for which in (possible, in_the_end)
+    # Thresholds in mm, ascending.
+    possible_now, possible_in_the_end = (
+        sorted({rows[k].cue.threshold_mm for k in np.flatnonzero(sets).tolist()})
+        for sets in (possible, in_the_end)
     )
-    if len(thresholds) > 1 or not certain_best:
+    if len(possible_now) > 1 or not certain_best:
         return Choice(
             rule,
-            possible=_words(thresholds),
+            possible=_words(possible_now),
             hours=hours if math.isfinite(hours) else math.nan,
-            remainder=_words(remainder) if len(remainder) > 1 else "",
+            remainder=_words(possible_in_the_end) if len(possible_in_the_end) > 1 else "",
             least_mm=min((rows[k].cue.threshold_mm for k in certain_best), default=math.nan),
         )
     # Of equal sets, take the one with fewer false cues.
@@ -245,7 +247,7 @@ def cue_tradeoff(rows: Sequence[CueRow]) -> Chart | None:
     shown = [(row, row.per_hour) for row in rows if row.missed.n and row.per_hour is not None]
     if not shown:
         return None
-    best = sorted((hourly.per_hour, row.missed.value) for row, hourly in shown if row.best)
+    best = sorted((rate.per_hour, row.missed.value) for row, rate in shown if row.best)
     front_x, front_y = np.array(best).reshape(-1, 2).T
     front = Curve("front", CUE, front_x, front_y, step=True, dashed=True, in_legend=False)
     marks: list[Mark] = [front]
@@ -256,10 +258,12 @@ def cue_tradeoff(rows: Sequence[CueRow]) -> Chart | None:
         pairs = [pair for pair in shown if pair[0].best == is_best]
         if pairs:
             marks.append(_marks(pairs, name, colour))
-    most_hourly = max(one.per_hour for _, one in shown) or max(one.high for _, one in shown) or 1.0
-    most_missed = max(float(np.fmax(row.missed.value, row.missed.high)) for row, _ in shown) or 0.01
-    x_axis = ChartAxis("false cues per hour of fault-free motion", 0.0, 1.1 * most_hourly)
-    y_end = min(1.0, 1.05 * most_missed)
+    # Largest false cues per hour and largest missed share. Of a chart without false cues, the axis
+    # shows the upper end of the interval.
+    x_most = max(rate.per_hour for _, rate in shown) or max(rate.high for _, rate in shown) or 1.0
+    y_most = max(float(np.fmax(row.missed.value, row.missed.high)) for row, _ in shown) or 0.01
+    x_axis = ChartAxis("false cues per hour of fault-free motion", 0.0, 1.1 * x_most)
+    y_end = min(1.0, 1.05 * y_most)
     y_axis = ChartAxis("unintended motions without a cue", 0.0, y_end, share=True)
     return Chart("Missed hazards, false cues", x_axis, y_axis, tuple(marks))
 

@@ -65,10 +65,11 @@ class DeadlineSummary(NamedTuple):
 
 
 def summarize_deadlines(runs: Runs, table: pd.DataFrame) -> DeadlineSummary:
-    """Summarise a table of `ravenjax deadline`."""
+    """Summarise a table of `ravenjax deadline`, which has a row per harmful fault and action."""
     faults = robots.faults_with_units(runs, "site::VARCHAR AS site", UNINTENDED)
-    row_of = runs.table.frame("SELECT row, run_id AS run FROM results")
-    joined = table.merge(row_of, on="run").merge(faults, on="row")
+    row_of_run = runs.table.frame("SELECT row, run_id AS run FROM results")
+    joined = table.merge(row_of_run, on="run").merge(faults, on="row")
+    # One row for all faults (""), and one for each site and group, with each action.
     rows = [
         _summarize(runs, kind, str(name), str(action), action_rows)
         for kind in ("", "site", "group")
@@ -77,9 +78,10 @@ def summarize_deadlines(runs: Runs, table: pd.DataFrame) -> DeadlineSummary:
     ]
     by_run = joined.drop_duplicates("run")
     drawn, noun = robots.drawn_units(runs, by_run)
-    # _latest_time returns the number that half of the values reach: the negative of the median.
-    visible = _latest_time(-by_run["visible_ms"].fillna(np.inf).to_numpy(), HALF, drawn)
-    return DeadlineSummary(len(by_run), len(faults) - len(by_run), noun, visible.negated, rows)
+    # A fault that is never visible has the time NaN.
+    times = by_run["visible_ms"].fillna(np.inf).to_numpy()
+    median_ms = latency.delay_quantile(times, np.isfinite(times), HALF, drawn)
+    return DeadlineSummary(len(by_run), len(faults) - len(by_run), noun, median_ms, rows)
 
 
 def _summarize(runs: Runs, kind: str, name: str, action: str, rows: pd.DataFrame) -> DeadlineRow:

@@ -53,10 +53,8 @@ class DetectorThreshold(NamedTuple):
     harmless: Rate  # of faults without an unintended motion: those with an alarm
     precision: Rate  # of faults with an alarm: those with an unintended motion
     false: AlarmRate | None  # false alarms per hour of fault-free motion; None: unknown
-    # Median over faults with an unintended motion, from the fault's first effect.
-    delay_ms: Estimate
-    # Of faults with an unintended motion: those with an alarm before it.
-    before: Rate
+    delay_ms: Estimate  # median over unintended motions, from the fault's first effect
+    before: Rate  # of faults with an unintended motion: those with an alarm before it
     # Median over faults with an unintended motion; NaN if at least half of them never had an alarm.
     lead_ms: Estimate
     quiet: bool  # lowest threshold without a false alarm on fault-free motion
@@ -220,13 +218,14 @@ def curve_chart(rows: Sequence[DetectorRow], kind: str) -> Chart | None:
             low, high = ((), ()) if np.isnan(band.area.low) else (low, high)
             marks.append(Curve(name, colour, band.grid, curve, low, high, visible=visible))
         rates = ("harmless", "caught") if kind == "roc" else ("caught", "precision")
+        # Each point is a threshold, x and y.
         points = [(one, *(getattr(one, rate).value for rate in rates)) for one in row.thresholds]
-        points = [place for place in points if np.isfinite(place[1:]).all()]
+        points = [point for point in points if np.isfinite(point[1:]).all()]
         if points:
-            thresholds, x, y = zip(*points, strict=True)
-            size = tuple(11.0 if level.quiet or band is None else 7.0 for level in thresholds)
-            numbers = [level.threshold for level in thresholds]
-            tips = tuple(row.name + ("" if np.isnan(x) else f" at {x:g}") for x in numbers)
+            levels, x, y = zip(*points, strict=True)
+            size = tuple(11.0 if level.quiet or band is None else 7.0 for level in levels)
+            scores = [level.threshold for level in levels]
+            tips = tuple(row.name + ("" if np.isnan(at) else f" at {at:g}") for at in scores)
             dots = Dots(name, colour, np.array(x), np.array(y), size=size, tips=tips)
             marks.append(dataclasses.replace(dots, diamond=band is None, visible=visible))
     title, *axes = CHARTS[kind]

@@ -63,10 +63,8 @@ class MapAxis(NamedTuple):
 
     title: str
     labels: list[str]
-    # int [faults]: the bin of each fault
-    bins: np.ndarray
-    # True if the labels are words, not numbers
-    words: bool = False
+    bins: np.ndarray  # int [faults]: the bin of each fault
+    words: bool = False  # True if the labels are words, not numbers
 
 
 class PairCounts(NamedTuple):
@@ -74,22 +72,18 @@ class PairCounts(NamedTuple):
 
     up: MapAxis
     across: MapAxis
-    # int [up, across]: number of faults
-    n: np.ndarray
-    # int [measures, up, across]: number of faults in which the measure came
-    k: np.ndarray
+    n: np.ndarray  # int [up, across]: number of faults
+    k: np.ndarray  # int [measures, up, across]: number of faults in which the measure came
 
 
 class Sweep(NamedTuple):
     """One run of each fault. In a campaign without any fault: every run."""
 
     measures: tuple[MapMeasure, ...]
-    # "faults" or "runs"
-    unit: str
+    unit: str  # "faults" or "runs"
     # One row per fault, with the columns of `titles`, the measures, and `block`, site and effect.
     faults: pd.DataFrame
-    # names of the columns that vary, and their titles
-    titles: dict[str, str]
+    titles: dict[str, str]  # names of the columns that vary, and their titles
 
 
 def summarize_sweep(runs: Runs) -> Sweep:
@@ -119,8 +113,9 @@ def summarize_sweep(runs: Runs) -> Sweep:
     block = np.full(len(faults), "", object)
     for slot in slots:
         site, effect = (faults[f"{slot}_{key}"].astype(str) for key in ("site", "effect"))
-        is_used, name = site != "", site + " · " + effect
-        block = np.where(is_used, np.where(block == "", name, block + " + " + name), block)
+        name = site + " · " + effect
+        joined = np.where(block == "", name, block + " + " + name)
+        block = np.where(site == "", block, joined)
     faults["block"] = np.where(block == "", NO_FAULT, block)
     titles = {name: title for name, title in titles.items() if len(faults[name].unique()) > 1}
     return Sweep(measures, unit, faults, titles)
@@ -131,10 +126,11 @@ def all_maps(runs: Runs) -> list[dict[str, Any]]:
 
     If there are several sites and effects, a map of all faults comes first. A map has name, n,
     unit, rates, panels and axes. A panel shows one measure over two inputs. Its cells are rates, or
-    None without a run. A measure that is the same in all runs has no panel. `axes` has the names of
-    the two best pairs of inputs, and the share of the variance that each explains.
+    None without a run. A measure that is the same in all runs has no panel. `axes` has the two
+    pairs of inputs that explain most of the variance, and the share that each pair explains.
     """
     sweep = summarize_sweep(runs)
+    # A block is a site and an effect.
     groups = runs.groups_by("block") if "block" in runs.facts else {}
     blocks, items = sweep.faults.groupby("block"), []
     for name, faults in blocks:
@@ -234,18 +230,19 @@ def compact_number(value: float) -> str:
 
 
 def _count_blocks(sweep: Sweep) -> list[PairCounts]:
-    """Return counts by site and effect and by each input that all sites share, the best first."""
+    """Return counts by block (site and effect) and by each input that all sites share, those that
+    explain most of the variance first.
+    """
     block, hit = (sweep.faults[name].to_numpy() for name in ("block", sweep.measures[0].name))
     shares = {str(name): float(hit[block == name].mean()) for name in np.unique(block)}
-    names = sorted(shares, key=lambda name: (-shares[name], name))
-    if len(names) > MAX_ROWS + 1:
-        block = np.where(np.isin(block, names[:MAX_ROWS]), block, OTHERS)
-    # The vertical axis has the sites and effects, the horizontal axis one of the inputs.
-    up = _make_axis(PLACE, block, [*names, OTHERS], words=True)
-    names = [name for name in sweep.titles if name in COMMON or name.startswith("param:")]
-    axes = _make_axes(sweep._replace(titles={name: sweep.titles[name] for name in names}))
-    pairs = [_count_pairs(sweep, across, up) for across in axes]
-    return _rank_pairs(pairs or [_count_pairs(sweep, up, None)])
+    blocks = sorted(shares, key=lambda name: (-shares[name], name))
+    if len(blocks) > MAX_ROWS + 1:
+        block = np.where(np.isin(block, blocks[:MAX_ROWS]), block, OTHERS)
+    vertical = _make_axis(PLACE, block, [*blocks, OTHERS], words=True)
+    inputs = [name for name in sweep.titles if name in COMMON or name.startswith("param:")]
+    axes = _make_axes(sweep._replace(titles={name: sweep.titles[name] for name in inputs}))
+    pairs = [_count_pairs(sweep, horizontal, vertical) for horizontal in axes]
+    return _rank_pairs(pairs or [_count_pairs(sweep, vertical, None)])
 
 
 def _rank_pairs(pairs: Sequence[PairCounts]) -> list[PairCounts]:
@@ -288,7 +285,8 @@ def explained_share(counts: PairCounts) -> float:
 
 
 def _make_map(sweep: Sweep, name: str, ranked: list[PairCounts], sampled: bool):
-    # Returns the map of the two inputs that explain the outcome best: the first of `ranked`.
+    # Returns the map of the two inputs that explain the outcome best: the first of `ranked`. The
+    # values of one are in columns (`across`), those of the other in rows (`up`).
     counts, pairs = ranked[0], []
     for pair in ranked[:2]:
         if math.isfinite(share := explained_share(pair)):
@@ -298,7 +296,8 @@ def _make_map(sweep: Sweep, name: str, ranked: list[PairCounts], sampled: bool):
     n, rates, panels, up = len(sweep.faults), [], [], counts.up
     titles = {"across": counts.across.title, "up": up.title, "columns": counts.across.labels}
     for measure, k in zip(sweep.measures, counts.k, strict=True):
-        rates.append(measure._asdict() | {"rate": rate_in(int(k.sum()), n)})
+        described = measure._asdict() | {"rate": rate_in(int(k.sum()), n)}
+        rates.append(described)
         # A measure that is the same in all runs has no panel.
         if 0 < k.sum() < n:
             cells = np.stack([k, counts.n], axis=2).tolist()
@@ -307,7 +306,7 @@ def _make_map(sweep: Sweep, name: str, ranked: list[PairCounts], sampled: bool):
                 for label, row in zip(up.labels, cells, strict=True)
             ]
             # Numbers increase upwards.
-            panels.append(rates[-1] | titles | {"rows": rows if up.words else rows[::-1]})
+            panels.append(described | titles | {"rows": rows if up.words else rows[::-1]})
     content = {"name": name, "n": n, "unit": sweep.unit, "rates": rates}
     return content | {"panels": panels, "axes": pairs}
 

@@ -78,11 +78,9 @@ class Difference(NamedTuple):
     """
 
     action: str  # in words
-    # Which pairs: all, a layer, or a value of a crossed parameter.
-    among: str
+    among: str  # which pairs: all, a layer, or a value of a crossed parameter
     n: int
-    # Pairs of this action that are left out, because their fault changed no bit in either run.
-    inactive: int
+    inactive: int  # pairs of this action without any changed bit, which are left out
     without: Rate  # unintended motion without the reaction
     with_: Rate
     change: Estimate  # difference of both rates, a fraction
@@ -93,8 +91,7 @@ class Difference(NamedTuple):
     distance_mm: Estimate
     depth_mm: Estimate  # the same for the depth in tissue
     reacted: Rate  # pairs in which the operator acted
-    # Share of the reactions without need: the run without the reaction has no unintended motion.
-    idle: Rate
+    idle: Rate  # share of reactions for which the other run has no unintended motion
 
 
 class CrossedRow(NamedTuple):
@@ -180,33 +177,35 @@ def compare_pairs(runs: pd.DataFrame, sampled: Sampled) -> list[Difference]:
 def crossed_rows(runs: pd.DataFrame, sampled: Sampled) -> list[CrossedRow]:
     """Return rates of runs without a reaction by the value of each crossed parameter, in order.
 
-    Runs of one pair have the same fault. Each value is compared with the pair's first value.
+    Runs of one pair have the same fault. Each value is compared with the value in the pair's first
+    run. With values 2, 1 and 3, the rows compare 2 with 2, 1 with 2, and 3 with 2.
     """
     counted = runs.loc[runs["plain"] & runs["faulty"] & ~runs["failed"]]
     crossed = [name for name in _crossed_names(runs) if not name.startswith("param:reaction.")]
-    comparisons = []
+    rows = []
     for name in crossed:
         shared = ["pair", *(other for other in crossed if other != name)]
-        first = runs.groupby("pair")[name].transform("first")[counted.index]
-        values = counted.assign(first=first)[["first", name]].drop_duplicates().dropna()
-        crossed_firsts = values.loc[values["first"] != values[name], "first"]
-        rows = values.loc[values["first"].isin(crossed_firsts)].itertuples(index=False)
-        # The first value comes first, then the others in ascending order.
-        for start, value in sorted(rows, key=lambda row: (row[0], row[0] != row[1], row[1])):
-            with_first = counted.loc[first == start]
-            with_value, without = (with_first[with_first[name] == one] for one in (value, start))
-            pairs = _matched(with_value, without, shared, crossed)
-            # Pairs whose fault changed no bit in either run are only counted.
-            acting = pairs.acting
-            active_pairs = pairs.where(acting)
-            faults = active_pairs.faults(sampled)
-            events = {}
-            for event, words in EVENTS.items():
-                after, before = (side[event].to_numpy() for side in active_pairs)
-                events[words] = intervals.compare_rates(after, before, faults)
-            path, counts = name.removeprefix("param:"), (int(acting.sum()), int((~acting).sum()))
-            comparisons.append(CrossedRow(path, start, value, *counts, events))
-    return comparisons
+        first_of_pair = runs.groupby("pair")[name].transform("first")[counted.index]
+        for first, of_first in counted.groupby(first_of_pair):
+            values = of_first[name].dropna().unique().tolist()
+            # Without another value there is nothing to compare.
+            if set(values) <= {first}:
+                continue
+            # The first value comes first, then the others in ascending order.
+            for value in sorted(values, key=lambda value: (value != first, value)):
+                with_value, without = (of_first[of_first[name] == one] for one in (value, first))
+                pairs = _matched(with_value, without, shared, crossed)
+                # Pairs whose fault changed no bit in either run are only counted.
+                acting = pairs.acting
+                active_pairs = pairs.where(acting)
+                faults = active_pairs.faults(sampled)
+                events = {}
+                for event, words in EVENTS.items():
+                    after, before = (side[event].to_numpy() for side in active_pairs)
+                    events[words] = intervals.compare_rates(after, before, faults)
+                counts = int(acting.sum()), int((~acting).sum())
+                rows.append(CrossedRow(name.removeprefix("param:"), first, value, *counts, events))
+    return rows
 
 
 def count_interruptions(runs: pd.DataFrame) -> list[Idle]:
@@ -258,7 +257,7 @@ def _parts(pairs: Pairs):
 def _difference(
     action: str, among: str, pairs: Pairs, faults: Units | None, inactive: int
 ) -> Difference:
-    # Computes what the reaction changes. The last rate is that of reactions without need.
+    # Computes what the reaction changes in these pairs.
     after, before = (part["unintended"].to_numpy() for part in pairs)
     reacted = pairs.with_["reaction_ms"].to_numpy() >= 0
     return Difference(
@@ -266,11 +265,12 @@ def _difference(
         among,
         len(after),
         inactive,
+        # The fields from `without` to `p`, in this order.
         *intervals.compare_rates(after, before, faults),
-        _mean(pairs, EXCURSION, faults),
-        _mean(pairs, "tissue_depth_mm", faults),
-        intervals.pair_rate(reacted, faults),
-        intervals.pair_rate(~before[reacted], faults.where(reacted) if faults else None),
+        distance_mm=_mean(pairs, EXCURSION, faults),
+        depth_mm=_mean(pairs, "tissue_depth_mm", faults),
+        reacted=intervals.pair_rate(reacted, faults),
+        idle=intervals.pair_rate(~before[reacted], faults.where(reacted) if faults else None),
     )
 
 

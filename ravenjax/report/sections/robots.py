@@ -28,8 +28,7 @@ class RobotRate(NamedTuple):
     """The rate of one question, with its interval for one more robot."""
 
     name: str
-    # Share of the faults on all robots; the 95 % interval is for one robot.
-    rate: Rate
+    rate: Rate  # share of the faults on all robots; the 95 % interval is for one robot
     robots: int
     deviation: float  # standard deviation of the robots' rates
 

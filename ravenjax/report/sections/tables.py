@@ -86,21 +86,23 @@ class EventTimes(NamedTuple):
 
 
 def event_times(runs: Runs, event: str, where: str = UNINTENDED) -> EventTimes:
-    """Return how long after the fault's first effect an event came, and how long before the motion.
+    """Return the times of an event from the fault's first effect and to the unintended motion.
 
     event: SQL for the time of the event in ms, -1 for never, over columns of facts. where: SQL
     condition of the faults, which have an unintended motion.
     """
-    # lag: event minus motion, so the lead is the negative lag. The key "" stands for all runs.
+    # The delay is the time since the first effect. The lag is the time since the unintended motion,
+    # so the lead is the negative lag. The key "" stands for all runs.
     delay, lag = (
         runs.delays(event, start, runs.end, where)[""] for start in ("active_ms", "unintended_ms")
     )
     delays, lags = latency.incidence_curve(delay), latency.incidence_curve(lag)
-    lead_ms = lags.quantile_interval(0.5).negated
-    times = delays.quantile_interval(0.5), latency.rate_before(lag), lead_ms
+    half_ms, lead_ms = delays.quantile_interval(0.5), lags.quantile_interval(0.5).negated
+    before = latency.rate_before(lag)
     if not runs.sampled():
-        times = without_interval(times[0]), without_interval(times[1]), without_interval(times[2])
-    return EventTimes(delays, *times, lags.events)
+        half_ms, lead_ms = without_interval(half_ms), without_interval(lead_ms)
+        before = without_interval(before)
+    return EventTimes(delays, half_ms, before, lead_ms, lags.events)
 
 
 def headline_counts(runs: Runs, manifest: Manifest) -> Row:
@@ -302,8 +304,7 @@ class OverloadRow(NamedTuple):
 
     site: str
     faults: int
-    # Faults with an overloaded cable that the golden run does not have by then.
-    overloaded: Rate
+    overloaded: Rate  # faults with an overloaded cable that the golden run does not have by then
     unintended: int  # of the overloaded ones: those with an unintended motion
     cable: str  # cable that was most often overloaded first; "" if none was
     load: float  # largest tension of a cable, as a multiple of its strength

@@ -11,12 +11,12 @@ FIRST_MS = 1.0
 
 
 def incidence_curves(runs: Runs) -> tuple[Chart | None, dict[str, int]]:
-    """Return a chart of the share of faults with a cue, with an alarm, and with any report, over
-    time. The last share is of faults with an unintended motion.
+    """Return a chart of the shares of faults with a cue, an alarm and a report, over time.
 
-    Time is counted from the fault's first effect. One run of each fault counts. The chart is None
-    if neither ever came. Also return how many faults each curve leaves out because the event came
-    before the first effect.
+    Time is counted from the fault's first effect. One run of each fault counts. A report is the
+    first cue or alarm of any kind. Its share is of the faults with an unintended motion. The chart
+    is None if no cue and no alarm ever came. Also return how many faults each curve leaves out
+    because the event came before the first effect.
     """
     cue, early_cue = tables.event_delays(runs, "warned_ms")
     alarm_delays, early_alarms = tables.event_delays(runs, "told_ms")

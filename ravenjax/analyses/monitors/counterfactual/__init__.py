@@ -10,6 +10,5 @@ The faults and the fault-free motions are divided into shares, so that no data s
 3. `check_set` selects a set greedily, computes its margin, false alarms and coverage, and compares
    the set with other sets.
 4. `finding` runs all steps in order. It then runs the campaign again with the set as detectors.
-5. `output` writes a table, sentences, a figure, and a campaign with the set as user-defined
-   detectors.
+5. `output` writes a table, sentences, a figure, and a campaign whose detectors are the set.
 """

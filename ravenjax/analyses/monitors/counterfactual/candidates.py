@@ -26,8 +26,7 @@ class Question(NamedTuple):
     """The settings of `ravenjax counterfactual`."""
 
     false_alarms_per_hour: float = 4.0  # largest rate of the whole set
-    # Smallest time between an alarm and the harm for a fault to count as covered.
-    lead_ms: int = 10
+    lead_ms: int = 10  # least time between an alarm and the harm for a fault to count as covered
     hours: float = 2.0  # total hours of fault-free motion
     most: int = 8  # largest number of checks in the set
     groups: tuple[str, ...] = ()  # groups whose faults are used; (): all groups

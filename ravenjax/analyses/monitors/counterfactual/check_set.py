@@ -197,9 +197,9 @@ def calibrate_margin(motions: FreeMotion, per_hour: float) -> Margin:
 def false_alarm_rate(motions: FreeMotion, margin: float) -> AlarmRate:
     """Return the rate of false alarms at a margin, with the exact interval of a Poisson rate.
 
-    A run counts at most one alarm. If a motion has several runs, the independent units are motions.
-    Both ends then count motions, in the hours of one run per motion. The upper end counts each
-    motion with an alarm. The lower end counts count // runs motions: at least so many have one.
+    A run counts at most one alarm. Several runs of one motion are not independent. The interval
+    then counts motions, in the hours of one run per motion. Its upper end counts all motions with
+    an alarm. Its lower end counts count // runs motions, because each has at most `runs` alarms.
     """
     runs = motions.peaks.shape[1]
     alarmed = motions.peaks > np.float32(margin)

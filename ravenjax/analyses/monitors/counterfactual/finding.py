@@ -60,8 +60,7 @@ class Counterfactual(NamedTuple):
     best_single_set: CheckSet  # the candidate that covers most faults of the selection half
     tip_error_set: CheckSet | None  # the built-in detector of the tip error
     full_set: CheckSet  # all candidates together
-    # Share of the faults that each random set of the same size covers.
-    random_coverages: np.ndarray
+    random_coverages: np.ndarray  # share of the faults that each random set of this size covers
     # Share of faults that a set covers that was selected without their group; None for one group.
     new_group_coverage: Rate | None
     scale_hours: float  # hours of fault-free motion that determine the scales
@@ -209,8 +208,8 @@ class Confirmation(NamedTuple):
 
     @property
     def verdict(self) -> str:
-        """Comparison with the detected share in the test half of the first seed: "as" (as many),
-        "more than" or "less than"; "" if the difference has no interval.
+        """Whether the share detected with this seed is "more than", "less than" or "as" the share
+        in the test half with the first seed; "" if the difference has no interval.
         """
         if math.isnan(self.difference.low):
             return ""

@@ -139,8 +139,7 @@ class EvadingFaults(NamedTuple):
 
     group: np.ndarray  # str, name of the fault's group
     sampled: np.ndarray  # bool, True if the group draws its faults at random
-    # Int, the independent unit: the fault, or the robot if whole robots were drawn.
-    unit: np.ndarray
+    unit: np.ndarray  # int, the independent unit: the fault, or the robot if robots were drawn
     units_are_robots: bool
     # int [runs, candidates, margins], time from first alarm to harm; below 0 without earlier alarm.
     lead_ms: np.ndarray

@@ -44,9 +44,8 @@ def axis_name(key: Key) -> str:
 
 def find_search_errors(config: CampaignConfig, search: Search | None) -> list[Complaint]:
     """Return (key, message) of mistakes that only a search file can have."""
-    # Path in the file, name and distribution of each key that has a distribution. The template
-    # contains the rules. It yields (path in the file, message) of each mistake.
-    words, numbers = [], []
+    # Path in the file, name and distribution of each key that has a distribution.
+    drawn = {"words": [], "numbers": []}
     for (slot, name), axis in template_axes(config).items():
         if not axis.drawn:
             continue
@@ -56,16 +55,11 @@ def find_search_errors(config: CampaignConfig, search: Search | None) -> list[Co
             table = "group/0/parameters"
         else:
             table = "parameters"
-        is_word = slot != PARAMETER and name in WORDS
-        entry = (f"{table}/{name}", axis_name((slot, name)), axis)
-        (words if is_word else numbers).append(entry)
-    rows = resources.render_rows(
-        Path(__file__).with_name("search_errors.j2"),
-        config=config,
-        search=search,
-        words=words,
-        numbers=numbers,
-    )
+        kind = "words" if slot != PARAMETER and name in WORDS else "numbers"
+        drawn[kind].append((f"{table}/{name}", axis_name((slot, name)), axis))
+    # The template contains the rules, and returns (path in the file, message) of each mistake.
+    template = Path(__file__).with_name("search_errors.j2")
+    rows = resources.render_rows(template, config=config, search=search, **drawn)
     return [
         (tuple(int(part) if part.isdigit() else part for part in key.split("/")), message)
         for key, message in rows
@@ -152,7 +146,8 @@ class Template:
     def campaign(self, case: np.ndarray, values: np.ndarray) -> CampaignConfig:
         """Return the campaign whose runs are these points: case [n], values [n, inputs]."""
         group = self.config.group[0]
-        # The values of all points, for each key (slot, field) or (PARAMETER, path) that differs.
+        # The values of all points, for each key (slot, field) or (PARAMETER, path) that differs. A
+        # case is a combination of list values: `_values` has the value of each key in each case.
         columns = {key: [self._values[key][c] for c in case.tolist()] for key in self.lists}
         columns |= {key: values[:, i].tolist() for i, key in enumerate(self.inputs)}
         axes = {key: Axis("list", tuple(column)) for key, column in columns.items()}
@@ -160,9 +155,8 @@ class Template:
         for number, fault in enumerate(group.fault):
             fault_axes = {name: axis for (slot, name), axis in axes.items() if slot == number}
             faults.append(fault.model_copy(update=fault_axes))
-        parameters = {
-            path: axis for (slot, path), axis in (self._axes | axes).items() if slot == PARAMETER
-        }
+        all_axes = (self._axes | axes).items()
+        parameters = {path: axis for (slot, path), axis in all_axes if slot == PARAMETER}
         update = {"design": "zip", "fault": tuple(faults), "parameters": parameters}
         group = group.model_copy(update=update)
         return self.config.model_copy(update={"group": (group,), "parameters": {}})

@@ -375,11 +375,11 @@ class RavenConfig(CampaignConfig):
                 )
         return ""
 
-    def says_beyond(self, fault: Fault) -> bool:
+    def allows_beyond_16_bits(self, fault: Fault) -> bool:
         """Return whether the file states how the fault's values beyond 16 bits are stored. The
         fault's key `wraps` states this, or, at site usb_out, the key campaign.dac_words.
         """
-        return super().says_beyond(fault) or (
+        return super().allows_beyond_16_bits(fault) or (
             fault.site == "usb_out" and self.campaign.dac_words is not None
         )
 
