@@ -1,7 +1,5 @@
 """Printed output of commands, and options that several commands share."""
 
-from __future__ import annotations
-
 import importlib
 import re
 import sys
@@ -186,7 +184,7 @@ def load_module(name: str) -> Any:
     return importlib.import_module(name)
 
 
-def worst_runs(folder: Path, most: int | None, by: str) -> list[WorstRun]:
+def worst_runs(folder: Path, most: int | None, by: str) -> "list[WorstRun]":
     """Return the `most` worst runs of a result folder, worst first; [] if `most` is None. by: name
     of the ranking. If the ranking has fewer runs, return these and print a note.
     """

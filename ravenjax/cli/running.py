@@ -1,7 +1,5 @@
 """Commands that check and run campaigns: `ravenjax run`, `check`, `fault-free`, `search`."""
 
-from __future__ import annotations
-
 import contextlib
 import gc
 import json
@@ -210,7 +208,7 @@ NOT_COUNTED = {
 """Count on the report's first page -> the runs that it counts. No verdict counts these runs."""
 
 
-def _count_faults(folder: Path, record: Manifest) -> tuple[dict[str, Any], dict[str, int]]:
+def _count_faults(folder: Path, record: "Manifest") -> tuple[dict[str, Any], dict[str, int]]:
     # Returns the counts of the report's first page, by name, and the number of distinct faults of
     # each verdict. Both are empty if no run is finished.
     from ravenjax.report.data.runs import Runs
@@ -225,7 +223,7 @@ def _count_faults(folder: Path, record: Manifest) -> tuple[dict[str, Any], dict[
 
 
 def _print_summary(
-    folder: Path, record: Manifest, counts: dict[str, Any], faults_by_verdict: dict[str, int]
+    folder: Path, record: "Manifest", counts: dict[str, Any], faults_by_verdict: dict[str, int]
 ):
     # Prints tables of verdicts and failed runs, how many faults evade the checks, and which runs
     # are not counted. The campaign may be interrupted. For counts see `_count_faults`.

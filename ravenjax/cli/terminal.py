@@ -1,7 +1,5 @@
 """Shows a campaign's progress, tables and machine information in the terminal."""
 
-from __future__ import annotations
-
 import os
 import platform
 import sys
@@ -37,7 +35,7 @@ class Watch:
         self._line_time_s, self._phase = 0.0, ""
         self._engine, self._printed_notes = "", 0
 
-    def __enter__(self) -> Watch:
+    def __enter__(self) -> "Watch":
         if self._console.is_terminal:
             self._bar.start()
         return self
@@ -46,7 +44,7 @@ class Watch:
         if self._console.is_terminal:
             self._bar.stop()
 
-    def __call__(self, status: Status) -> None:
+    def __call__(self, status: "Status") -> None:
         """Show the state of the campaign; print its engine and its notes once."""
         if not self._engine:
             self._engine = status.engine

@@ -1,7 +1,5 @@
 """Defines the inputs of the robots (lanes) that compiled code runs, and snapshots to start from."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 
@@ -42,7 +40,7 @@ class Trunk:
     lane: np.ndarray  # uint32 [snapshots, words], state of one lane
 
     @staticmethod
-    def allocate(every: int, snapshots: int, group: int, lane: int) -> Trunk:
+    def allocate(every: int, snapshots: int, group: int, lane: int) -> "Trunk":
         """Allocate `snapshots` snapshots with this many words of the group and of the lane."""
         return Trunk(every, *(np.empty((snapshots, words), np.uint32) for words in (group, lane)))
 

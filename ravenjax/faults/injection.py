@@ -76,7 +76,14 @@ class FaultAction:
     """
 
     def __init__(
-        self, effects, fault: FaultSlot, slot: SlotState, x: Scalar, tick, on_channel, present
+        self,
+        effects: tuple[str, ...],
+        fault: FaultSlot,
+        slot: SlotState,
+        x: Scalar,
+        tick: Scalar,
+        on_channel: Scalar,
+        present: Scalar,
     ):
         """Compute the float that replaces `x`. effects: all effects that occur at the site.
 
@@ -227,7 +234,13 @@ class Injector:
         return signal
 
     def _inject_slot(
-        self, use: SiteUse, targets, fault: FaultSlot, slot: SlotState, signal, present: Scalar
+        self,
+        use: SiteUse,
+        targets: list[tuple[int, Path, str]],
+        fault: FaultSlot,
+        slot: SlotState,
+        signal,
+        present: Scalar,
     ) -> tuple[SlotState, Any]:
         """Apply the fault of one slot at one site. Return the slot's state and the signal.
 

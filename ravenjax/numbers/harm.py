@@ -279,7 +279,10 @@ def init(setup: Setup) -> tuple[HarmState, ...]:
 
 
 def step(
-    setup, state: tuple[HarmState, ...], signals: Sequence[Mapping[str, Scalar]], tick: Scalar
+    setup: Setup,
+    state: tuple[HarmState, ...],
+    signals: Sequence[Mapping[str, Scalar]],
+    tick: Scalar,
 ) -> tuple[HarmState, ...]:
     """Return the state of each harm after this tick. signals: values of SIGNALS for each arm."""
     new_states = []

@@ -193,7 +193,9 @@ class Part:
                 numbers.append(self._convert_number(INIT, what, value, float_type))
             return tree.fill_tree(state, numbers)
 
-    def step(self, params, state, view, float_type: str, **gives: Any) -> tuple[Any, ...]:
+    def step(
+        self, params: Any, state: Any, view: Any, float_type: str, **gives: Any
+    ) -> tuple[Any, ...]:
         """Compute one millisecond. Return the state, then the other results in order.
 
         float_type: dtype name. gives: for each result, its expected form: SCORE for a score,

@@ -220,7 +220,11 @@ def arm_distances(
 
 
 def _step_arm(
-    params, state: MonitorArmState, signal: MonitorSignal, reference: Reference, i: int
+    params: MonitorParams,
+    state: MonitorArmState,
+    signal: MonitorSignal,
+    reference: Reference,
+    i: int,
 ) -> tuple[MonitorArmState, Distances]:
     # Returns the state of arm i after this tick, and its distances.
     tip, pos, golden_pos = signal.tip[i], signal.pos[i], reference.pos[i]
@@ -279,7 +283,11 @@ def _step_arm(
 
 
 def step(
-    setup, params: MonitorParams, state: MonitorState, signal: MonitorSignal, reference: Reference
+    setup: Setup,
+    params: MonitorParams,
+    state: MonitorState,
+    signal: MonitorSignal,
+    reference: Reference,
 ) -> MonitorState:
     """Return the state of the observer after this tick. reference: the golden run in this tick."""
     results = [_step_arm(params, arm, signal, reference, i) for i, arm in enumerate(state.arms)]

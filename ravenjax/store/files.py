@@ -1,7 +1,5 @@
 """Writes files atomically, so that a reader sees a complete file or none, and reads JSON files."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import io
@@ -144,7 +142,7 @@ def require_content(path: Path) -> None:
 
 def read_table(
     path: Path, names: Sequence[str] | None = None, header: str = "time_s,x_mm"
-) -> pd.DataFrame:
+) -> "pd.DataFrame":
     """Read a table from a Parquet file or a text: CSV, or separated by ;, tabs or spaces.
 
     names: columns of a text without a header line. header: example of a header line for the error
@@ -172,13 +170,13 @@ def read_table(
     return table
 
 
-def require_distinct(path: Path, table: pd.DataFrame) -> None:
+def require_distinct(path: Path, table: "pd.DataFrame") -> None:
     """Raise UserError if two columns have the same name."""
     for name in table.columns[table.columns.duplicated()]:
         raise UserError(f"{path}: column {name} is there twice; keep one of them")
 
 
-def _read_text(path: Path, names: Sequence[str] | None, header: str) -> pd.DataFrame:
+def _read_text(path: Path, names: Sequence[str] | None, header: str) -> "pd.DataFrame":
     import pandas as pd
 
     with open(path, encoding="utf-8-sig") as file:

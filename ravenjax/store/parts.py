@@ -3,8 +3,6 @@
 Each part contains a range of rows. It is written completely or not at all.
 """
 
-from __future__ import annotations
-
 import bisect
 import contextlib
 import hashlib
@@ -230,7 +228,7 @@ def _opened(path: Path, config_hash: str | None, recorded: Part | None) -> Itera
         ) from error
 
 
-def concatenate_parts(tables: Sequence[pa.Table]) -> pd.DataFrame:
+def concatenate_parts(tables: Sequence[pa.Table]) -> "pd.DataFrame":
     """Concatenate tables to one DataFrame with sorted categories, and only those that occur.
 
     The result does not depend on how the rows are divided into tables.

@@ -16,8 +16,6 @@ allowed. The other part measures the patient's safety. It is 50 points times the
 to harm at the end, divided by that distance when a person could first act.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import math
@@ -531,7 +529,7 @@ class Judge:
     """
 
     _episode: Episode | None = None
-    _arms: tuple[_Arm, ...] = ()
+    _arms: "tuple[_Arm, ...]" = ()
     _pedal_down = False
     # Whether the robot moved when the hazard became active, and the pedal was held since.
     _pedal_held_since_activation = False

@@ -11,8 +11,6 @@ geometry in plain numbers, for code that runs every millisecond. It contains the
 jaws close, because people see this point as the tip. The control software's tip is the jaws' axis.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable, Sequence
@@ -72,7 +70,7 @@ class FrameLayout:
         self.size = ends[-1]
 
     @staticmethod
-    def of(arms: Arms) -> FrameLayout:
+    def of(arms: Arms) -> "FrameLayout":
         """Return the layout for these arms: the tick's channels first, the session's after them."""
         sizes = {}
         for source in ("simulated", "session"):
@@ -82,7 +80,7 @@ class FrameLayout:
                     sizes[f"{arm}/{name}"] = size
         return FrameLayout(arms, sizes)
 
-    def of_channels(self, is_kept: Callable[[str], bool]) -> FrameLayout:
+    def of_channels(self, is_kept: Callable[[str], bool]) -> "FrameLayout":
         """Return the layout of a row that has only the channels that `is_kept` selects."""
         sizes = {name: size for name, size in self.sizes.items() if is_kept(name)}
         return FrameLayout(self.arms, sizes)
@@ -109,7 +107,7 @@ class Frame:
 
     __slots__ = ("layout", "numbers", "row")
 
-    def __init__(self, layout: FrameLayout, row: np.ndarray | None = None):
+    def __init__(self, layout: "FrameLayout", row: np.ndarray | None = None):
         """row: float32 [layout.size]; zeros if left out."""
         self.layout = layout
         self.row = np.zeros(layout.size, np.float32) if row is None else row
@@ -247,7 +245,7 @@ def jaw_direction(arm: ArmName, jpos: Sequence[float]) -> Point:
     return x, y, z
 
 
-def with_tips(layout: FrameLayout, row: np.ndarray) -> np.ndarray:
+def with_tips(layout: "FrameLayout", row: np.ndarray) -> np.ndarray:
     """Return a copy of a frame's row for drawing: its tips are the points where the jaws close."""
     frame = Frame(layout, row.copy())
     for arm in layout.arms:

@@ -5,8 +5,6 @@ calls. If a Python thread made each call, the thread would wait for the interpre
 time. With many threads, waiting would take longer than computing.
 """
 
-from __future__ import annotations
-
 import ctypes
 import dataclasses
 from functools import cached_property
@@ -56,7 +54,7 @@ class LaneGroup:
     Ticks count from the beginning of a run. Methods collect calls, which `run_calls` makes.
     """
 
-    def __init__(self, code: VectorCode, lanes: Lanes, vectors: int, rows: int, results: int):
+    def __init__(self, code: "VectorCode", lanes: Lanes, vectors: int, rows: int, results: int):
         """rows, results: number of rows of ticks, and of rows of results, to allocate."""
         self.lanes, self._make_calls = lanes, code.make_calls
         kernel = self.kernel = code.kernel

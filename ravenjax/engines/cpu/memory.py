@@ -1,7 +1,5 @@
 """Describes where each number of a program lies in the buffers of compiled code."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable
 
@@ -27,14 +25,14 @@ class BufferLayout:
     width: int = 1  # lanes
 
     @classmethod
-    def of_lanes(cls, types: Iterable[str], width: int) -> BufferLayout:
+    def of_lanes(cls, types: Iterable[str], width: int) -> "BufferLayout":
         """Make a layout of consecutive numbers without gaps."""
         types = tuple(types)
         ends = np.cumsum([0, *(stored_size(dtype) * width for dtype in types)]).tolist()
         return cls(types, tuple(ends[:-1]), ends[-1], width)
 
     @classmethod
-    def aligned(cls, types: Iterable[str]) -> BufferLayout:
+    def aligned(cls, types: Iterable[str]) -> "BufferLayout":
         """Make a layout for one lane in which each number is aligned to its size."""
         types, offsets, end = tuple(types), [], 0
         for dtype in types:

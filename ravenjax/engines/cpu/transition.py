@@ -6,8 +6,6 @@ per step. No operations are fused. `Compiled` runs the program as machine code. 
 each operation in NumPy (`ir.semantics`), to check `Compiled`. Both give the same bits.
 """
 
-from __future__ import annotations
-
 import ctypes
 import dataclasses
 import functools
@@ -48,7 +46,7 @@ class RecordKind:
     layout: BufferLayout
 
     @staticmethod
-    def of(example: Any) -> RecordKind:
+    def of(example: Any) -> "RecordKind":
         """Return the kind of records like `example`, a record of NumPy or Python numbers."""
         record = tree.map_leaves(
             lambda x: x.dtype if hasattr(x, "dtype") else np.asarray(x).dtype, example
@@ -166,7 +164,7 @@ class Compiled:
         keys = itertools.product(names, (False, True))
         self._functions = {key: self._module.function(key[0], types, key[1]) for key in keys}
 
-    def bind(self, name: str, memory: Memory) -> BoundTransition:
+    def bind(self, name: str, memory: Memory) -> "BoundTransition":
         """Return a function that makes the transition `name` once for each row of `memory`."""
         return BoundTransition(self._functions[name, len(memory.step_inputs) == 1], memory, self)
 

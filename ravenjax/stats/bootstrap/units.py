@@ -12,8 +12,6 @@ between units, so it is joined to other strata (collapsed strata: Wolter, Introd
 Estimation, 2007, 2.5).
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -42,7 +40,7 @@ class Units(NamedTuple):
         """Number of units."""
         return len(self.stratum)
 
-    def where(self, rows: np.ndarray) -> Units:
+    def where(self, rows: np.ndarray) -> "Units":
         """Return the units of a part of the rows: `rows` is bool [rows], or indices of rows."""
         present, unit = np.unique(self.unit[rows], return_inverse=True)
         return Units(unit, self.stratum[present])
@@ -85,7 +83,7 @@ def label_codes(label: ArrayLike) -> tuple[np.ndarray, int]:
     return code, len(names)
 
 
-def group_units(label: ArrayLike, stratum: ArrayLike | None = None) -> Units:
+def group_units(label: ArrayLike, stratum: ArrayLike | None = None) -> "Units":
     """Return the units of rows [n]: rows with the same label are one unit.
 
     `stratum`: labels [n] of strata; None: one stratum. Labels may have any type. Raise ValueError
@@ -106,7 +104,7 @@ def group_units(label: ArrayLike, stratum: ArrayLike | None = None) -> Units:
 def ratio_band(
     numerators: ArrayLike,
     denominators: ArrayLike,
-    among: Units,
+    among: "Units",
     *,
     resamples: int = RESAMPLES,
     seed: int = 0,
@@ -130,7 +128,7 @@ def ratio_band(
     return Estimate(float(value), float(low), float(high))
 
 
-def rate_band(hit: ArrayLike, among: Units, *, resamples: int = RESAMPLES, seed: int = 0) -> Rate:
+def rate_band(hit: ArrayLike, among: "Units", *, resamples: int = RESAMPLES, seed: int = 0) -> Rate:
     """Return the share of rows with `hit` (bool [n]), with the band of `ratio_band`.
 
     If all rows are equal, resamples are equal too. The band is then Wilson's interval, with the

@@ -19,8 +19,6 @@ test is an exact binomial test, and the threshold is the order statistic of Wilk
 one operation of each unit, called subsampling by Dunn, Wasserman, Ramdas (JASA 118, 2023).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -41,12 +39,12 @@ class OperationScores(NamedTuple):
         """Number of sampled units."""
         return len(np.unique(self.unit))
 
-    def taken_from(self, units: np.ndarray) -> OperationScores:
+    def taken_from(self, units: np.ndarray) -> "OperationScores":
         """Return the operations of the units with these numbers."""
         mask = np.isin(self.unit, units)
         return OperationScores(*(values[mask] for values in self))
 
-    def first_operations(self) -> OperationScores:
+    def first_operations(self) -> "OperationScores":
         """Return the first operation of each unit. These are independent of each other."""
         _, first = np.unique(self.unit, return_index=True)
         return OperationScores(*(values[first] for values in self))
@@ -144,7 +142,7 @@ class TooFewUnits(ValueError):
         self.units, self.min_units = units, min_units
 
 
-def smallest_threshold(operations: OperationScores, target: FalseAlarmTarget) -> Threshold:
+def smallest_threshold(operations: "OperationScores", target: FalseAlarmTarget) -> Threshold:
     """Return the smallest score that, as a threshold, keeps the target with the target's
     confidence.
 

@@ -3,8 +3,6 @@
 If the session was killed before it wrote hazards.csv, the hazards are read from its events.
 """
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import io
@@ -102,7 +100,7 @@ class Recording(session_log.SessionLog):
         starts = (event["tick"] for event in self.events if event["kind"] == "started")
         return float(next(starts, 0.0))
 
-    def without_pauses(self) -> Recording:
+    def without_pauses(self) -> "Recording":
         """Return a recording of the rows in which the session's time ran, from its beginning on."""
         # In a pause, rows have the time of the row that follows. The last row always counts.
         advances = np.diff(self.ms, append=self.ms[-1:] + 1) > 0
@@ -119,7 +117,7 @@ class Recording(session_log.SessionLog):
         return np.max(values, axis=0)
 
 
-def read_recording(folder: Path, channels: Collection[str] = ()) -> Recording | None:
+def read_recording(folder: Path, channels: Collection[str] = ()) -> "Recording | None":
     """Read the recording in a session's folder, complete or cut short; None if there is none. A
     recovered recording is preferred. channels: names of channels to read, without the arm, such as
     "tip"; empty: all. Raises StoreError if another version of ravenjax wrote the recording.
@@ -176,7 +174,7 @@ def read_table(folder: Path) -> list[HazardRow]:
         ) from None
 
 
-def from_recording(recording: Recording, header: Json) -> list[HazardRow]:
+def from_recording(recording: "Recording", header: Json) -> list[HazardRow]:
     """Return a row for each hazard that was armed, from the events of a recording. A hazard that
     had not ended when the recording was cut short has no outcome. header: content of session.json.
     """

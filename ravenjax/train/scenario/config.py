@@ -12,8 +12,6 @@
 The other tables are [speeds], [cue], [contact], [harm], [parameters] and [robot].
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
@@ -260,7 +258,7 @@ class Entry(Section):
         return raw
 
     @model_validator(mode="after")
-    def _check_combinations(self) -> Entry:
+    def _check_combinations(self) -> "Entry":
         # Refuses keys that exclude each other, and a fault window of unknown time.
         if bool(self.hazards) == bool(self.fault):
             raise ValueError(
@@ -324,7 +322,7 @@ class Scenario(Section):
     contact: ContactSection = ContactSection()
     task: Task = Free(kind="free")
     """the operator's task"""
-    hazard: tuple[Entry, ...] = ()
+    hazard: "tuple[Entry, ...]" = ()
     """hazards of the session"""
     harm: Harm = Harm()
     parameters: Parameters = Field(default_factory=dict)

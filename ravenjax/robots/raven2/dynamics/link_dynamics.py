@@ -9,6 +9,7 @@ units: `raven2.arms.JOINTS`, rad and m.
 # pyright: reportAttributeAccessIssue=false
 
 import functools
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -51,7 +52,14 @@ def mass_matrix_and_bias(
 
 
 def solve_by_mjx(
-    arm: ArmName, timestep, system, right: Vec, qpos: Vec, qvel: Vec, gravity: Vec, mass_scale
+    arm: ArmName,
+    timestep: float,
+    system: Sequence[Vec],
+    right: Vec,
+    qpos: Vec,
+    qvel: Vec,
+    gravity: Vec,
+    mass_scale: Scalar,
 ) -> Vec:
     """Return the solution x of `system` x = `right` by one `mjx.step`: changes of the joint speeds.
 

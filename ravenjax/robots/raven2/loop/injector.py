@@ -20,7 +20,11 @@ class RavenInjector(injection.Injector):
     """Injects faults in one tick of a Raven-II; `inject(site, signal)` is the faulty signal."""
 
     def __init__(
-        self, setup, faults: fault.Faults, state: fault.FaultState, clock: fault.TriggerClocks
+        self,
+        setup: RavenSetup,
+        faults: fault.Faults,
+        state: fault.FaultState,
+        clock: fault.TriggerClocks,
     ):
         super().__init__(setup, _channel_targets(setup), faults, state, clock)
 

@@ -402,7 +402,10 @@ def observe_robot(
 
 
 def true_tips(
-    setup, params: PerArm[PlantParams], states: PerArm[PlantState], robots: PerArm[PlantOutput]
+    setup: RavenSetup,
+    params: PerArm[PlantParams],
+    states: PerArm[PlantState],
+    robots: PerArm[PlantOutput],
 ) -> PerArm[Vec]:
     """Return the true tip of each arm, m in registered frame 0."""
     return tuple(

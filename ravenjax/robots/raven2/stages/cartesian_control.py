@@ -88,7 +88,12 @@ def follow_measured(state: State, condition: Scalar) -> State:
 
 
 def solve_inverse(
-    setup, params: CartesianParams, state: State, tick: Scalar, active: Scalar, jpos: PerArm[Vec]
+    setup: RavenSetup,
+    params: CartesianParams,
+    state: State,
+    tick: Scalar,
+    active: Scalar,
+    jpos: PerArm[Vec],
 ) -> tuple[State, Scalar]:
     """Return the state with the joints of the desired poses, and whether a joint is at a limit.
 

@@ -48,7 +48,12 @@ def init(setup: RavenSetup) -> EstimatorState:
 
 
 def step(
-    setup, arm: ArmName, tool: str, params: EstimatorParams, state: EstimatorState, enc_val: Vec
+    setup: RavenSetup,
+    arm: ArmName,
+    tool: str,
+    params: EstimatorParams,
+    state: EstimatorState,
+    enc_val: Vec,
 ) -> tuple[EstimatorState, Vec, Vec]:
     """Return the state after one sample of one arm, mpos (7, rad) and mvel (7, rad/s)."""
     counts = narrow_numbers(setup, enc_val) * transmission.encoder_signs(arm, tool, setup.software)

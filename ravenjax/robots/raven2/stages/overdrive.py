@@ -67,7 +67,12 @@ def init(setup: RavenSetup) -> OverdriveState:
 
 
 def step(
-    setup, params: OverdriveParams, state: OverdriveState, tick, runlevel, current_cmd: PerArm[Vec]
+    setup: RavenSetup,
+    params: OverdriveParams,
+    state: OverdriveState,
+    tick: Scalar,
+    runlevel: Scalar,
+    current_cmd: PerArm[Vec],
 ) -> tuple[OverdriveState, PerArm[Vec], Scalar]:
     """Return the state, the commands to write, and whether to raise the soft E-stop."""
     fork = setup.software == "fork2015"

@@ -79,7 +79,11 @@ def _quaternion(setup: RavenSetup, pose: StoredPose) -> Vec:
 
 
 def accumulate_increments(
-    setup, params: TeleoperationParams, state: TeleoperationState, accepted: Scalar, packet: Packet
+    setup: RavenSetup,
+    params: TeleoperationParams,
+    state: TeleoperationState,
+    accepted: Scalar,
+    packet: Packet,
 ) -> TeleoperationState:
     """Return the state after a packet. If it is `accepted` (bool), its increments are added.
 
