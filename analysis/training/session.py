@@ -13,7 +13,6 @@ forces of contact.
 """
 
 import argparse
-import contextlib
 import json
 import os
 import shutil
@@ -80,9 +79,8 @@ def _drive(session: subprocess.Popen[str], seconds: float, started: float) -> di
     url = next(
         line.split(": ", 1)[1].strip() for line in session.stdout if line.startswith("operator: ")
     )
-    # 503: the page asks to wait. That is its first answer.
-    with contextlib.suppress(urllib.error.HTTPError):
-        urllib.request.urlopen(url).close()
+    # The first answer may be a page that asks to wait.
+    urllib.request.urlopen(url).close()
     told: dict[str, Any] = {"answer_s": round(time.monotonic() - started, 2)}
     next(line for line in session.stdout if line.startswith("realtime: "))
     told["start_s"] = round(time.monotonic() - started, 2)

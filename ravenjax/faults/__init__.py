@@ -224,9 +224,10 @@ def _initial_state(shape: tuple[int, ...], real, history: tuple[Any, ...]) -> St
         return _broadcast("", x, shape, dtype)
 
     active, age, changed_ticks = filled(0) > 0, filled(0), filled(0)
-    latched, before, never = filled(0.0, real), filled(math.nan, real), filled(-1)
-    slot = SlotState(active, age, latched, before, never, changed_ticks, last_tick=never)
-    return State(slot, began=never, history=history)
+    latched, before = filled(0.0, real), filled(math.nan, real)
+    # Each field has its own array, so that JAX can donate the state.
+    slot = SlotState(active, age, latched, before, filled(-1), changed_ticks, filled(-1))
+    return State(slot, began=filled(-1), history=history)
 
 
 def _broadcast_leading(name: str, x, shape: tuple[int, ...]) -> Any:

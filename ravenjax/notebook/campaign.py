@@ -224,7 +224,7 @@ def run_config(
 ) -> Results:
     """Run a campaign and store its results in the folder `out`.
 
-    Without `out`, the results delete their temporary folder. Raise UserError and StoreError.
+    Without `out`, a temporary folder is deleted with the results. Raise UserError and StoreError.
     """
     if out is not None:
         out = location.require_path("out", out, "a result folder, or None for a temporary one")

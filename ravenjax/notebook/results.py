@@ -181,7 +181,7 @@ class CampaignResults:
         return self._plot("roc", "the campaign has no [[detector]]")
 
     def plot_tradeoff(self) -> ShownFigure:
-        """Plot haptic sets: share of motions that the cue misses (y), false cues per hour (x)."""
+        """Plot haptic sets: share of unintended motions without a cue (y), false cues per h (x)."""
         return self._plot("tradeoff", "the results contain no fault-free motion")
 
     def plot_chain(self, run: int | str, engine: str = "auto") -> ShownFigure:

@@ -10,10 +10,10 @@ series of a golden run of 3 s has 4.5 MB.
 
 The robot's loop also has
 
-    name_signals(setup, signals) -> {name: signal}: `control` of the path `control.arms.ARM.tau_d`
+    name_signals(setup, signals) -> {name: signal}
     check_histories(setup, state) -> {name: `stages.check.CheckHistory`}
 
-and its state has a `monitor`.
+and its state has a `monitor`. A path such as `control.arms.ARM.tau_d` begins with a signal's name.
 
 `differs` is the first tick in which any bit of a number differs from the golden run's number.
 `leaves` is the first tick in which a number is outside its normal range while the golden run's is

@@ -4,9 +4,8 @@ A network fault may deliver an older packet. The tick in which that packet was s
 computed from the number of packets, because the intervals between packets vary. The history is
 therefore a row of 32-bit words that shift by one bit in each tick. Bit 0 is the present tick; a set
 bit is a packet. If n packets were sent after a packet, n set bits are below its bit. To find the
-bit, set bits are counted in pairs, fours,
-eights and halves of a word (S. E. Anderson, Bit Twiddling Hacks: counting bits set, in parallel;
-selecting the position of a bit with a given count).
+bit, set bits are counted in pairs, fours, eights and halves of a word (S. E. Anderson, Bit Hacks:
+counting bits set, in parallel; selecting the position of a bit with a given count).
 """
 
 from ravenjax.numbers import Scalar, Vec, as_int, clamp, jnp, lax

@@ -632,7 +632,7 @@ class Judge:
     def step(
         self, tick: int, frame: Frame, outcomes: Json | None = None, golden: Json | None = None
     ) -> None:
-        """Judge one tick. outcomes, golden: as in `read_checks`; None: the checks are not read."""
+        """Judge one tick. outcomes (None: checks are not read), golden: see `read_checks`."""
         if not self._arms:
             self._arms = tuple(_Arm(frame, name) for name in frame.layout.arms)
         row = frame.numbers

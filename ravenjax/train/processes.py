@@ -6,7 +6,7 @@ import os
 import signal
 import socket
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from multiprocessing import resource_tracker
 from multiprocessing.process import BaseProcess
 from typing import Any
@@ -56,9 +56,22 @@ class Helper:
         )
 
 
+@contextlib.contextmanager
+def leave_realtime_cpu() -> Iterator[None]:
+    """Start processes on all CPUs but that of the realtime loop, if there are several."""
+    cpus = os.sched_getaffinity(0)
+    # A process inherits the CPUs of the thread that starts it.
+    os.sched_setaffinity(0, cpus - {max(cpus)} or cpus)
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, cpus)
+
+
 class SessionHelpers:
     """The page and the recorder. They start before the session imports its modules."""
 
+    @leave_realtime_cpu()
     def __init__(self, stack: contextlib.ExitStack, listening: socket.socket | None):
         """stack: ends the processes. listening: socket of `page.open_port`; None: no page."""
         self.page, self.port = None, 0
@@ -80,8 +93,7 @@ def spawn_process(
     stack: contextlib.ExitStack, target: Callable[..., None], *given: Any
 ) -> BaseProcess:
     """Start a process that ignores Ctrl-C, and that `stack` ends. It calls `target(*given)`. The
-    process is spawned, because JAX does not survive a fork. It leaves one CPU to this process,
-    which prepares the robot at the same time and then runs the realtime loop.
+    process is spawned, because JAX does not survive a fork.
     """
     # As python -P: the process does not import a file such as tempfile.py in the current folder.
     os.environ["PYTHONSAFEPATH"] = "1"
@@ -93,13 +105,9 @@ def spawn_process(
     # resource tracker unblocks signals when it starts, so it must run beforehand.
     resource_tracker.ensure_running()
     earlier_mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    cpus = os.sched_getaffinity(0)
-    # A process inherits the CPUs of the thread that starts it.
-    os.sched_setaffinity(0, other_cpus() or cpus)
     try:
         process.start()
     finally:
-        os.sched_setaffinity(0, cpus)
         signal.pthread_sigmask(signal.SIG_SETMASK, earlier_mask)
         if file:
             command["__file__"] = file
@@ -112,12 +120,6 @@ def spawn_process(
 
     stack.callback(end)
     return process
-
-
-def other_cpus() -> set[int]:
-    """Return the CPUs that the realtime process does not use; empty with a single CPU."""
-    cpus = os.sched_getaffinity(0)
-    return cpus - {max(cpus)} if len(cpus) > 1 else set()
 
 
 def recorder_error(recording: BaseProcess) -> str | None:

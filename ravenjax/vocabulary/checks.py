@@ -63,7 +63,7 @@ class Check(NamedTuple):
 
     @property
     def response(self) -> str:
-        """Response (see `outcomes.verdict`) of a run in which no stronger check than this trips."""
+        """Response (see `outcomes.verdict`) of a run whose strongest check that trips is this."""
         return _RESPONSES[self.action]
 
     @property

@@ -20,7 +20,7 @@ from ravenjax.robots.raven2.plant import robot
 from ravenjax.robots.raven2.setup import RavenSetup
 
 SETTLING = 1000
-"""First cycles (1 ms) of a log, which are not compared: the load of the cables is unknown."""
+"""Number of first cycles (1 ms) of a log that are not compared: cable loads are unknown."""
 SHORTEST = 4 * SETTLING
 """Smallest number of cycles of a log that can be used for a fit and its test."""
 NORMAL_90 = 1.6449

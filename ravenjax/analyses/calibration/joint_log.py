@@ -314,7 +314,8 @@ def _read_bag(path: Path, arm: ArmName, options: ReplayOptions) -> Samples:
         distances.append(np.nanmean(np.abs(desired_then - joints)[common]))
         found.append(samples)
     # The arm that received the desired positions is the one that stays closest to them.
-    return found[int(np.argmin(distances))]
+    # A distance is NaN without common times.
+    return found[int(np.argmin(np.nan_to_num(distances, nan=np.inf)))]
 
 
 def _read_raven_state(path: Path, arm: ArmName, states: bags.TopicMessages) -> Samples:

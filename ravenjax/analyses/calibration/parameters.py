@@ -1,6 +1,6 @@
 """Defines the robot parameters that a calibration can estimate from a log, and their priors.
 
-The module also writes a calibrated robot as a TOML file. A campaign reads it by [parameters] from.
+The module also writes a calibrated robot as a TOML file. [parameters] from reads it.
 """
 
 import operator

@@ -183,8 +183,8 @@ def find_deadlines(
 ) -> pd.DataFrame:
     """Return the deadlines of the harmful faults of a result folder, as `read_deadlines` does.
 
-    group: only the faults of this group. Faults that do not harm again are left out. report: is
-    called with a line about the progress. Raise UserError, and StoreError as
+    group: only the faults of this group. Faults that do not harm when run again are left out.
+    report: is called with a line about the progress. Raise UserError, and StoreError as
     `manifest.read_manifest`.
     """
     record = manifest.read_manifest(folder)

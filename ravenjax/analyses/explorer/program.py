@@ -5,7 +5,7 @@ Numbers are float32 or int32. Binaries and motions are little-endian words in ba
 
 - arms, ticks, tick_ms, observe_ms: of the campaign; cue: number of the verdict's haptic set
 - parameters: list of the parameters that the page can change, in the order of a run's inputs
-- channels: list of places where faults act; the code of a fault is its index here, from 1
+- channels: list of places where faults act; a fault has its place's index, from 1
 - effects: effect -> code; a network effect also names its channel and its value there
 - slots: number of faults of a run; triggers: trigger -> code; fields: number of a fault -> type
 - forever: length in ticks of an endless fault window
@@ -14,7 +14,8 @@ Numbers are float32 or int32. Binaries and motions are little-endian words in ba
 - programs: `outcomes` computes outcomes, `replay` also time series, and `acted` outcomes with an
   action in one more fault slot. Each program has a binary that imports only its memory, and these
   numbers: positions of its numbers in memory (bytes); width, robots side by side in a vector;
-  series, numbers of a tick that a golden run stores and a faulty run reads; outputs, of `replay`
+  series, numbers of a tick that a golden run stores and a faulty run reads; outputs, numbers of a
+  tick that `replay` writes after them
 - actions: action -> number, for `acted`; empty for a robot without actions
 - harm_limit_mm: a larger motion after a stop is harm, too; null if the campaign defines harm itself
 - verdict: names of outcomes, and the response of each check

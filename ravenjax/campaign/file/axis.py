@@ -302,7 +302,8 @@ def word_axis(what: str, known: Iterable[str] | None = None) -> KeyDefinition:
     def parse(raw) -> str:
         # Returns a word, which must be one of the known words.
         if not isinstance(raw, str):
-            raise ValueError(f"got {format_value(raw)}, expected {expected} or a list of names")
+            forms = "a list of names or {choice = [..]}"
+            raise ValueError(f"got {format_value(raw)}, expected {expected}, {forms}")
         if known is not None and raw not in known:
             raise ValueError(describe_unknown_name(what, raw, known))
         return raw

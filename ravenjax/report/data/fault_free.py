@@ -47,7 +47,7 @@ class Motions(NamedTuple):
         return self.count_motions(f"{quote_name(column)} >= 0")
 
     def first_rate(self, event: str, first_ms: str) -> AlarmRate | None:
-        """Return first alarms, divided by the hours in pedal-down before them; None without hours.
+        """Return first alarms per hour in pedal-down, counted until the alarm; None without hours.
 
         `event`: a condition over columns of the motions. `first_ms`: an expression for the time of
         the event; NULL where the time is unknown, and then all of the motion's time counts.

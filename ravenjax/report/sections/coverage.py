@@ -61,8 +61,8 @@ class Coverage(NamedTuple):
     does: str
     detected: Rate  # share of the harmful faults that are detected
     before: Rate  # share that is detected before the harm
+    in_time: Rate | None  # share detected by the deadline of a stop; None: no deadlines
     alone: int  # number of faults that no other source reports
-    in_time: Rate | None = None  # share detected by the deadline of a stop; None: no deadlines
 
 
 class SmallestSets(NamedTuple):
@@ -216,9 +216,9 @@ def _rows(
     runs: Runs, harmful: pd.DataFrame, sources: Sequence[Source], latest: Mapping[str, np.ndarray]
 ) -> Iterator[Coverage]:
     # Yields the coverage of each source and each set of sources, for all sites and for each site.
+    # latest: by criterion (a field of Coverage), the latest time at which a detection counts.
     sites = {EVERY_SITE: np.full(len(harmful), True)}
     sites |= {site: (harmful["site"] == site).to_numpy() for site in sorted(set(harmful["site"]))}
-    # latest: by criterion (a field of Coverage), the latest time at which a detection counts.
     reporting = [one for one in sources if one.reports]
     teams = {one.name: [one] for one in sources} | _together(sources)
     effects = {one.name: one.does for one in sources}
@@ -235,9 +235,11 @@ def _rows(
                 criterion: pair_intervals.pair_rate((ms >= 0) & (ms <= limit[here]), faults)
                 for criterion, limit in latest.items()
             }
+            in_time = rates.pop("in_time", None)
             # Faults that only this team detects.
             alone = int(((ms >= 0) & (others < 0)).sum())
-            yield Coverage(site, name, effects.get(name, ""), alone=alone, **rates)
+            does = effects.get(name, "")
+            yield Coverage(site, name, does, in_time=in_time, alone=alone, **rates)
 
 
 def _smallest(

@@ -55,7 +55,7 @@ def ending_rate(alarm: np.ndarray, hours: np.ndarray) -> AlarmRate:
     if not hours.sum() > 0:
         return AlarmRate(count)
     share = clopper_pearson(count, len(alarm))
-    # If all operations had an alarm, the longest operation takes the place of the mean.
+    # Without hours free of alarms, the longest operation takes the place of the mean.
     has_mean = hours_without_alarm.any()
     mean = float(hours_without_alarm.mean() if has_mean else hours.max())
     low, high = (p / (1.0 - p) / mean if p < 1.0 else math.inf for p in (share.low, share.high))

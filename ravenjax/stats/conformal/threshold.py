@@ -7,10 +7,10 @@ exceeds the threshold. The sampled units are operators, each with some robots. T
 of units are independent. The risk of a threshold is the expected loss of a new unit.
 
 The hypothesis that the risk is above the target is tested at 1 - confidence. A threshold is
-accepted if the test rejects this hypothesis. The risk falls with the threshold. The function takes
-the smallest threshold at and above which all thresholds are accepted. With the stated confidence
-over the draw of the units, its risk is below the target, for any distribution of the scores (Bates
-et al., J. ACM 68, 2021, theorem 1).
+accepted if the test rejects this hypothesis. The risk falls with the threshold.
+`smallest_threshold` takes the smallest one at and above which all are accepted. With the stated
+confidence over the draw of the units, its risk is below the target, for any distribution of the
+scores (Bates et al., J. ACM 68, 2021, theorem 1).
 
 The test is by betting (`excess_p`). It is valid for losses of any distribution. If the losses of
 units differ little, fewer units are enough. With one operation per unit and a loss of 0 or 1, the
@@ -226,7 +226,9 @@ def signal_scales(peaks: np.ndarray) -> np.ndarray:
     has scale 1. Raise ValueError without operations, or if a maximum is infinite or NaN.
     """
     if not len(peaks) or not np.isfinite(peaks).all():
-        raise ValueError("got no operation, or an infinite or NaN maximum of a signal: no scales")
+        raise ValueError(
+            "expected operations with finite maxima, got none or an infinite or NaN maximum"
+        )
     scales = np.quantile(peaks, SCALE_QUANTILE, axis=0)
     # A signal that hardly changes in one segment gets a scale above 0 there.
     largest = scales.max(axis=-1, keepdims=True)

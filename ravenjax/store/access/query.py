@@ -96,7 +96,7 @@ def open_parts(files: Sequence[Path], aside: Path | None, numbered: bool = False
     """Open the rows of these Parquet files for queries, without checks.
 
     aside: folder for temporary files, if it is writable. numbered: add filename and
-    file_row_number.
+    file_row_number (from 0).
     """
     table = open_empty(aside)
     more = ", filename = true, file_row_number = true" if numbered else ""

@@ -93,7 +93,7 @@ def read_joints(path: Path, states: TopicMessages) -> np.ndarray:
 
     A joint that no message has is NaN. Names are those of ravenjax or of raven2. A message without
     names has the seven joints in order. Raise UserError for other names, or if a message lacks a
-    joint of others.
+    joint that others have.
     """
     joints = np.full((len(states.messages), len(JOINTS)), np.nan)
     for row, (number, one) in enumerate(zip(states.number, states.messages, strict=True)):

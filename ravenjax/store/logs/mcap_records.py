@@ -124,7 +124,7 @@ def scan_records(path: Path) -> Scan:
 def _read_record(data: mmap.mmap, offset: int) -> tuple[McapRecord, int]:
     """Return the record that begins at byte `offset`, and the byte after its end.
 
-    It may raise any kind of exception if the bytes are inconsistent, also with their length.
+    It may raise any kind of exception if bytes are inconsistent or have another length.
     """
     end = offset + _HEAD + int.from_bytes(data[offset + 1 : offset + _HEAD], "little")
     record = _parse(data[offset:end])

@@ -103,7 +103,11 @@ def _read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -
             )
     for name in ("rotation", "offset_mm"):
         given = getattr(options, name)
-        if isinstance(given, dict) and (lacking := [arm for arm in arms if arm not in given]):
+        if (
+            given
+            and isinstance(given, dict)
+            and (lacking := [arm for arm in arms if arm not in given])
+        ):
             raise UserError(
                 f"{path}: operator.{name} has values for {', '.join(given)}, expected also one for"
                 f" {lacking[0]}; write a value without names of arms if all have the same"

@@ -149,8 +149,8 @@ class Visibility:
         return texts | {name: value for name, value in header.items() if name not in hidden}
 
     def frame(self, row: np.ndarray, extras: np.ndarray) -> bytes:
-        """Return the bytes of a frame, float32: `extras` (error_mm, force and desired tip of each
-        arm), then the row. Values that the role may not see are replaced. With the cue off,
+        """Return the bytes of a frame, float32: `extras` [arms, 5] (error_mm, force, desired x, y,
+        z), then the row. Values that the role may not see are replaced. With the cue off,
         operators see no force; the instructor sees the force that the cue would have.
         """
         frame, extras = Frame(self.layout, row.copy()), extras.copy()

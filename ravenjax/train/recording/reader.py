@@ -211,7 +211,7 @@ def session_columns(header: Json) -> Json:
 
 def summarize_hazards(rows: Sequence[HazardRow]) -> Json:
     """Return counts, medians and extremes of a session's hazards, for session.json and the page.
-    Rates and scores are of hazards that left room for a response. A value is None without hazards.
+    Rates and scores are of hazards that left room for a response. None: no hazard has the value.
     """
     activated = [row for row in rows if row.struck_ms is not None]
     answerable = [row for row in activated if row.outcome in LEFT_ROOM]

@@ -59,7 +59,7 @@ class RowWriter:
 
 @contextlib.contextmanager
 def open_recording(folder: Path, names: Sequence[str], header: Json) -> Iterator[RowWriter]:
-    """Yield the writer of a recording, as `record_session`; write session.json before and after."""
+    """Yield a recording's writer; write session.json before and after. See `record_session`."""
     header = {"started": utc_now(), **header, "ended": None}
     description.write_session(folder, header)
     writer = RowWriter(folder, names, header)

@@ -55,7 +55,7 @@ class DistantRobot:
         self._reported: RobotSignals = tree.fill_tree(resting, self._stepper.step_inputs)
         places = blueprint.layout.places
         names = [f"{arm}/{name}" for arm in self.arms for name in WORDS["of_console"]]
-        # Positions in the row of the numbers that the half tick computes. The packet's follow.
+        # Positions in the row of the half tick's first outputs. The packet's numbers follow them.
         self._computed_places = np.r_[*(places[name] for name in (*names, "halted_ms"))]
         self._outcomes: Json = {}
         self._assume_rest()

@@ -72,7 +72,7 @@ def play_packets(
     datagrams: Sequence[bytes], arrival_s: np.ndarray, address: tuple[str, int], say: Say
 ) -> Played:
     """Send recorded packets to a robot until the end, or Ctrl-C. Return what was sent and received.
-    arrival_s: time of each packet after the first. Raises UserError for an unreachable `address`.
+    arrival_s: time of each packet after the first. Raises UserError if `address` is unreachable.
     """
     first_packet, *lead = lead_packets(datagrams[0])
     lead_times = np.arange(len(lead)) * LEAD_INTERVAL_S

@@ -119,7 +119,7 @@ def tip_jacobian(arm: str, jpos: Vec) -> Vec:
 
 def tip_velocity(arm: str, jpos: Vec, jvel: Vec) -> Vec:
     """Return the velocity of the tip, the origin of frame 6 on the jaw axis, m/s, at joint
-    velocities `jvel` (7, rad/s and m/s). It is LW from the wrist and does not depend on the jaws.
+    velocities `jvel` (7, rad/s and m/s). The speeds of the jaws have no effect.
     """
     chain = chain_axes(arm, jpos)
     shoulder = jvel[0] if GEOMETRY[arm].flip > 0 else -jvel[0]

@@ -61,12 +61,7 @@ def init(setup: RavenSetup, start: PerArm[Vec], tips: PerArm[Vec]) -> ObserverSt
 
 
 def update_model_and_cue(
-    setup: RavenSetup,
-    params: TickParams,
-    state: Observed,
-    clean: Packet,
-    fresh: Scalar,
-    robot: RobotSignals,
+    setup, params: TickParams, state: Observed, clean: Packet, fresh: Scalar, robot: RobotSignals
 ) -> tuple[Observed, Observations]:
     """Compute one tick of the nominal model and of the haptic cue.
 

@@ -223,13 +223,7 @@ def _send_packet(
 
 
 def _move_robot(
-    setup: RavenSetup,
-    params: TickParams,
-    inject: RavenInjector,
-    state: TickState,
-    packet: Packet,
-    files: user_files.UserFiles,
-    pressed: Scalar,
+    setup, params: TickParams, inject: RavenInjector, state: TickState, packet, files, pressed
 ) -> tuple[TickState, control.ControlSignals, plc.PlcOutput, PerArm[plant.PlantOutput]]:
     """Compute one tick of control software, PLC and mechanics.
 

@@ -59,7 +59,7 @@ def joint_limits(setup: RavenSetup) -> tuple[list[tuple[float, float]], float | 
     """Return the limits to which joint targets are clamped: those of the first arm's tool.
 
     The result contains (lower, upper) of shoulder, elbow (rad), insertion (m), tool_roll, wrist
-    (rad), and the lower limit of the jaws' yaw (rad; None: no limit), mostly as float32.
+    (rad), and the jaws' lower yaw limit (rad; None: no limit). All but the fork's roll are float32.
     """
     # Five joints, then the yaw
     (*lower, lowest_yaw), upper = limits.soft_limits(setup.tools[0], setup.software)

@@ -17,9 +17,9 @@ In J, M is I (0 for jaws), and TR is the transmission ratio from joint to motor.
 of raven2's r2params.yaml. g is the gain from commanded to real torque. The friction of motor (tau)
 and link (F), Im and the reaction share rho are those of the robot's parameter set. No gain is
 fitted to a published outcome. A jaw's kd contains its viscous friction. The robot's insertion has
-no integral. The model's slow integral (ki, time constant 4 s) removes the remaining
-error of the dead band and does not change the lag on surgical motion. Integration is linearly
-implicit in gains and friction.
+no integral. The model's slow integral (ki, time constant 4 s) removes the remaining error of the
+dead band and does not change the lag on surgical motion. Integration is linearly implicit in gains
+and friction.
 
 The target is the operator's input before any fault. Its increments are added to a desired pose, and
 inverse kinematics near the model's joints gives the desired joints. Desired joints are clamped to

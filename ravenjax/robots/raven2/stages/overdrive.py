@@ -4,8 +4,9 @@ The check goes through mechanisms and joints in order. grasp2, index 7 of the or
 joints, is never checked. If a command exceeds the instant limit, it becomes 0 and the soft E-stop
 is raised. The commands of the other joints are still written in that cycle. If a command exceeds
 the limit of its joint, the policy decides: do nothing, clip, or count. One counter counts for all
-joints and arms. After `HARD_SAMPLES` the next command over its limit becomes 0 and raises the soft
-E-stop; only this resets the counter. The fork of 2015 clips at every run level, without policies.
+joints and arms. After more than `HARD_SAMPLES` such commands, the next becomes 0, raises the soft
+E-stop and restarts the counter. A command above the instant limit, or a clipped one, also resets
+the counter. The fork of 2015 clips at every run level, without policies.
 """
 
 from functools import reduce

@@ -1,7 +1,7 @@
 """Writes the time series of one run as an MCAP file with the topics and message types of ROS 2.
 
 The file opens in Foxglove, Lichtblick, PlotJuggler, rerun and `ros2 bag`. Gold is arm1, green arm2,
-as in CRTK in raven2. Poses are in frame 0 of their arm, `armN_frame0`. /tf has frames.
+as in raven2's CRTK. Poses are in frame 0 of their arm, `armN_frame0`. /tf has these frames:
 
     world -> armN_frame0 -> armN_tip_measured, armN_tip_true, armN_tip_model
 
@@ -16,7 +16,7 @@ These are the topics of each arm. A topic is missing if its series is.
 A tip without a rotation among the series is a point, `/armN/model_tip`, instead of a pose. Events
 are on /ravenjax/events (std_msgs/String, one JSON object each), and as text on /ravenjax/log
 (rcl_interfaces/Log). Every series [T] or [T, k] without a topic becomes one or k named float64
-fields of the flat message on /ravenjax/signals. The tip and the golden run's tip are fields, too.
+fields of the flat message on /ravenjax/signals; the true and the golden run's tip are fields, too.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
