@@ -32,9 +32,9 @@ SMALL_LANES = 256
 """Lanes of a block of few rows, such as golden runs. On a CPU also of others, if runs are few."""
 CPU_LANES = 2**12
 """Largest number of lanes of a block of engine xla on a CPU core. In a block of SMALL_LANES half of
-the time is the fixed cost of some hundred loops. Blocks of engine mjx stay small, because XLA can
-wait forever for matrix products of 2048 lanes (analysis/engines/README.md).
+the time is the fixed cost of some hundred loops.
 """
+MJX_CPU_LANES = 2**10  # The same for engine mjx: XLA can wait forever for products of 2048 lanes.
 ACCELERATOR_LANES = 2**19
 """Largest number of lanes of a block on each accelerator.
 
@@ -69,10 +69,10 @@ def _choose_lanes(runs: int, cores: int, by_mjx: bool) -> int:
         fitting = memory // LANE_BYTES // LANE_MULTIPLE * LANE_MULTIPLE
         share, limit = runs, min(ACCELERATOR_LANES, fitting) * len(devices)
         multiple = LANE_MULTIPLE * len(devices)
-    elif share >= 4 * SMALL_LANES and not by_mjx:
+    elif share >= (4 * MJX_CPU_LANES if by_mjx else 4 * SMALL_LANES):
         # The fewest blocks, of one size, because a smaller block would compute as many lanes. Fewer
         # runs use SMALL_LANES, because compiling for another size would take too long.
-        blocks = -(-share // CPU_LANES)
+        blocks = -(-share // (MJX_CPU_LANES if by_mjx else CPU_LANES))
         limit = -(-share // blocks)
     return -(-min(limit, share) // multiple) * multiple
 
