@@ -45,7 +45,7 @@ __all__ = ["Model", "Rollout", "load"]
 
 
 class Rollout(NamedTuple):
-    """Outcomes, series and signals of one run, or of its first ticks, from `Model.rollout`."""
+    """Outcomes, series and signals that `Model.rollout` returns, for the ticks it computed."""
 
     outcomes: dict[str, Any]  # columns of the result table before the verdict
     # [ticks, numbers], with which faulty runs are compared if this run is their golden run. For

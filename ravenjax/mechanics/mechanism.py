@@ -240,8 +240,8 @@ def step_by_mjx(
     mechanism: Mechanism, qpos: Vec, qvel: Vec, torque: Vec, velocity_gain: Vec
 ) -> tuple[Vec, Vec]:
     """Return what `step` returns, computed by MuJoCo MJX, which also solves the constraints."""
-    # MJX takes the gain as damping, so gain times the speed reduces the torque. `torque` already
-    # contains this reduction at the speed `qvel`, which is therefore added back.
+    # `torque` contains -velocity_gain * qvel. MJX computes this term itself, because it takes the
+    # gain as damping. Without the addition the term would count twice.
     applied = plus(torque, velocity_gain.map(mul, qvel))
     damping = jnp.array(plus(mechanism.damping, velocity_gain))
     option = {"timestep": mechanism.timestep}

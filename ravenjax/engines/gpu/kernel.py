@@ -207,8 +207,8 @@ class _CudaModule(LoopPrinting[str]):
         return printer.text()
 
     def _shared_run(self) -> str:
-        # Prints one tick of the numbers that all lanes of a group share. They depend on the group's
-        # inputs and state, on words `given` in each tick, and on its number. Lanes read the row.
+        # Returns CUDA code that computes the numbers of one tick that all lanes of a group share.
+        # Sources: the group's inputs and state, and the words of array `given` for this tick.
         printer = CudaPrinter("    ")
         state = {k: f"s{position}" for position, k in enumerate(self.split.shared_state)}
         given = f"given[(size_t)tick * {self.tick_inputs} + {{}}]"

@@ -41,7 +41,8 @@ def _has_drawn_fault(group: Mapping[str, Any]) -> bool:
 
 
 def _is_drawn(value, samples_lists: bool) -> bool:
-    # samples_lists: the design draws from lists of values, instead of using each value.
+    # Returns whether runs draw this value of a key at random. samples_lists: the design draws one
+    # value from each list; other designs use every value of a list in turn.
     if isinstance(value, Mapping):
         # { uniform = [0, 9] } is drawn in any design, { list = [1, 2] } only from sampled lists.
         return samples_lists or "list" not in value

@@ -1,1 +1,1 @@
-"""Reports on single runs: their events in words, figures, and the ranking of the worst runs."""
+"""Reports single runs: a text of their events, their figures, and a ranking of the worst runs."""

@@ -24,8 +24,8 @@ MAX_DOTS = 400
 def motion_plot(courses: Sequence[TipCourse], out: Path, name: str, title: str) -> list[Path]:
     """Draw `courses` into the folder `out` as NAME.svg and NAME.png and return their paths.
 
-    The left column shows the whole recording, the right one the replayed part: the tip in frame 0
-    of its arm, and its speed. Raises StoreError if the folder cannot be written.
+    The charts show the tip in frame 0 of its arm, and its speed: on the left of the recording, on
+    the right of the replayed part, if there is one. Raises StoreError if `out` cannot be written.
     """
     require_writable(out)
     columns = 2 if all(len(course.replayed_s) for course in courses) else 1

@@ -33,8 +33,8 @@ def own_check_rows(runs: Runs) -> list[OwnCheckRow]:
     """Return one row per check, in the order of the campaign's file."""
     checks, per_check = runs.manifest.shape.own_checks, list(_false_alarms(runs))
     trips = [f"({after_onset(alarms.column)}) >= 0" for alarms in per_check]
-    # SQL for faults that only this check detected: when it tripped, no built-in check had reported
-    # the fault, and no other user-defined check had tripped.
+    # SQL for faults that only this check detected: it trips, no built-in check reports the fault,
+    # and no other user-defined check trips, at any time of the run.
     silent = [f"own{number}_ms < 0" for number in range(len(checks))]
     alone = [
         " AND ".join([trip, "built_in_told_ms < 0", *silent[:number], *silent[number + 1 :]])

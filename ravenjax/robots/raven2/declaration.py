@@ -27,9 +27,9 @@ _FIELDS = {name: Field(**field) for name, field in _TABLES["fields"].items()}
 
 
 def _channels(table: dict[str, Any]) -> list[tuple[str, str, tuple[str | int, ...]]]:
-    # Returns (name, unit, path) of the channels that one table of the file describes, such as
-    # {names = "joints", unit = "rad", linear = "m", path = ["ARM", "#"]}. A path leads from the
-    # signal to the number: ARM stands for the arm's index, "#" for the channel's in its table.
+    # Returns (name, unit, path) of each channel that a table of the file describes, such as
+    # {names = "joints", unit = "rad", linear = "m", path = ["ARM", "#"]}. linear: unit of sliding
+    # joints. path: indices from the signal to the number; "#" becomes the channel's index.
     names = table["names"]  # a list of names, or the name of a set
     is_set = str(names) in _NAME_SETS
     channels = []

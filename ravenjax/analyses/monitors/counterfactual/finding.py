@@ -73,7 +73,7 @@ class Counterfactual(NamedTuple):
         # Time from the alarm to the harm, ms [faults, checks of the set].
         lead_ms = test_lead_ms[:, self.selected_set.indices, margin.index]
         detected = lead_ms >= self.question.lead_ms
-        # A check adds a fault if it is the first check of the set that detects the fault.
+        # A check adds a fault if no earlier check of the set detects it: the count becomes 1 there.
         added = detected & (np.cumsum(detected, axis=1) == 1)
         checks = []
         for column, index in enumerate(self.selected_set.indices):
@@ -208,8 +208,8 @@ class Confirmation(NamedTuple):
 
     @property
     def verdict(self) -> str:
-        """Whether the share detected with this seed is "more than", "less than" or "as" the share
-        in the test half with the first seed; "" if the difference has no interval.
+        """Compares detected shares. This seed's share is "more than", "less than" or "as" (no
+        different from) the first seed's, in the test half; "" if the difference has no interval.
         """
         if math.isnan(self.difference.low):
             return ""

@@ -13,10 +13,10 @@ The insertion axis can point from the wrist or toward it (depth 0, 1). The elbow
 - Wrist angle and yaw depend on side and depth alone, because the insertion axis z3 is the direction
   to the wrist.
 - The two bends mirror each other in the plane of the shoulder axis z1 and z3. Let m = z1 x z3 and
-  e = m x z3, which are perpendicular to z3 and to each other. The axis y3 has the components
-  (alpha, beta) along e and m in one bend, and (-alpha, beta) in the other. The angle theta4 turns
-  around z3 to the direction from frame 4 to the jaw axis. With the components (E, F) of this
-  direction along e and m, theta4 = atan2(F beta +- E alpha, E beta -+ F alpha).
+  e = m x z3; both are perpendicular to z3. Along e and m, the axis y3 has the components
+  (alpha, beta) in one bend and (-alpha, beta) in the other, and the direction from frame 4 to the
+  jaw axis has the components (E, F). theta4 is the angle around z3 to this direction, equal to
+  atan2(F beta + E alpha, E beta - F alpha) in one bend; alpha changes its sign in the other.
 """
 
 from functools import partial
