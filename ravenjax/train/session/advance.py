@@ -335,7 +335,7 @@ class Session:
                 if sender != "operator":
                     self.judge.interrupt(self.ticks, f"estop by {sender}")
                 self.robot.press_estop(self._estop_fault_row)
-            case "restart":
+            case "restart" if self.phase != protocol.PAUSED:
                 if self.phase == protocol.STOPPED or self.frame.number("runlevel") != PEDAL_DOWN:
                     self._restart("restart")
             case "rehearse" if self.view == protocol.REAL and self.phase == protocol.RUNNING:

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ravenjax.train import scenario
+from ravenjax.train import protocol, scenario
 from ravenjax.train.session import advance, scripts
 from ravenjax.train.session.advance import Session
 
@@ -133,6 +133,9 @@ def test_a_pause_stops_time_and_releases_what_was_held(session):
     assert session.ticks == ticks
     places = session.layout.places
     np.testing.assert_array_equal(session.frame["gold/tip"], before[places["gold/tip"]])
+    # Only the instructor ends the pause.
+    session.tick([{"type": "operator", "do": "restart"}])
+    assert session.phase == protocol.PAUSED
     session.tick([{"type": "instructor", "do": "resume"}])
     assert session.frame.number("pedal") == 0 and session.ticks == ticks + 1
 
