@@ -78,7 +78,7 @@ class Printing(ABC, Generic[Where]):
             return values[i]
 
         def write(pending: Iterable[tuple[int, Where]]):
-            # A store waits until the old value at its place has been read.
+            # Stores values at their places; those whose old value is still unread wait.
             for i, place in pending:
                 before = old_number_at.get(place)
                 if before is not None and before not in values:

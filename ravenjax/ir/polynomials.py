@@ -173,7 +173,7 @@ def exp(m: Arithmetic, x: Number) -> Number:
     rest = m.fma(whole, -_LN2_LOW, m.fma(whole, -_LN2_HIGH, x))
     value = m.polynomial("exp", rest)
     power = m.emit("truncate", "int32", whole)
-    # Two factors, because 2^-150 and 2^128 are not float32 numbers.
+    # Two factors (sar halves the power), because 2^-150 and 2^128 are not float32 numbers.
     half = m.integer("sar", power, 1)
     other = m.emit("sub", "int32", power, half)
     return m.mul(m.mul(value, _power_of_two(m, half)), _power_of_two(m, other))

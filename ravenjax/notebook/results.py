@@ -173,7 +173,7 @@ class CampaignResults:
         return self._plot("verdicts", "no run has a fault")
 
     def plot_time_to_know(self) -> ShownFigure:
-        """Plot delays from a fault's first effect to the cue, an alarm or stop, and to either."""
+        """Plot delays from a fault's first effect to the cue, to an alarm or stop, to the first."""
         return self._plot("time_to_know", "no fault had an effect")
 
     def plot_roc(self) -> ShownFigure:

@@ -1,6 +1,6 @@
 """Defines the signals of a robot that users' checks and detectors may read.
 
-A robot declares the signals that a monitor can use in `Robot.signals`.
+A robot lists its signals in `Robot.signals`. `ravenjax monitor` can watch the same signals.
 """
 
 import dataclasses

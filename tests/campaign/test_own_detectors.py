@@ -96,7 +96,7 @@ def test_the_text_of_a_built_in_detector_gives_its_bits(tmp_path, kind):
 @pytest.mark.parametrize(
     "wrong, said",
     [
-        ({"kind": "overdrive"}, "expected one of the keys kind .* and file .*, got both"),
+        ({"kind": "overdrive"}, "expected one key: kind .* or file .*, got both"),
         ({"name": "my-check"}, "expected only letters, digits and _"),
         ({"fusion": "any"}, "needs kind 'steps', got kind 'file'"),
     ],

@@ -104,7 +104,7 @@ def simulate_operators(
     engine: str,
     on_operator: OnOperator,
 ) -> OperationScores:
-    """Return the largest score of each term in each segment of the operations of all operators.
+    """Simulate operators and return their scores: the largest of each term in each segment.
 
     units: number of operators. The folder `out` stores the scores of each operator. Only operators
     that are missing there are simulated. `on_operator` is called after each of them.

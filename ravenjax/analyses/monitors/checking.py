@@ -203,8 +203,8 @@ def _find_detector(source: Path, campaign: manifest.Manifest, sha256: str) -> in
             return number
     raise UserError(
         f"{source}: the campaign did not have the monitor as a detector (its detectors:"
-        f" {', '.join(detector_files) or 'none'}). Run the campaign with the monitor's"
-        f" {code.PART} as [[detector]] file, and consecutive = 1"
+        f" {', '.join(detector_files) or 'none'}). Write the path of the monitor's"
+        f" {code.PART} as file of [[detector]], and consecutive = 1; then run the campaign again"
     )
 
 

@@ -129,7 +129,7 @@ def count_due_rows(config: CampaignConfig) -> int:
 
 
 def count_group_rows(config: CampaignConfig) -> dict[str, int]:
-    """Return the number of rows of each group, in order, without expanding them."""
+    """Return the number of fault-table rows of each group, in order, without making them."""
     return {
         group.name: (
             rows_of_a_draw(config, group)

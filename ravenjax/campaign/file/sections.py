@@ -192,7 +192,7 @@ class Detector(Section):
         # Checks that the keys of a detector can be used together.
         if (self.kind is None) == (self.file is None):
             got = "neither" if self.file is None else "both"
-            raise ValueError(f"expected one of the keys kind (built-in) and file (own), got {got}")
+            raise ValueError(f"expected one key: kind (built-in) or file (your code), got {got}")
         if self.file is None and (self.acts != "watch" or self.sha256 is not None):
             raise ValueError("the keys acts and sha256 need the key file: remove them")
         if self.file is not None:

@@ -15,9 +15,9 @@ SAMPLED = ("random", "lhs", "sobol")
 def drawn_groups(config: Mapping[str, Any]) -> frozenset[str] | None:
     """Return the names of the groups whose faults are drawn at random; None without groups.
 
-    A fault is drawn if at least one of its values is, for example its start, or if its effect draws
-    random numbers. Drawn parameters of the robot or operator do not count, because they do not
-    change the fault. config: campaign as stored in a manifest, where no group names hazards.
+    A fault is drawn if at least one of its values is drawn, such as its start, or if its effect
+    draws random numbers. Drawn parameters of the robot or operator do not count, because they do
+    not change the fault. config: campaign as stored in a manifest, with all hazards expanded.
     """
     if "group" not in config:
         return None

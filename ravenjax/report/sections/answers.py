@@ -145,8 +145,8 @@ def _announced(runs: Runs, k: int, condition: str) -> Announced:
     )
 
 
-def _changed_groups(runs: Runs):
-    # Returns group -> paths of the parameters that the group itself sets.
+def _parameters_by_group(runs: Runs):
+    # Returns group -> paths of the parameters that its table or its runs set; no other groups.
     paths = {
         group["name"]: dict.fromkeys(
             path for table in (group, *group.get("run", ())) for path in table.get("parameters", ())
@@ -172,7 +172,7 @@ def _content(runs: Runs, _: Path):
         "your_robot": runs.once(robots.robot_rates),
         "all_faults": next(iter(class_rows(runs)), None),
         "golden_halts": golden_halts(runs),
-        "changed_groups": _changed_groups(runs),
+        "changed_groups": _parameters_by_group(runs),
     }
 
 

@@ -1,4 +1,4 @@
-"""Campaigns of an arm from an MJCF file: sections of the file, motion, parameters, time series."""
+"""Campaigns of an arm from an MJCF file: its campaign tables, motion, parameters and series."""
 
 # MuJoCo's compiled module carries no types.
 # pyright: reportAttributeAccessIssue=false
@@ -60,7 +60,7 @@ class Operator(Section):
         # A quaternion of zeros is no orientation.
         has_orientations = all(any(row[4:]) for row in self.tip)
         if sizes not in (set(), {4}) and not (sizes == {8} and has_orientations):
-            raise ValueError("tip: expected rows of [s, x, y, z] or [s, x, y, z, qw, qx, qy, qz]")
+            raise ValueError("tip: expected rows of [time_s, x, y, z]; qw, qx, qy, qz may follow")
         return self
 
 

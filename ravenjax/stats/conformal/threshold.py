@@ -88,8 +88,8 @@ class FalseAlarmTarget(NamedTuple):
         expected = self.per_hour * self.length_h
         if not (self.per_hour > 0 and self.length_h > 0 and math.isfinite(expected)):
             raise ValueError(
-                f"expected a rate and a length above 0, got {self.per_hour} an hour and"
-                f" {self.length_h} h"
+                f"expected a rate per hour and a duration in hours above 0, got {self.per_hour}"
+                f" and {self.length_h}"
             )
         units = math.log(alpha_of(self.confidence)) / math.log1p(-self.risk)
         # The tolerance prevents that rounding adds a unit.

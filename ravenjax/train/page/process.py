@@ -401,8 +401,8 @@ class Page:
                 call_soon(self._hub.show, row, self._extras(frames))
 
     def _extras(self, frames: np.ndarray) -> np.ndarray:
-        """Return float32 [arms, 5]: the greatest error_mm and force in these rows, then the desired
-        tip in the last row, m, in the arm's coordinate frame 0. Maxima keep short peaks visible.
+        """Return float32 [arms, 5]: the greatest error_mm and force in these rows, then the point
+        between the jaws of the desired pose in the last row, m, frame 0. Maxima keep short peaks.
         """
         out = np.zeros((len(self._layout.arms), 5), np.float32)
         for i, arm in enumerate(self._layout.arms):

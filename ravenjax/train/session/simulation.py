@@ -75,9 +75,9 @@ def make_blueprint(
         for _, channel in use.channels:
             if use.site in OLDER_PACKETS and channel not in OLDER_PACKETS[use.site]:
                 raise UserError(
-                    f"a hazard acts at site {use.site!r}, channel {channel!r}, on the console's"
-                    " side of the network, which is another process here. Leave it out of the"
-                    " robot's scenario, or train without --robot"
+                    f"a hazard acts at site {use.site!r}, channel {channel!r}, before the"
+                    " network. A robot in its own process has only the side behind the network."
+                    " Leave the hazard out of the robot's scenario, or train without --robot"
                 )
     setup = replace(program.setup, injection=replace(injection, slots=slots))
     monitored = replace(program.params.monitor, limit=limit_mm / 1e3)

@@ -141,11 +141,11 @@ class Evidence(NamedTuple):
         return select_greedily(in_time, self.question.most, min_gain=MIN_GAIN)
 
     def coverage_of_new_groups(self) -> Rate | None:
-        """Return the share of faults that are detected by a set that was selected without faults
-        of their group. Return None if there is only one group.
+        """Return the share of faults that a set of checks detects which was selected without faults
+        of their group; None if there is only one group.
 
-        For each group, a set is selected from the faults of all other groups. The share estimates
-        the coverage of kinds of faults that are unknown so far. The interval is over groups.
+        For each group, a set is selected by the faults of all other groups. The share estimates the
+        coverage of kinds of faults that are unknown so far. The interval is over groups.
         """
         group = self.faults.group
         if len(np.unique(group)) < 2:
@@ -178,11 +178,11 @@ def join_scores(motions: FreeMotion, indices: Sequence[int]) -> FreeMotion:
 def calibrate_margin(motions: FreeMotion, per_hour: float) -> Margin:
     """Return the smallest margin whose expected rate of false alarms is at most `per_hour`.
 
-    The method is conformal risk control. For n motions of r runs with k alarms in total, the margin
-    is the smallest for which (k + r) / (n + 1) is at most the target per motion. If motions are
-    exchangeable, the expected number of alarms in a new motion is then at most the target. This
-    expectation is over calibrations too, so one calibration may have a higher rate. If no margin
-    keeps the target, the result is the smallest margin with the lowest rate, an estimate.
+    The method is conformal risk control. n motions with r runs each have k alarms in total. A new
+    motion has at most r alarms, so (k + r) / (n + 1) bounds its expected number if motions are
+    exchangeable. The margin is the smallest whose bound per hour is at most the target. A single
+    calibration may have a higher rate, because the expectation is also over calibrations. If no
+    margin keeps the target, the result is the smallest margin with the lowest bound.
     """
     motion_count, runs = motions.peaks.shape
     hours = float(motions.hours.sum(axis=1).mean())
