@@ -231,7 +231,11 @@ def test_a_result_belongs_to_one_model(folder, capsys):
             '<intvelocity actrange="0 1" name="elbow"',
             "actuator elbow: exp",
         ),
-        ('<position name="elbow" joint="elbow"', '<position name="x" joint="wrist_1"', "another"),
+        (
+            '<position name="elbow" joint="elbow"',
+            '<position name="x" joint="wrist_1"',
+            "two actuators",
+        ),
         ("<worldbody>", "<worldbody", "XML_ERROR"),
     ],
 )

@@ -15,7 +15,8 @@ from ravenjax.numbers.vec import Vec
 from ravenjax.stages import overload
 
 ARMS, CABLES, TICKS = 2, 3, 12
-SHARES = st.floats(0.0, 2.0, width=32)
+# XLA takes subnormal numbers as zero.
+SHARES = st.floats(0.0, 2.0, width=32, allow_subnormal=False)
 
 
 @partial(jax.jit)
