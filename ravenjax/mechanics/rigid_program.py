@@ -2,10 +2,10 @@
 
 The bias contains Coriolis, centrifugal and gravity torques, with the sign of MuJoCo's qfrc_bias.
 The mass matrix uses the composite-rigid-body algorithm and the bias uses recursive Newton-Euler.
-Both share the kinematics. The inertia of a body is a 4x4 pseudo-inertia [[J, h], [h^T, m]]. With
-the acceleration matrix U = [alpha]x + [omega]x^2, the force and torque on a body about its origin
-are f = U h + m a and n = sum of r x (U r + a). This form needs fewer operations than Euler's,
-because U is shared (W. Khalil's customised symbolic method).
+Both share the kinematics. A body has mass m and, about its origin, first moments of mass h and
+second moments J. With the origin's acceleration a and U = [alpha]x + [omega]x^2, the force and the
+torque on the body are f = U h + m a and n, the sum of dm r x (U r + a) over its mass elements at r.
+U is shared, so this needs fewer operations than Euler's form (W. Khalil's symbolic method).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 The model has a few terms. They were fitted by hand to the processor time of bundled campaigns on
 one AMD EPYC (`znver4`, AVX-512) that also did other work. The table shows seconds on one core:
-measured with a filled cache of compiled code, measured with an empty cache, and estimated.
+measured with a filled cache of compiled code, with an empty one, and one estimate for both.
 
 | campaign | filled | empty | estimate |
 |---|---|---|---|

@@ -69,7 +69,7 @@ def _choose_lanes(runs: int, cores: int, by_mjx: bool) -> int:
         fitting = memory // LANE_BYTES // LANE_MULTIPLE * LANE_MULTIPLE
         share, limit = runs, min(ACCELERATOR_LANES, fitting) * len(devices)
         multiple = LANE_MULTIPLE * len(devices)
-    elif share >= (4 * MJX_CPU_LANES if by_mjx else 4 * SMALL_LANES):
+    elif share >= 4 * (MJX_CPU_LANES if by_mjx else SMALL_LANES):
         # The fewest blocks, of one size, because a smaller block would compute as many lanes. Fewer
         # runs use SMALL_LANES, because compiling for another size would take too long.
         blocks = -(-share // (MJX_CPU_LANES if by_mjx else CPU_LANES))

@@ -1,11 +1,12 @@
 """Reads ROS bags and MCAP files with the rosbags library, and writes recordings as bags.
 
 A recording is session.mcap of a training session, or the trace of a run. It is written as a bag of
-ROS 1 (.bag) or of ROS 2 (a folder), with the same topics, types and times.
+ROS 1 (.bag) or of ROS 2 (a folder), with the same topics and types.
 
 In ROS 1 a header has a sequence number, which is 0, and there is no rcl_interfaces/Log;
-`/ravenjax/events` has the same events. A trace begins at time 0, which ROS 1 interprets as "no
-time": its players omit such messages. In a bag of ROS 1, all times of a trace are one second later.
+`/ravenjax/events` has the same events. Times are kept, except those of a trace in a bag of ROS 1.
+They are one second later, because a trace begins at time 0, and players of ROS 1 omit messages of
+time 0.
 """
 
 import contextlib

@@ -30,7 +30,7 @@ export function reason({ link, phase, owner, view, level, live, pressed, down, i
   if (phase === "stopped") {
     const by = check ? `the check ${check.replaceAll("_", " ")}` : "an emergency stop";
     const restart = `then restart${touch ? "" : " (Backspace)"}.`;
-    if (again) return `Stopped again at once by ${by}: the cause is still there. Lift the pedal, remove the cause, ${restart}`;
+    if (again && check) return `Stopped again at once by ${by}: the cause is still there. Lift the pedal, remove the cause, ${restart}`;
     return `Stopped by ${by}: lift the pedal, ${restart}`;
   }
   if (owner !== "page" && owner !== "nobody") return `${DRIVERS[owner] ?? owner} drives: wait, or take over while its pedal is up.`;
