@@ -33,7 +33,7 @@ def choice(values: Sequence[Any]) -> Form:
 
 
 def together(values: Sequence[float]) -> Form:
-    """Draw a position in the list. In a run, all lists of `together` use the same position."""
+    """Draw an index of the list. In each run, all lists of `together` use the same index."""
     return {"together": list(values)}
 
 

@@ -124,7 +124,7 @@ class Reach(_Task):
 
 
 class Level(Reach):
-    """[[task.level]]: rounds of targets, with the keys of "reach" and a time for each round."""
+    """[[task.level]]: rounds of a task "reach". The operator should finish each in a given time."""
 
     kind: Literal["reach"] = "reach"
     """task of a round"""
@@ -216,7 +216,7 @@ When = Annotated[
 
 
 class Entry(Section):
-    """[[hazard]]: hazards of the library or a fault, and the response that is right."""
+    """[[hazard]]: hazards of the library, or your own fault, and the operator's right response."""
 
     name: str = Field("", pattern=r"^[A-Za-z0-9_.-]*$", max_length=60)
     """name of the entry in tables"""
