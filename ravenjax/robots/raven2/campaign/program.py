@@ -1,4 +1,4 @@
-"""Turns a validated campaign into a Raven's tick: static choices, parameters, operator's motion."""
+"""Computes a Raven's tick from a checked campaign: compile-time settings, parameters, motion."""
 
 from collections.abc import Mapping
 from typing import Any
