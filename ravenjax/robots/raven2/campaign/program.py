@@ -1,4 +1,4 @@
-"""Computes a Raven's tick from a checked campaign: compile-time settings, parameters, motion."""
+"""Builds a Raven's tick for a checked campaign, with its settings, parameters and motion."""
 
 from collections.abc import Mapping
 from typing import Any

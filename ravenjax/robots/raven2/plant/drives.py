@@ -9,7 +9,7 @@ those of the shaft (the units of the model's authors, see models/raven2/mechanic
 `lambda` is the torque of the cable (below), and `reaction_scale` the authors' factor of this torque
 on the motor. The sign in the dry friction is that of the last step; all other terms are implicit.
 The speed at the end of a step is therefore an affine function of the speeds q' of the joints, and
-is eliminated from the equations of the links (`EliminatedMotor` explains the numbers):
+is eliminated from the equations of the links (T: see below; other numbers: `EliminatedMotor`):
 
     w = (known_torque + coupling * T q') * inverse
 
@@ -28,10 +28,10 @@ gamma`. The torque on the motor is `-reaction_scale * lambda`, and on the joints
 **Friction.** A force with `sign(velocity)` alternates at rest, and a smoothed sign lets the joint
 creep. Dry friction therefore acts as a damping, computed anew for each step. Let v0 be the velocity
 at the end of the step without dry friction, and `inertia_rate` the inertia divided by the step,
-plus all other implicit damping. The force `drive = inertia_rate * v0` would then stop the joint. If
-`level`, the force of dry friction, is greater than |drive|, the joint stops: its damping is so
-large that the velocity ends at zero within `CREEP`. Otherwise the joint slides with the velocity
-v1 = (|drive| - level) / inertia_rate, and its damping is level / v1.
+plus all other implicit damping. To stop the joint, friction must balance the force `drive =
+inertia_rate * v0`. If `level`, the force of dry friction, is greater than |drive|, the joint stops:
+its damping is so large that the velocity ends at zero within `CREEP`. Otherwise the joint slides
+with the velocity v1 = (|drive| - level) / inertia_rate, and its damping is level / v1.
 
 **Brakes** act on motors 1-3 only (RE40); tool motors run free without power. A brake engages and
 releases some time after the PLC's command. It adds dry friction of its holding torque, and slips
