@@ -43,7 +43,7 @@ def _check_packets(raw) -> Any:
     if isinstance(raw, str) and raw not in packets.CHOICES:
         raise ValueError(
             f"got {raw!r}, expected one of {names}{suggest_name(raw, packets.CHOICES)}, or a list"
-            " of shares"
+            " with the shares of packets that last 1, 2, 3, .. cycles"
         )
     if not isinstance(raw, list | tuple):
         return raw

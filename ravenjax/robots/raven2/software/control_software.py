@@ -275,8 +275,8 @@ class ControlSoftware:
             )
         if self.setup.console != "increments":
             raise UserError(
-                "packet is a datagram, which contains increments, but console is 'absolute',"
-                " expected a Packet"
+                "packet is a datagram (bytes), which contains increments. With console 'absolute',"
+                " expected an object of class Packet, which contains positions"
             )
         return given
 
