@@ -54,13 +54,14 @@ def init(setup: Setup, params: Any) -> ActedState:
 def advance(
     setup: Setup, params: Any, faults: fault.Faults, state: ActedState, now: Scalar, *inputs: Any
 ) -> tuple[ActedState, tuple[Scalar, ...], Any]:
-    """Compute the tick `now` of the robot's loop, with the action of the last fault slot.
+    """Compute the tick `now` of the robot's loop, with the action in the last slot of `faults`.
 
     Return the state, the series and the signals, as the robot's loop does.
     """
     loop = inner_loop(setup)
     *fault_slots, action = faults.slots
-    # `duration` of the action is the tick of the fault's first effect.
+    # The field `duration` of an action holds the tick of the fault's first effect. Up to then, keep
+    # the robot's last command, which the action may hold.
     is_before_effect = now <= action.duration
     good_command = where(is_before_effect, loop.last_command(state.tick), state.good_command)
     is_taken = {

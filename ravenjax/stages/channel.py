@@ -73,10 +73,12 @@ def step(state: ChannelState, seed: Scalar, packet: Scalar, fresh: Scalar) -> Ch
 
 
 def delay_ms(seed: Scalar, packet: Scalar) -> Scalar:
-    """Return the delay (ms, int32) of the packet that arrives when packet number `packet` is sent.
-    It is 0 for an ideal channel, seed 0.
+    """Return the channel's delay (ms, int32) while the packet with index `packet` is the newest.
+
+    Each index has an independent random delay. The delay of an ideal channel, seed 0, is 0.
     """
-    delay = jnp.float32(0.5)  # added for rounding to the nearest millisecond
+    # `as_int` removes the decimals, so 0.5 is added to round to the nearest millisecond.
+    delay = jnp.float32(0.5)
     for draw, (lowest, highest) in ((_DELAY, DELAY_MS), (_JITTER, JITTER_MS)):
         delay = (
             delay + lowest + (highest - lowest) * random_uniform(_random_key(seed), packet, draw)

@@ -76,13 +76,15 @@ def assign_uses(unit: np.ndarray) -> Uses:
 
 
 def count_units(threshold_units: int) -> int:
-    """Return the fewest operators of which `threshold_units` set the threshold and one tests it."""
-    rounds, rest = divmod(threshold_units, THRESHOLD_OPERATORS)
-    units = rounds * ROUND_SIZE
+    """Return a number of operators with `threshold_units` or more operators for the threshold, and
+    one or more for the test. `ROUND_SIZE` describes the rounds. They are complete except the last.
+    """
+    full_rounds, rest = divmod(threshold_units, THRESHOLD_OPERATORS)
+    units = full_rounds * ROUND_SIZE
     if rest:
-        # One more operator of the last round determines scales.
+        # The first operator of the last round determines scales.
         units += 1 + rest
-    # The operator of the test comes after those for scales and the threshold.
+    # In the first round, one operator for scales and those for the threshold come before the test.
     return max(units, 1 + THRESHOLD_OPERATORS + 1)
 
 
@@ -93,11 +95,11 @@ def require_hours(hours: float) -> None:
 
 
 def operators_within(target: FalseAlarmTarget, operations: int, hours: float | None) -> int:
-    """Return the number of operators to simulate: as many as fit into `hours`. If `hours` is None,
-    RESERVE times the number with which the threshold keeps the target determine the threshold.
+    """Return the number of operators to simulate: as many as fit into `hours`.
 
-    operations: number of operations of each operator. Raise UserError, with the hours that are
-    needed, if the hours are too few.
+    If `hours` is None, RESERVE times as many operators determine the threshold as the target needs
+    at least. operations: number of operations of each operator. Raise UserError, with the hours
+    that are needed, if the hours are too few.
     """
     if hours is None:
         return count_units(int(np.ceil(RESERVE * target.min_clusters)))

@@ -83,11 +83,11 @@ def alarms_within_limit(
 
 
 def factor_to_decide(possible: Callable[[float], np.ndarray]) -> float:
-    """Return the factor on the hours from which on the alarms that may be best stay the same.
+    """Return by which factor to multiply the hours so that still more hours exclude no alarm.
 
     Rates are assumed to be unchanged. The result is NaN if the present hours are enough, and
-    infinite if the factor would be above MAX_FACTOR. `possible`: maps the factor to the alarms that
-    may be best, as `cheapest_alarms` does.
+    infinite if the factor would be above MAX_FACTOR. possible: returns which alarms may be the best
+    with a factor times as many hours, bool [alarms], such as `cheapest_alarms`.
     """
     final = possible(np.inf)
     if np.array_equal(possible(1.0), final):

@@ -130,14 +130,17 @@ class Evidence(NamedTuple):
         return lead_ms >= self.question.lead_ms
 
     def select_set(self, without_group: str | None = None) -> list[int]:
-        """Select a set greedily with the faults of the selection half, and return its candidates.
+        """Select a set of candidate checks greedily, and return the indices of its candidates.
 
-        Faults of the group `without_group` are not used.
+        The set detects many faults of `selection_half` in time, with at most `question.most`
+        candidates. Faults of the group `without_group` are not used.
         """
-        rows = self.selection_half
+        used_faults = self.selection_half
         if without_group is not None:
-            rows = rows & (self.faults.group != without_group)
-        in_time = self.faults.lead_ms[rows, :, SELECTION_MARGIN_INDEX] >= self.question.lead_ms
+            used_faults = used_faults & (self.faults.group != without_group)
+        # Margins depend on the set, which is unknown so far, so all candidates have one margin.
+        lead_ms = self.faults.lead_ms[used_faults, :, SELECTION_MARGIN_INDEX]
+        in_time = lead_ms >= self.question.lead_ms
         return select_greedily(in_time, self.question.most, min_gain=MIN_GAIN)
 
     def coverage_of_new_groups(self) -> Rate | None:
@@ -197,15 +200,17 @@ def calibrate_margin(motions: FreeMotion, per_hour: float) -> Margin:
 def false_alarm_rate(motions: FreeMotion, margin: float) -> AlarmRate:
     """Return the rate of false alarms at a margin, with the exact interval of a Poisson rate.
 
-    A run counts at most one alarm. Several runs of one motion are not independent. The interval
-    then counts motions, in the hours of one run per motion. Its upper end counts all motions with
-    an alarm. Its lower end counts count // runs motions, because each has at most `runs` alarms.
+    A run counts at most one alarm. If a motion has several runs, they are not independent. The
+    interval is then that of a count of motions, in the hours of one run per motion. For its upper
+    end, motions with an alarm in any run are counted. For its lower end, the number of alarms is
+    divided by the runs per motion and rounded down, because a motion has at most so many alarms.
     """
     runs = motions.peaks.shape[1]
     alarmed = motions.peaks > np.float32(margin)
     count, hours = int(alarmed.sum()), float(motions.hours.sum())
     if runs == 1:
         return alarm_rate(count, hours)
-    high = alarm_rate(int(alarmed.any(axis=1).sum()), hours / runs).high
+    alarmed_motions = int(alarmed.any(axis=1).sum())
+    high = alarm_rate(alarmed_motions, hours / runs).high
     low = alarm_rate(count // runs, hours / runs).low
     return AlarmRate(count, hours, count / hours, low, high)

@@ -423,24 +423,24 @@ number of a packet determines the tick in which it was sent.
 """
 
 
-def _oldest_packet_ms(groups: Iterable[Group], longest: int) -> float:
+def _oldest_packet_ms(groups: Iterable[Group], longest_packet: int) -> float:
     # Returns the age in ms of the oldest packet that network faults may send again in any run. The
-    # age is 0 if no packet is sent again, and infinite if it has no bound. longest: largest number
-    # of cycles that a packet lasts.
+    # age is 0 if no packet is sent again, and infinite if it has no bound; see `_age_ms`.
     runs = (run for group in groups for run in (group.fault, *map(group.faults_of, group.run)))
-    return max((_age_ms(faults, longest) for faults in runs), default=0.0)
+    return max((_age_ms(faults, longest_packet) for faults in runs), default=0.0)
 
 
-def _age_ms(faults: Iterable[Fault], longest: int) -> float:
-    # Returns the age of the oldest packet that the faults of one run may send again, ms.
+def _age_ms(faults: Iterable[Fault], longest_packet: int) -> float:
+    # Returns the age in ms of the oldest packet that the faults of one run may send again.
+    # longest_packet: largest number of cycles (ms) that a packet lasts.
     network_faults = [fault for fault in faults if fault.site == "network"]
     delays = [delay for fault in network_faults if (delay := _longest_delay(fault)) is not None]
     has_jitter = any("jitter" in _network_channels(fault) for fault in network_faults)
     if not delays and not has_jitter:
         return 0.0
-    # The delays of several faults add up. 2 more packets: the newest packet may already be
-    # `longest` cycles old, and increments count from the packet before the oldest
-    age = (sum(delays) + 2) * longest
+    # The delays of several faults, in packets, add up. Add one packet for the age of the newest
+    # packet, and one because a packet contains the motion since the packet before it
+    age = (sum(delays) + 2) * longest_packet
     return age + math.ceil(DELAY_MS[1] + JITTER_MS[1]) if has_jitter else age
 
 

@@ -49,7 +49,10 @@ def find_stages(setup: RavenSetup) -> dict[str, Stage]:
 
 
 def _time_packets(clock: packet_clock.PacketClock, console: Console) -> packet_clock.PacketClock:
-    """Decide whether a packet is sent, and draw the number of cycles that it lasts."""
+    """Return the packet clock after this tick. Set the console's newest packet and its timing.
+
+    A packet is sent when the last one has lasted as many cycles as were drawn for it.
+    """
     setup, network, now = console.setup, console.params.network, console.signal.tick
     if console.signal.packet is None:
         fresh = now >= clock.due
@@ -61,10 +64,10 @@ def _time_packets(clock: packet_clock.PacketClock, console: Console) -> packet_c
         )
         clock = packet_clock.step(clock, now, fresh, cycles)
     console.timing = PacketTiming(console.sequence, clock.tick, clock.before)
-    # `older` returns the timing of the packet that arrives: here the newest. If faults of the
-    # network can deliver earlier packets, stage `history` replaces this function.
+    # The newest packet arrives. If network faults can deliver an earlier packet, the stage
+    # `history` then replaces this function.
     console.older = lambda network: console.timing
-    # The plan continues in every tick. A packet contains the motion since the packet before.
+    # In each tick the hands move on by one row of the planned motion.
     console.plan = PlanMoment(row=now, before=now - 1, continues=jnp.bool_(True))
     return clock
 
