@@ -185,22 +185,24 @@ class Computation:
             raise CancelledError
         self.progress.ticks(ticks)
 
-    def _window_limits(self, chunk: int) -> WindowLimits:
-        # Returns the largest sizes of windows and blocks, for files of `chunk` rows.
+    def _window_limits(self, rows_per_file: int) -> WindowLimits:
+        # Returns the largest sizes of a window of rows and of its blocks.
         program, lanes = self.plan.program, self.kernel.lanes
         numbers = program.ticks * program.loop.series_length(program.setup)
         series_bytes = numbers * np.dtype(program.setup.precision.real).itemsize
         golden_bytes = series_bytes
         if self._fast_forward.uses_checkpoints.any():
             golden_bytes += snapshot_bytes(program.ticks)
-        useful = min(BLOCKS_PER_THREAD * self.threads, MAX_WINDOW_ROWS // lanes)
-        # In a larger window, more faults begin at about the same time, and share checkpoints.
+        useful_blocks = min(BLOCKS_PER_THREAD * self.threads, MAX_WINDOW_ROWS // lanes)
+        # Runs whose faults begin at about the same time start from one checkpoint. A window with
+        # more rows has more such runs.
         if self.kernel.branches:
             ticks_per_row = max(1.0, float((self.plan.ends - self.plan.acts).mean()))
-            useful = max(useful, int(min(SORTED_ROWS, SORTED_TICKS / ticks_per_row)) // lanes)
-        # A file waits for all windows with its rows, so a window has no more rows than a file.
-        blocks = max(self.threads, min(useful, -(-chunk // lanes)))
-        # On a CPU, each thread may copy series at the same time.
+            sorted_rows = int(min(SORTED_ROWS, SORTED_TICKS / ticks_per_row))
+            useful_blocks = max(useful_blocks, sorted_rows // lanes)
+        # A file is stored when all its rows are computed, so a window has no more rows than a file.
+        blocks = max(self.threads, min(useful_blocks, -(-rows_per_file // lanes)))
+        # On a CPU, each thread may copy golden runs' series for a block at the same time.
         memory, copies = GOLDEN_BYTES, self.threads
         if self._on_gpu:
             memory, copies = GPU_TIMES * GOLDEN_BYTES, 1

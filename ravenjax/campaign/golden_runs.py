@@ -107,16 +107,17 @@ class FastForwardPlan:
 
     @cached_property
     def uses_checkpoints(self) -> np.ndarray:
-        """Whether runs start from checkpoints of each golden run, bool [golden runs]."""
+        """Whether the runs of each golden run start from its checkpoints, bool [golden runs]."""
         if not self._lanes:
             return np.zeros(self._golden_count, bool)
         # A run that starts from a checkpoint saves the ticks before its fault. If it ends early, it
-        # also saves a second golden run, which would end at the same tick to give its outcomes.
+        # also needs the golden run's outcomes at its end. The computation of checkpoints gives them
+        # too. Without checkpoints, the golden run is computed again up to this end.
         early_ends = np.where(self.ends_early, self._plan.ends, 0)
         saved_of_run = self._plan.acts + early_ends
-        # As many runs as there are lanes save their ticks at the same time.
+        # The ticks that `_lanes` runs save would have been computed at the same time.
         saved = np.bincount(self._plan.golden, saved_of_run, self._golden_count) / self._lanes
-        # One more golden run stores the checkpoints. It lasts until the last fault or early end.
+        # To make checkpoints, the golden run is computed again up to the last fault or early end.
         cost = np.maximum(self.last_act, self._largest_of_runs(early_ends))
         return saved > MIN_SAVING * cost
 

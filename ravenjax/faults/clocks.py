@@ -69,10 +69,11 @@ class PedalPhases(NamedTuple):
         if self.later is None:
             return np.full_like(window_end, ticks)
         for begin, end in zip(self.begins.tolist(), self.ends.tolist(), strict=True):
-            # The phase may begin and end up to `later` ticks late. The pedal clock is 0 in the tick
-            # in which it begins. It rises highest in a phase that begins on time and ends late.
+            # The phase may begin and end up to `later` ticks late. It is longest, and its clock
+            # rises highest, if it begins on time and ends late. The first reading is 0.
             latest_end = min(end + self.later, ticks)
-            # The largest reading with an open window; -1: none. A late phase has it latest.
+            # The largest reading with an open window; -1: none. The clock shows it latest if the
+            # phase begins late. The window shuts in the next tick, or when the phase ends.
             last_open = opening.last(0, latest_end - begin - 1)
             shut_tick = np.minimum(begin + self.later + last_open + 1, latest_end)
             window_end = np.where(last_open >= 0, np.maximum(window_end, shut_tick), window_end)

@@ -124,7 +124,8 @@ class FaultAction:
         """Return the slot's state after this tick. changed: bool, the fault changed a bit."""
         slot, tick = self._slot, self._tick
         latched = jnp.where(self.acts & self._latches, self._faulty_float, slot.latched)
-        # Before the window, or if no value was stored yet, which is then NaN.
+        # `before` is the last value before the window. A fault that is active from the first tick
+        # has none: `before` is still NaN, which differs from itself, and the present value is kept.
         stores_value = self._on_channel & (~slot.active | (slot.before != slot.before))
         return replace(
             slot,
@@ -204,13 +205,13 @@ class Injector:
         return injects_faults(self.setup, *sites)
 
     def inject_parameters(self, params: Any) -> Any:
-        """Return parameters with their faults. A channel of this site is a full path."""
+        """Return `params` with faults. Channels of site PARAMETER are full paths of parameters."""
         keys = [key for key in channel_keys(self.setup) if key[0] == PARAMETER]
         numbers = Vec(
             jnp.asarray(paths.named_numbers(params, self.setup, path)[path]) for _, _, path in keys
         )
-        # These numbers are the signal of this site. `paths` has each channel's path in the signal,
-        # which is its index, and the type of its number, which is known only here.
+        # The vector of these parameters is the signal of this site, so a channel's position in the
+        # signal is an index. `self.paths` needs it, and the number's type, which is known only now.
         for i, (key, number) in enumerate(zip(keys, numbers, strict=True)):
             kind = "float" if jnp.issubdtype(number.dtype, jnp.floating) else "int32"
             self.paths = {**self.paths, key: ((i,), kind)}

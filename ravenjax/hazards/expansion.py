@@ -199,7 +199,10 @@ def _find_override_mistakes(case: Case, overrides: Mapping[str, Any], arms: Sequ
 
 def _expand_fault(fault: LibraryFault, overrides: Mapping[str, Any], arms: Sequence[Any]):
     """Yield a [[group.fault]] table for each channel and arm that are faulty in the same run.
-    `fault.along`: channel -> its share of the value; None: a run has one faulty channel.
+
+    If `fault.along` is None, a run has one faulty channel, and a table may list several channels of
+    which each run uses one. Otherwise all channels of `along` are faulty, and each has its share of
+    the value. `arms` are faulty in the same run if the fault's site has a signal per arm.
     """
     dumped = fault.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
     table = {key: dumped[key] for key in dumped if key not in ("along", "unit")} | {**overrides}

@@ -40,9 +40,10 @@ def arrange_regions(
 ) -> list[int | Region]:
     """Return `order` with the operations of each region joined.
 
-    A region is what only the rare value of a `rarely` operation needs. The region comes before this
-    operation. With a = f(x), r = rarely(c, a, y), the order [a, y, r] becomes [y, Region(c, (a,),
-    (a,)), r]. order: operations, each after its operands. results: those that are read elsewhere.
+    rarely(condition, rare value, usual value) is an operation. The operations that only its rare
+    value needs are a region, which is placed before it. With a = f(x), r = rarely(c, a, y), the
+    order [a, y, r] becomes [y, Region(c, (a,), (a,)), r]. A region of few operations is not joined.
+    order: operations, each after its operands. results: those that are read elsewhere.
     """
     region_condition = _region_conditions(operations, order, results)
     readers: dict[int, list[int]] = {}
@@ -55,7 +56,7 @@ def arrange_regions(
         if i in region_condition:
             continue
         if any(o in region_condition and o in unplaced for o in operations[i].operands):
-            # Only a `rarely` outside of a region reads its members. Operand 0 is the condition.
+            # Outside of regions, only `rarely` operations read members. Operand 0 is the condition.
             condition = operations[i].operands[0]
             # Members that need only each other and placed operations. The others are placed later.
             ready: dict[int, None] = {}
@@ -78,10 +79,10 @@ def _region_conditions(
 ):
     """Return operation -> condition of its outermost region, for operations in a region.
 
-    Only two kinds of operations read a member of the region of condition c: other members, and a
-    `rarely` with condition c that reads the member as its rare value. With a = f(x), b = g(a),
-    r = rarely(c, b, y), the result is {a: c, b: c} if nothing else reads a or b. If only a region
-    of condition d needs r, the result is {a: d, b: d, r: d}.
+    An operation is in the region of condition c if it is needed only for the rare value of `rarely`
+    operations with condition c. With a = f(x), b = g(a), r = rarely(c, b, y), the result is
+    {a: c, b: c} if nothing else reads a or b. If r itself is in the region of a condition d, this
+    is the outermost region of all three, so the result is {a: d, b: d, r: d}.
     """
     in_order = set(order)
     # Operation -> conditions of the regions that read it; None: it is also read outside regions.

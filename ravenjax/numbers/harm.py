@@ -236,23 +236,26 @@ def _over_past(is_maximum: bool, inner: Formula) -> Formula:
 def _over_window(
     inner: Formula, is_maximum: bool, in_future: bool, begin: int, end: int
 ) -> Formula:
-    """Compile an operator over the moments `begin` to `end` ms ago or, if `in_future`, from now."""
+    """Compile a temporal operator: the largest or smallest robustness of `inner` in a window.
+
+    The window is from `begin` to `end` ms ago or, if `in_future`, `begin` to `end` ms from now.
+    """
 
     def value(moment: Moment, delay: int) -> Scalar:
-        # Returns the operator's value of `delay` ms ago.
+        # Returns what the operator's value was `delay` ms ago.
         extreme, empty = _window_operation(is_maximum)
-        # How long ago the window's latest moment is: its `end` in the future, `begin` in the past.
+        # Time in ms since the latest moment of that window.
         latest_delay = delay - end if in_future else delay + begin
         inner_value = inner.value(moment, latest_delay)
         covered, span = moment.mask_before_run(latest_delay, inner_value, empty), 1
-        # `covered` covers the latest `span` ms of the window. It is combined with its own delayed
-        # value, which doubles the span each time. A ring buffer would need more operations.
+        # `covered` is the extreme of the latest `span` ms of the window. With its value of `step`
+        # ms ago it covers `step` ms more. A ring buffer would need more operations.
         while (step := min(span, end - begin + 1 - span)) > 0:
             covered = extreme(covered, moment.delay(covered, step, empty))
             span += step
         return covered
 
-    # How far the whole expression reaches into the future; `begin` ms less if it looks back.
+    # `inner` may need future values. A window in the past needs them `begin` ms less far ahead.
     future_ms = inner.future_ms + end if in_future else max(0, inner.future_ms - begin)
     return Formula(future_ms, value)
 

@@ -218,9 +218,9 @@ def _select_slot(table: dict[Key, Any], slot: int) -> dict[str, Any]:
 def _arrange_table(config: CampaignConfig, table: pd.DataFrame) -> pd.DataFrame:
     # Returns the fault table in the order that a stop rule needs, with new `index` and `pair`. The
     # first rows of each group must be a random sample of the group. A draw is one point of the
-    # group's design. Its repeats and crossed variants become adjacent, and count once. With 2
-    # repeats and 2 crossed values, rows of the draws 0 0 1 1 0 0 1 1 become 0 0 0 0 1 1 1 1. Draws
-    # of a grid, zip or list are also shuffled. Other draws are random already.
+    # group's design. Its rows, which are its repeats with each crossed value, become adjacent. If 2
+    # draws have 2 repeats and 2 crossed values, the rows of draws 0 0 1 1 0 0 1 1 become rows of
+    # draws 0 0 0 0 1 1 1 1. Draws of a grid, zip or list are shuffled. Others are random already.
     order = np.arange(len(table))
     pair = table["pair"].to_numpy()
     # True for the first of the rows that differ only in crossed parameters.
@@ -229,10 +229,10 @@ def _arrange_table(config: CampaignConfig, table: pd.DataFrame) -> pd.DataFrame:
     start = 0
     for group in config.group:
         rows = order[start : start + sizes[group.name]]
-        # Number of each row's first variant: 0 1 2 3 0 1 2 3 in the example above.
-        variant_number = (np.cumsum(is_first_variant[rows]) - 1)[pair[rows] - start]
-        # The repeats of a draw follow each other.
-        draw = variant_number // group.repeats
+        # Repeats are numbered through all draws: 0 1 2 3 0 1 2 3 in the example above. `pair` is
+        # the row of the same repeat with the first crossed value.
+        repeat_number = (np.cumsum(is_first_variant[rows]) - 1)[pair[rows] - start]
+        draw = repeat_number // group.repeats
         draw_count = len(rows) // rows_of_a_draw(config, group)
         new_position = np.arange(draw_count)
         if group.design not in SAMPLED:

@@ -45,8 +45,9 @@ def fill_slot(
 ) -> dict[str, np.ndarray]:
     """Return the columns FIELDS of a fault, each [runs], or a scalar that applies to all runs.
 
-    Words are stored as indices into `words_of`. axes: values or distribution of each field except
-    the site. places: position of each run on each axis.
+    Words are stored as codes, their indices in `words_of`. axes: the listed values or the
+    distribution of each field except the site. places: of each axis and run, the index of a listed
+    value or the quantile of a distribution, [runs].
     """
     words, site = words_of(robot), robot.sites[fault.site]
 
@@ -65,14 +66,15 @@ def fill_slot(
             codes["channel"] = np.where(has_effect, channel, codes["channel"])
     value = axes["value"].at(places["value"])
     if not axes["value"].listed:
-        # Bool [channels, effects], by their codes: a drawn value is rounded to an integer.
+        # Bool [channel codes, effect codes]: a drawn value is rounded to an integer.
         needs_rounding = np.zeros((len(words["channel"]), len(words["effect"])), bool)
         for channel, name in itertools.product(site.channels, axes["effect"].listed):
             row, column = words["channel"].index(channel.name), words["effect"].index(name)
             needs_rounding[row, column] = legal_values(channel, name).rounded
         rounded_value = axes["value"].at(places["value"], whole=1)
         value = np.where(needs_rounding[codes["channel"], effect], rounded_value, value)
-    value = np.where(np.isin(words["effect"], effects.WITHOUT_VALUE)[effect], np.nan, value)
+    has_no_value = np.isin(words["effect"], effects.WITHOUT_VALUE)[effect]
+    value = np.where(has_no_value, np.nan, value)
     periodic = np.isin(words["effect"], effects.WITH_PERIOD)[effect]
     times = {}
     for name in effects.TIMES:

@@ -229,8 +229,8 @@ class VectorCode:
         return np.stack([self.kernel.state.words(lane) for lane in range(self.width)])
 
     def _start_from_snapshots(self, group: LaneGroup, course: LaneCourse, golden_run: Trunk):
-        # Sets the state of a group, and those of its vectors, to that of the golden run before the
-        # tick in which they begin. Tick 0 needs no snapshot.
+        # Copies states from snapshots of the golden run. Each vector begins in its own tick, with
+        # equal lanes. The group begins with its first vector. Tick 0 needs no snapshot.
         if course.first:
             snapshot = golden_run.group[course.first // golden_run.every]
             group.group_state.view(np.uint32)[0] = snapshot

@@ -76,10 +76,15 @@ class SimdKernel(traced.PrintedKernel):
     def trunk(
         self, block: Block, motion: Motion, last: int, ends: np.ndarray
     ) -> tuple[Trunk, dict[str, np.ndarray]]:
-        """Return snapshots of a golden run and its outcomes; see `interface.BranchingKernel`."""
+        """Return snapshots of a golden run before tick `last`, and its outcomes at `ends`, [ends].
+
+        All lanes of `block` are this golden run, so they are one group; see `BranchingKernel`.
+        """
         code, inputs = self._code(block, motion, True), traced.lane_inputs(self.program, block)
         until = max([last, *ends.tolist()])
-        golden_series = self._golden_series(block, np.arange(self.width), True, 0, until)
+        golden_series = self._golden_series(
+            block, np.arange(self.width), grouped=True, first=0, last=until
+        )
         lanes = Lanes(inputs, golden_series, traced.motion_tables(motion), None)
         trunk, columns = code.trunk(lanes, last, ends)
         return trunk, dict(zip(self.forms(block, motion).traced.outcomes, columns, strict=True))

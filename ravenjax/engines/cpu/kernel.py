@@ -208,11 +208,14 @@ class _LlvmModule(LoopPrinting[Place]):
         self._loop("shared_run", printer, {"in": "%in_stride", "row": str(buffers.row.bytes)})
 
     def _add_tick_inputs(self, printer: LlvmPrinter, sources: dict[int, Place], shared: bool):
-        """Add the places of a tick's inputs to `sources`; return operation -> tick's number."""
+        """Add the places of a tick's inputs to `sources`, the operands' places by operation.
+
+        Return operation -> variable with the tick's number. shared: the code computes what all
+        lanes of a group share. Only this code needs the tick's number.
+        """
         tick_values: dict[int, str] = {}
         for i, k in self.tick_reads.items():
-            # Input 0 is the tick's number, which is not in memory. Only the shared code computes
-            # the number; results that depend on it are in the row that lanes read.
+            # Input 0 is the tick's number, which is computed. The other inputs are in memory.
             if k:
                 offset = printer.op(f"mul i64 %in_step, {k - 1}")
                 sources[i] = Place(printer.op(f"getelementptr i8, ptr %in, i64 {offset}"))
@@ -233,8 +236,9 @@ class _LlvmModule(LoopPrinting[Place]):
         self._function("lane_begin", printer)
 
     def _lane_run(self):
-        # Prints the loop over ticks of one vector of lanes. A tick reads the lanes' inputs, its own
-        # inputs, the prologue and the group's row, and writes the lanes' new state and outputs.
+        # Prints the loop over ticks of `width` lanes. In a tick, the lanes read their inputs, the
+        # inputs of the tick, the prologue (numbers that are constant in time) and their group's row
+        # (numbers that they share in this tick). They write their new state and their outputs.
         printer = LlvmPrinter(self.width, self.features, in_loop=True)
         split, buffers, state = self.split, self.buffers, self._lane_state_places()
         sources = self.sources(self.step, buffers.inputs.places("%inputs"), state)

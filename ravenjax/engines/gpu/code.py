@@ -70,8 +70,9 @@ class CudaCode:
         self, lanes: Lanes, places: Places, course: BlockCourse, progress: Progress | None = None
     ) -> list[np.ndarray]:
         """Run lanes through the ticks of `course`; return their results, each [lanes]."""
-        # A launch waits for its slowest block of threads. If blocks run at different times, one
-        # launch avoids waits, but outputs or inputs of single lanes would need too much memory.
+        # A launch waits for its slowest block of threads, so blocks that run at different times get
+        # a single launch of all ticks. If outputs are kept, or if lanes that are not grouped have
+        # their own inputs in each tick, these need too much memory for a single launch.
         one_launch = self.grouped and course.scattered and lanes.out is None
         chunk = course.last - course.first if one_launch else CHUNK
         with DeviceSession(self.device) as session:
@@ -122,45 +123,49 @@ class _Run:
         self.group_state = session.allocate(self.groups * source.group_state)
         self.rows = [session.allocate(self.groups * self.chunk * source.row) for _ in range(2)]
         input_words = (self.groups if code.grouped else self.total) * source.tick_inputs
-        # Two buffers: one is written while the lanes read the other.
+        # Inputs of ticks, in two buffers: one is written while the lanes read the other.
         self.given = [session.allocate(input_words * self.chunk) for _ in range(2)]
         out_words = self.total * self.chunk * source.outputs
         self.out = None if lanes.out is None else session.allocate(out_words)
         # Device memory for the snapshots of the group and of the lane.
-        self.snapshots: dict[str, object] = {}
+        self.device_snapshots: dict[str, object] = {}
 
     def trunk(self) -> Trunk:
-        """Run lanes that equal a golden run; return its snapshots, one before each chunk."""
+        """Run lanes that are all the same golden run; return its snapshots before each chunk."""
         source, session = self.code.source, self.session
         count = -(-self.course.last // self.chunk)
         snapshots = Trunk.allocate(self.chunk, count, source.group_state, source.state)
-        stored = {"group": snapshots.group, "lane": snapshots.lane}
-        self.snapshots = {what: session.allocate(states.size) for what, states in stored.items()}
-        self.run(None)
-        for what, states in stored.items():
-            session.read(states, self.snapshots[what], session.main)
+        host_states = {"group": snapshots.group, "lane": snapshots.lane}
+        for what, states in host_states.items():
+            self.device_snapshots[what] = session.allocate(states.size)
+        self.run(progress=None)
+        for what, states in host_states.items():
+            session.read(states, self.device_snapshots[what], session.main)
         return snapshots
 
     def run(self, progress: Progress | None) -> None:
-        """Run lanes through all ticks. During a chunk, the GPU computes the next chunk's rows."""
+        """Run lanes through all ticks. During a chunk, the GPU computes the next chunk's rows.
+
+        Chunk k reads the buffers k % 2 of rows and of inputs of ticks.
+        """
         session, code, course = self.session, self.code, self.course
         main = session.main
         self._begin()
-        # Count also the ticks that no lane has to run.
+        # Ticks that a lane does not have to run are reported at once.
         running = course.lane_ticks(self.places, 0, course.last)
         if progress is not None and (idle := course.last * len(self.places.thread) - running):
             progress(idle)
         starts = range(course.first, course.last, self.chunk)
-        marks = [self._make_rows(0, course.first)]
-        finished = []
+        rows_done = [self._make_rows(0, course.first)]
+        lanes_done = []
         for k, first in enumerate(starts):
             count = min(self.chunk, course.last - first)
             if k + 1 < len(starts):
                 if k:
                     # Chunk k + 1 overwrites the buffers that the lanes read in chunk k - 1.
-                    session.finish(finished[k - 1])
-                marks.append(self._make_rows(k + 1, starts[k + 1]))
-            session.wait(main, marks[k])
+                    session.finish(lanes_done[k - 1])
+                rows_done.append(self._make_rows(k + 1, starts[k + 1]))
+            session.wait(main, rows_done[k])
             self._store_snapshot("lane", code.source.state, main, self.state, k)
             session.launch(
                 code.lane_run,
@@ -169,11 +174,11 @@ class _Run:
                 *(self.group, self.spans, self.ends, self.saved, self.out),
                 *(self.total, first, count),
             )
-            finished.append(session.mark(main))
+            lanes_done.append(session.mark(main))
             if self.lanes.out is not None:
                 self._read_outputs(first, count)
             if progress is not None:
-                session.finish(finished[k])
+                session.finish(lanes_done[k])
                 progress(course.lane_ticks(self.places, first, first + count))
 
     def _begin(self):
@@ -193,10 +198,10 @@ class _Run:
 
     def _store_snapshot(self, what: str, words: int, stream, state, row: int):
         """Copy the state of the "group" or the "lane" to its snapshots, if snapshots are made."""
-        if self.snapshots and words:
+        if self.device_snapshots and words:
             self.session.launch(
                 self.code.functions[f"{what}_snapshot"],
-                *(-(-words // WARP), WARP, stream, state, self.snapshots[what], row),
+                *(-(-words // WARP), WARP, stream, state, self.device_snapshots[what], row),
             )
 
     def _launch_for_groups(self, name: str, *arguments: object):

@@ -98,9 +98,10 @@ def plan_course(
 ) -> BlockCourse:
     """Plan the ticks of each block of threads.
 
-    A block begins at the last snapshot before the fault of any of its lanes acts, and stops at the
-    last end of its lanes. acts, ends: int [lanes], as in `interface.Block`. trunks: snapshots of
-    each group's golden run, every `EVERY` ticks; (): every block begins in tick 0.
+    A block begins at the last snapshot of a golden run before the fault of any of its lanes acts,
+    and stops at the last end of its lanes. acts, ends: int [lanes], as in `interface.Block`.
+    trunks: snapshots of each group's golden run, every `EVERY` ticks; None: the group has none; ():
+    every block begins in tick 0. threads: number per block.
     """
     acts = np.zeros_like(ends) if acts is None else acts
     thread_ends = ends[places.lane].astype(np.int32)
@@ -114,11 +115,12 @@ def plan_course(
     begins = warp_begins.reshape(-1, threads // WARP).min(axis=1)
     block_ends = thread_ends.reshape(-1, threads).max(axis=1)
     spans = np.stack([begins, block_ends], axis=1).astype(np.int32)
-    # Groups advance from the first tick of any block. `first` is the number of its snapshot.
+    # All groups are computed from the tick on in which the first block begins.
     first = int(begins.min()) // EVERY
     group_state = np.stack([trunk.group[first] for trunk in trunks if trunk]) if first else None
-    states, index = _lane_states(places.group, np.repeat(begins // EVERY, threads // WARP), trunks)
-    return BlockCourse(spans, thread_ends, states, index, group_state)
+    number_of_warp = np.repeat(begins // EVERY, threads // WARP)
+    snapshots, snapshot_of_warp = _lane_states(places.group, number_of_warp, trunks)
+    return BlockCourse(spans, thread_ends, snapshots, snapshot_of_warp, group_state)
 
 
 def _lane_states(group: np.ndarray, number: np.ndarray, trunks: Sequence[Trunk | None]):

@@ -68,15 +68,18 @@ class CudaKernel(traced.PrintedKernel):
     def trunk(
         self, block: Block, motion: Motion, last: int, ends: np.ndarray
     ) -> tuple[Trunk, dict[str, np.ndarray]]:
-        """Return snapshots of a golden run and its outcomes; see `interface.BranchingKernel`."""
-        # A warp is the smallest block, so each of its lanes repeats the golden run.
+        """Return snapshots of a golden run before tick `last`, and its outcomes at `ends`, [ends].
+
+        See `interface.BranchingKernel`. The first lane of `block` is the golden run.
+        """
+        # All lanes of a warp, the smallest number of lanes, repeat the golden run.
         copies = _repeat_lane(block, np.full(self.size(1), self.program.ticks))
         with self._seat() as device:
             inputs, places, _ = self._placed(copies, device)
             code = self._code(copies, motion, True, device)
             tables, golden = traced.motion_tables(motion), _golden_series(copies, places, True)
             trunk = code.trunk(Lanes(inputs, golden, tables, None), places, last)
-        # A second run has one lane for each end. It needs at least one lane.
+        # The outcomes come from more lanes: each runs to one of the ends.
         if len(ends):
             return trunk, self.run(_repeat_lane(block, ends), motion).outcomes
         empty = [typed_column(np.zeros(0, np.uint32), dtype) for dtype in code.source.results]
@@ -122,12 +125,13 @@ class CudaKernel(traced.PrintedKernel):
         return inputs, places, grouped
 
     def _course(self, block: Block, places: Places, grouped: bool, code: CudaCode) -> BlockCourse:
-        # Plans the ticks of all threads, and the snapshots from which they start.
+        # Plans which ticks each block of threads runs, and the snapshots from which it starts.
         ends = np.full(len(places.thread), self.program.ticks) if block.ends is None else block.ends
-        # Golden runs need the outputs of every tick, so they begin in tick 0. So do lanes that are
-        # not grouped, because lanes of a block can have different golden runs.
+        # Golden runs need the outputs of every tick, so they begin in tick 0. Lanes that are not
+        # grouped also begin in tick 0, because lanes of a warp can have different golden runs.
         if block.reference is None or not grouped:
             return plan_course(places, code.form.threads, ends)
+        # Lanes of a group have one golden run. `places.first` is one lane of each group.
         trunks = [block.trunk(lane) for lane in places.first.tolist()]
         return plan_course(places, code.form.threads, ends, block.acts, trunks)
 

@@ -227,10 +227,11 @@ class _CudaModule(LoopPrinting[str]):
     def _lane_run(self):
         """Return values for `lane_run` in kernel.cu.j2, the loop over ticks of one lane.
 
-        lane_run: statements of a tick. prologue, packed: see `_print_prologue`. inputs_read: lane
-        inputs that a tick reads. near: pairs of a word in shared memory and the device word that
-        keeps it between launches. in_step: whether warps begin each tick together. saved: words to
-        save of the last row.
+        lane_run: statements of a tick. prologue, packed: see `_print_prologue`. inputs_read:
+        indices of the lane's inputs that a tick reads. near: C code of each word of the state in
+        shared memory, and of the word of device memory that keeps the state between launches.
+        in_step: whether all warps of a block begin each tick together. saved: positions of the
+        numbers in a group's row that are saved when a lane ends.
         """
         step, split, form = self.step, self.split, self.form
         state = self._state_in_loop()
@@ -248,7 +249,8 @@ class _CudaModule(LoopPrinting[str]):
         changed = {k: state[k] for k in split.lane_state}
         outputs = [(i, f"o{position}") for position, i in enumerate(self.outputs)]
         self.print_step(printer, split.lane, sources, changed, outputs, tick_values)
-        # No memory access crosses these barriers. The last comes first, so positions stay valid.
+        # The compiler moves no memory access across these barriers. They are inserted from the end,
+        # because an insertion moves all later lines.
         for at in range(len(printer.lines) // form.region * form.region, 0, -form.region):
             printer.lines.insert(at, '    asm volatile("" ::: "memory");')
         shared_positions = enumerate(self.in_shared, len(self.in_device_memory))

@@ -61,8 +61,8 @@ def _accelerators() -> tuple[Any, ...]:
 
 
 def _choose_lanes(runs: int, cores: int, by_mjx: bool) -> int:
-    """Return the lanes of a block: for all accelerators together, or for one CPU core."""
-    # Runs of each core, largest number of lanes, and the number of which lanes are a multiple.
+    """Return the number of lanes of a block, for all accelerators together or for one CPU core."""
+    # The result covers `share` runs, is at most `limit`, and is rounded up to a `multiple`.
     share, limit, multiple = -(-runs // cores), SMALL_LANES, LANE_MULTIPLE
     if devices := _accelerators():
         memory = min(device.memory_stats()["bytes_limit"] for device in devices)
@@ -70,8 +70,8 @@ def _choose_lanes(runs: int, cores: int, by_mjx: bool) -> int:
         share, limit = runs, min(ACCELERATOR_LANES, fitting) * len(devices)
         multiple = LANE_MULTIPLE * len(devices)
     elif share >= 4 * (MJX_CPU_LANES if by_mjx else SMALL_LANES):
-        # The fewest blocks, of one size, because a smaller block would compute as many lanes. Fewer
-        # runs use SMALL_LANES, because compiling for another size would take too long.
+        # All blocks compute the same number of lanes, so a last block with few runs would waste
+        # time. For fewer runs, compiling for more lanes than SMALL_LANES would take too long.
         blocks = -(-share // (MJX_CPU_LANES if by_mjx else CPU_LANES))
         limit = -(-share // blocks)
     return -(-min(limit, share) // multiple) * multiple
@@ -92,15 +92,17 @@ def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> 
     """Return the segment function.
 
     segment(varied, faults, ends, state, first tick, reference, motion) returns the state, the
-    outcomes so far, the lanes' reference series and, if kept, every signal of the first lane
-    [length]. Both series are [length, series, lanes]. ends: value of `traced.lane_ends`.
+    outcomes so far, the lanes' own series and, if kept, every signal of the first lane [length].
+    The lanes' series and `reference`, the series of their golden runs, are [length, series, lanes].
+    ends: value of `traced.lane_ends`.
     """
     # If the last segment extends beyond the run, lanes without an own end stop at the run's end.
     run_end = (program.ticks,) if program.ticks % length else ()
 
     def advance(varied, faults, own_end, state, now, reference, motion):
-        moved = program.step(varied, faults, own_end or run_end, state, now, reference, motion)
-        return moved if keep_signals else (*moved[:2], ())
+        end = own_end or run_end
+        new, series, signals = program.step(varied, faults, end, state, now, reference, motion)
+        return new, series, signals if keep_signals else ()
 
     def segment(varied, faults, ends, state, first, reference, motion):
         # Advances all lanes by `length` ticks. At tick 0 they start from the initial state.
@@ -108,16 +110,17 @@ def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> 
         fresh = jax.vmap(program.begin, axis_size=lanes)(varied)
         state = jax.tree.map(lambda a, b: jnp.where(first == 0, a, b), fresh, state)
 
-        def body(carry, x):
-            # Lanes are axis 0, but axis 1 of a row of the reference. now, motion: no axis of lanes.
+        def body(state, tick):
+            # Axis 0 is that of lanes. `golden` is [series, lanes]. All lanes have one `now` and one
+            # `motion`, so these have no axis of lanes.
             advance_all = jax.vmap(advance, in_axes=(0, 0, 0, 0, None, 1, None))
-            now, row = x
-            new, series, signals = advance_all(varied, faults, ends, carry, now, row, motion)
+            now, golden = tick
+            new, series, signals = advance_all(varied, faults, ends, state, now, golden, motion)
             first_lane = jax.tree.map(lambda leaf: leaf[0], signals)
             return new, (jnp.stack(series), first_lane)
 
-        rows = first + jnp.arange(length, dtype=jnp.int32), reference
-        state, (series, signals) = lax.scan(body, state, rows)
+        ticks = first + jnp.arange(length, dtype=jnp.int32), reference
+        state, (series, signals) = lax.scan(body, state, ticks)
         return state, jax.vmap(program.finish)(varied, state), series, signals
 
     return segment
