@@ -9,8 +9,8 @@
 Parameters are a dict from path to number, and faults are a record of numbers; both are pytrees.
 `Model.params` and `Model.faults` contain the values of all runs of the campaign, with leaves of
 shape [runs], so that `jax.vmap` computes the campaign. You can also call a part of a robot alone,
-such as the nominal model of the Raven-II (docs/tutorials/jax.md). Its arguments are `Model.setup`
-and its own parameters, a field of `Model.record(params)`.
+such as the nominal model of the Raven-II (docs/tutorials/jax.md). Give the part `Model.setup` and
+the field of `Model.record(params)` that contains the part's parameters.
 
 For the Raven-II, the derivatives of the nominal model are exact over any number of ticks. Those of
 everything after the DAC are exact only over one tick. Derivatives through the control software are

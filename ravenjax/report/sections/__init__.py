@@ -1,7 +1,8 @@
 """Collects the sections of the report.
 
-Each section is a module of this package and a template. The module computes the numbers and
-figures, and has the contents of its sections in SECTIONS, by name. sections.toml: titles and order.
+A module of this package computes the numbers and figures of one or more sections. Its SECTIONS maps
+the name of each section to its content. A section also has a template. sections.toml contains the
+titles of the sections in the order of the page.
 """
 
 import importlib
