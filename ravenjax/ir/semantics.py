@@ -8,8 +8,7 @@ follow XLA where it defines them:
   `(int)x` on x86: a number that does not fit becomes -2147483648.
 - A shift by the width of the number, or by more, shifts all bits out.
 - Division of an integer by 0 gives -1.
-- `max` and `min` of two zeros with different signs return their second operand.
-- `max` and `min` of NaN and a number return NaN.
+- `max` and `min` of NaN and a number return NaN; of +0 and -0 they return the second operand.
 
 `rarely` gives the same result as `select` (`regions` explains it). Functions such as the sine are
 those of the C library, rounded to their type.

@@ -1,8 +1,7 @@
 """Collects the sections of the report.
 
-A module of this package computes the numbers and figures of one or more sections. Its SECTIONS maps
-the name of each section to its content. A section also has a template. sections.toml contains the
-titles of the sections in the order of the page.
+Modules of this package compute the numbers and figures of sections (SECTIONS: name to content).
+Each section also has a template. sections.toml contains the titles in the order of the page.
 """
 
 import importlib
