@@ -200,8 +200,7 @@ def _compile_truth(node: ast.AST) -> Formula:
     raise _error(
         node,
         "a comparison such as 'depth > 2', or 'a and b', 'a or b', 'not a', 'implies(a, b)' or"
-        " 'once[0:100](a)' with a window in whole ms. In place of once you can write historically,"
-        " eventually or always",
+        " 'once[0:100](a)' with whole ms (likewise historically, eventually and always)",
     )
 
 

@@ -11,9 +11,9 @@ allowed. If there is no right response, the judge scores the first other respons
 slow-down unless the scenario lists this response as right, because hands slow down near a target. A
 hazard ends when harm is done, when the operator gives a right response, or when the time is up. If
 a pause, a reset or a broken connection comes first, the hazard counts as interrupted. The score has
-two parts of up to 50 points. A right response gives 50 points up to `FASTEST_MS`, and 25 points at
-the end of the time allowed. The points for safety are 50 times a ratio: the distance to harm that
-is left at the end, divided by the distance to harm at the time when a person could first act.
+two parts of up to 50 points. A right response gives 50 points if it takes up to `FASTEST_MS`, and
+25 points at the end of the time allowed. The points for safety are 50 times a ratio: the distance
+to harm at the end, divided by the distance to harm at the time when a person could first act.
 """
 
 import dataclasses

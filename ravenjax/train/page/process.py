@@ -1,5 +1,5 @@
 """Runs the process that serves the training page: reads frames and events of the session from
-shared memory, draws the scene, and sends them to the browser windows.
+shared memory, sends these to the browser windows, and draws the scene there.
 """
 
 import asyncio

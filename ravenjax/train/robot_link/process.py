@@ -2,8 +2,8 @@
 
 Faults act in this process, so a console cannot detect them in its own packets. If a console sends
 nothing for 5 s, the robot treats the pedal as up, as the real robot does. Increments that arrive
-within one millisecond are summed to one packet, as in raven2's network thread. It gets a sequence
-number of its own. Unlike in a session, only the pedals decide which console drives.
+within one millisecond are summed to one packet, as in raven2's network thread. This packet gets its
+own sequence number. Unlike in a session, only the pedals decide which console drives.
 """
 
 import contextlib
