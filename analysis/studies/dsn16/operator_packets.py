@@ -8,11 +8,11 @@ from studies.study import Published, read_table
 
 NAME, IDEAL_TOOLS = "dsn16_a", "ideal_tools"
 VARIANTS = study.read_variants(NAME)
-"""The baseline, every ablation, and the motions from which the detector learns."""
+"""The baseline, the other variants, and the fault-free runs from which the detector learns."""
 
 
 def compare(context: study.Context) -> study.Findings:
-    """Return the statements of the text, and how much each open question matters."""
+    """Compare the statements and rates of the paper, and show how the variants change the rates."""
     found = detector.read_scenario(VARIANTS, context.folders)
     base, runs = found.base, found.runs
     notes = [detector.jump_note(base, found.watched)]
