@@ -92,9 +92,5 @@ def test_scenario_a_and_thresholds_end_to_end(reproduced) -> None:
     few = ("group.fault_free.repeats=3",)
     found = reproduced(studies.find("dsn16_thresholds"), {"suture": few, "peg_transfer": few})
     assert len(found.tables[0].rows) == 18
-    steps = [
-        line
-        for line in found.lines
-        if line.quantity.startswith("standard deviation of a step, motor position")
-    ]
+    steps = [line for line in found.lines if ", motor position, " in line.quantity]
     assert all(line.predicted is not None and line.predicted.value > 0 for line in steps)
