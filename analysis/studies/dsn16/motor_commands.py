@@ -97,9 +97,9 @@ def _lines(
     base, shares = found.base, found.base.share("jump")
     jumps, stops = map(percent_of, read.values())
     build = f"{base.name} (tip {base.lever} from the shoulder axis)"
-    for (duration, cells), one, band in zip(shares.items(), read["jump"], bands, strict=True):
+    for duration, one, band in zip(DURATIONS, read["jump"], bands, strict=True):
         quantity = f"runs with a jump, {wording.count_noun(duration, 'packet')}, {build}"
-        yield Line(quantity, "%", one, attacks.rate(cells), band, "A1")
+        yield Line(quantity, "%", one, attacks.rate(shares[duration]), band, "A1")
     percent = base.percent("jump")
     above, below, p = attacks.bias(percent, jumps, 100.0 / read["jump"][0].n)
     mean = f"{float(np.mean(percent - jumps)):+.1f} percentage points"
