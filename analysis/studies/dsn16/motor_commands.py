@@ -1,5 +1,5 @@
-"""Study of scenario B of the targeted attacks (DSN 2016): a value on the shoulder's DAC after the
-checks, for 1 to 128 packets.
+"""Study of scenario B of the targeted attacks (DSN 2016): a value is added to the shoulder's DAC
+command after the checks, for 1 to 128 packets.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

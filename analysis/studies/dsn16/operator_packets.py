@@ -1,5 +1,5 @@
-"""Study of scenario A of the targeted attacks (DSN 2016): the operator's packets displaced by D for
-1 to 128 packets. The rates were predicted before the published ones were seen.
+"""Study of scenario A of the targeted attacks (DSN 2016): a displacement is added to the positions
+in 1 to 128 packets of the operator. The rates were predicted before the comparison.
 """
 
 from studies import study

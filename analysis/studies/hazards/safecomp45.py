@@ -44,7 +44,7 @@ _UNSPOKEN, _DAC_CHECKS = ("", "watchdog", "plc"), ("overdrive", "hard_counter")
 
 
 class HazardOutcome(NamedTuple):
-    """The outcomes of the runs of one row of the library."""
+    """The outcomes of the runs of one hazard of the library."""
 
     hazard: Hazard
     runs: int
@@ -96,7 +96,7 @@ def hazard_outcomes(
     limit_mm: float = LIMIT_MM,
     seen_share: float = SEEN_SHARE,
 ) -> list[HazardOutcome]:
-    """Return one outcome per row of the library. Groups are named by hazards."""
+    """Return the outcome of each hazard. The name of a group contains the ids of its hazards."""
     flags = classes.classify_rows(frame, limit_mm)
     ids = frame["group"].astype(str).map(hazards_of)
 
