@@ -246,17 +246,18 @@ class Episode:
             self.record(_NAMES["events"]["loss"], halted_ms=halted_ms - golden_halted_ms)
 
     def record_response(self, response: str, began_ms: int) -> None:
-        """Record an operator's response, if it is the first of its kind after the origin. Report it
-        as an event if it becomes the scored response. response: one of those that `Judge` lists.
+        """Record an operator's response, if it is the first of its kind after `origin_ms`. Report
+        it as an event if it is now the scored response. response: one of those that `Judge` lists.
         """
         # A robot that has halted needs no response by motion.
         is_excluded = self.interrupted or (self.halted and response in _MOTION_RESPONSES)
         if is_excluded or began_ms < self.origin_ms or response in self.responses:
             return
         # Without a response, `scored_response` returns "" or "continue", which are not recorded.
-        had_scored_response = self.scored_response()[0] in self.responses
+        has_earlier_response = self.scored_response()[0] in self.responses
         self.responses[response] = began_ms
-        is_scored = not had_scored_response or self.scored_response()[0] == response
+        # An earlier response may remain the scored one.
+        is_scored = not has_earlier_response or self.scored_response()[0] == response
         # Hands also slow down near a target, so a slow-down is no wrong response.
         if is_scored and (response != "slow" or response in self.hazard.right_response):
             ms, is_right = self.reaction_ms(response), self.is_right(response)

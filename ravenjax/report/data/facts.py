@@ -160,18 +160,19 @@ def beyond_sql(name: str, limit: float, types: Mapping[str, str]) -> str:
 
 
 def _number_faults(table: ResultTable, types: Mapping[str, str], end_ms: int) -> bool:
-    # Returns whether all faults differ. If not, creates the table `numbers` with the columns `row`
-    # and `distinct`. `distinct` is the first row with the same inputs as the run, or as a run of
-    # the same pair. The template has three SQL expressions: whether an effect of the run draws
-    # random numbers, a hash of the run's inputs, and a hash that also differs between runs with
-    # equal inputs if their effect draws random numbers, because these are different faults.
+    # Returns whether each run has another fault. If not, creates the table `numbers` with the
+    # columns `row` and `distinct`, the number of the run's fault. Runs have the same fault if their
+    # inputs are equal, and all runs of a pair have the same fault. The number is the first row with
+    # these inputs. If an effect draws random numbers, runs with equal inputs have different faults.
+    # The template has three SQL expressions: whether an effect of the run draws random numbers, a
+    # hash of the inputs, and a hash that differs between runs with different faults.
     names = ["operator"] + [name for name in types if name.startswith(("param:", "fault"))]
     inputs = {name: kind for name, kind in types.items() if name in names}
-    draws, input_hash, fault_hash = wording.fill_template(
+    draws_numbers, input_hash, fault_hash = wording.fill_template(
         "inputs.sql.j2", types=inputs, columns=types, end_ms=end_ms, random=RANDOM, quote=quote_name
     )
-    (any_draws,) = table.row(f"SELECT coalesce(bool_or({draws}), false) FROM {RESULTS}")
-    # Without such effects both hashes distinguish the same runs, and the first is faster.
+    (any_draws,) = table.row(f"SELECT coalesce(bool_or({draws_numbers}), false) FROM {RESULTS}")
+    # Without such effects both hashes distinguish the same runs, and `input_hash` is faster.
     keyed = f"(SELECT row, pair, {fault_hash if any_draws else input_hash} AS input FROM {RESULTS})"
     is_unique = "count(*) = count(DISTINCT input) AND bool_and(pair = row)"
     (unique,) = table.row(f"SELECT {is_unique} FROM {keyed}")

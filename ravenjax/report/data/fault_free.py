@@ -83,10 +83,11 @@ def rounded_up(hours: float) -> float:
 def make_fault_free_table(
     table: ResultTable, names: Sequence[str], source: str, end: str, beside: Companions
 ) -> Motions:
-    """Create TABLE from golden runs and from additional fault-free motion.
+    """Create TABLE, which has a row for each different fault-free motion.
 
-    source: table of the golden runs, with the columns `names`. end: time at which its runs end in
-    ms, a number or a column. beside: the additional motion.
+    source: table of a campaign's runs, with the columns `names`, some of which describe the golden
+    run. end: SQL for the time in ms at which a run ends, a number or one of the columns. beside:
+    results with further fault-free runs.
     """
     golden = [name for name in names if name == "operator" or name.startswith("golden_")]
     # The report gives no false-alarm rate for built-in checks.
@@ -95,7 +96,8 @@ def make_fault_free_table(
     columns = [*map(quote_name, golden), f"{end} AS length_ms"]
     # Of golden runs, the times of detectors' alarms are unknown.
     columns += [f"NULL::INTEGER AS {quote_name(name)}" for name in alarms]
-    # If `end` is a column, runs of one golden run have different ends. Keep the longest.
+    # If `end` is a column, runs with the same golden run may end at different times. Keep the run
+    # that ends last. Golden runs are the same if all of these keys are equal.
     if end in names:
         shared = [name for name in names if name.startswith("param:")]
         shared += {"operator", "seed"}.intersection(names)

@@ -87,24 +87,28 @@ class Choice(NamedTuple):
 
 def cue_rows(runs: Runs) -> list[CueRow]:
     """Return one row per haptic set, sorted by threshold and gain."""
-    free, cues = runs.motions, runs.manifest.cues
-    felt = runs.counts([f"warned{k}_ms >= 0" for k in range(len(cues))], where=HARMLESS)
+    motions, cues = runs.motions, runs.manifest.cues
+    # Number of harmless faults, and of those with a cue of each set.
     harmless = runs.count(HARMLESS)
+    harmless_cued = runs.counts([f"warned{k}_ms >= 0" for k in range(len(cues))], where=HARMLESS)
     result = []
     for k, cue in enumerate(cues):
         times = tables.event_times(runs, after_onset(f"warned{k}_ms"))
         # `before` is a share of all hazards, so its n is their number.
         hazards = times.before.n
         medians = ", ".join(f"coalesce(median(cue{k}_{what}::DOUBLE), 'nan')" for what in FELT)
-        came = f"{UNINTENDED} AND ({after_onset(f'warned{k}_ms')}) >= 0"
-        force, felt_ms, pulses = runs.table.row(f"SELECT {medians} FROM {runs.matching(came)}")
+        is_cued_hazard = f"{UNINTENDED} AND ({after_onset(f'warned{k}_ms')}) >= 0"
+        cued_hazards = runs.matching(is_cued_hazard)
+        force, felt_ms, pulses = runs.table.row(f"SELECT {medians} FROM {cued_hazards}")
         row = CueRow(
             number=k,
             cue=cue,
             missed=tables.fault_share(runs, hazards - times.alarmed, hazards),
-            false=tables.wilson_share(free.count_with_event(f"golden_cue{k}_first_ms"), free.count),
-            per_hour=free.cue_rate(k),
-            harmless=tables.fault_share(runs, felt[k], harmless),
+            false=tables.wilson_share(
+                motions.count_with_event(f"golden_cue{k}_first_ms"), motions.count
+            ),
+            per_hour=motions.cue_rate(k),
+            harmless=tables.fault_share(runs, harmless_cued[k], harmless),
             best=False,
             delay_ms=times.half_ms,
             before=times.before,
@@ -136,10 +140,11 @@ def choose_cues(runs: Runs, rows: Sequence[CueRow]) -> list[Choice]:
 
 
 def hours_to_offer(choices: Sequence[Choice]) -> float:
-    """Return hours of fault-free motion that would decide open choices; 0 if none would.
+    """Return the hours of fault-free motion that would decide undecided choices; 0 if none would.
 
-    The rule of a choice is a limit of false cues, or the cost of a missed hazard. The hours decide
-    all choices under limits. If no limit is open, they decide the first choice under a cost.
+    The rule of a choice is a limit of false cues, or a cost of a missed hazard. The hours decide
+    all choices under a limit. If these are decided, they decide the choice under a cost that needs
+    the fewest hours.
     """
     hours_of_rules = {one.rule: one.hours for one in choices if math.isfinite(one.hours)}
     of_limits = [hours for rule, hours in hours_of_rules.items() if rule.startswith(_LIMIT)]
@@ -169,8 +174,8 @@ def _alarm_counts(runs: Runs, rows: Sequence[CueRow]) -> AlarmCounts:
 
 
 def _cheapest(rows: Sequence[CueRow], alarms: AlarmCounts, weight: float, hours: float) -> Choice:
-    # Chooses the set of least cost, if a missed hazard costs `weight` false cues. hours: hours of
-    # fault-free motion.
+    # Chooses the set of least cost, if a missed hazard costs `weight` false cues. hours: present
+    # hours of fault-free motion.
     def possible(factor: float):
         # Returns the sets that may be best after `factor` times as many hours.
         return choice.cheapest_alarms(alarms, weight, factor)
@@ -179,7 +184,7 @@ def _cheapest(rows: Sequence[CueRow], alarms: AlarmCounts, weight: float, hours:
     more_hours = hours * choice.factor_to_decide(possible)
     now, in_the_end = possible(1.0), possible(math.inf)
     rule = _WEIGHT.format(f"{weight:,}")
-    # A cost is no limit that a set could break. So every possible set is certain, and there is no
+    # This rule has no limit. So every possible set is certain to keep the rule, and there is no
     # lowest threshold that keeps a limit.
     found = _choice(rule, rows, cost, now, certain=now, hours=more_hours, in_the_end=in_the_end)
     return found._replace(least_mm=math.nan)
@@ -206,12 +211,13 @@ def _choice(
     hours: float,
     in_the_end: np.ndarray,
 ) -> Choice:
-    """Return the choice of a threshold under one rule.
+    """Return the choice of a threshold under one rule, or what is known if it is undecided.
 
-    Bool [sets], possible: sets that may be best. certain: sets that certainly keep the rule.
-    in_the_end: sets that may be best even after endless fault-free motion. hours: fault-free motion
-    that would rule out more sets. The choice is decided if all possible sets have one threshold,
-    and one of them is certain. Of these sets, the choice has the one of least `cost` [sets].
+    rows, cost, possible, certain, in_the_end: [sets]. possible: bool, which sets may be best.
+    certain: bool, which sets certainly keep the rule. in_the_end: bool, which sets may be best
+    even after endless fault-free motion. hours: of fault-free motion, with which fewer sets may be
+    best. The choice is decided if all possible sets have the same threshold, and at least one of
+    them is certain. The certain possible set of least cost is then chosen.
     """
     certain_best = np.flatnonzero(possible & certain).tolist()
     # Thresholds in mm, ascending.

@@ -257,20 +257,23 @@ def _parts(pairs: Pairs):
 def _difference(
     action: str, among: str, pairs: Pairs, faults: Units | None, inactive: int
 ) -> Difference:
-    # Computes what the reaction changes in these pairs.
-    after, before = (part["unintended"].to_numpy() for part in pairs)
+    # Computes what the reaction changes in these pairs. among: words for the pairs. inactive: see
+    # `Difference`. faults: units of the bootstrap.
+    moved_with, moved_without = (part["unintended"].to_numpy() for part in pairs)
     reacted = pairs.with_["reaction_ms"].to_numpy() >= 0
+    # Reactions without need: there is no unintended motion without the reaction either.
+    needless = ~moved_without[reacted]
     return Difference(
         MEANINGS[action],
         among,
-        len(after),
+        len(moved_with),
         inactive,
         # The fields from `without` to `p`, in this order.
-        *intervals.compare_rates(after, before, faults),
+        *intervals.compare_rates(moved_with, moved_without, faults),
         distance_mm=_mean(pairs, EXCURSION, faults),
         depth_mm=_mean(pairs, "tissue_depth_mm", faults),
         reacted=intervals.pair_rate(reacted, faults),
-        idle=intervals.pair_rate(~before[reacted], faults.where(reacted) if faults else None),
+        idle=intervals.pair_rate(needless, faults.where(reacted) if faults else None),
     )
 
 

@@ -139,13 +139,15 @@ class _CacheWarmer:
         self._commands: list[Command] = []
 
     def set_commands(self, commands: list[Command]) -> None:
-        """Store the hands' motion of this tick, which the next ticks repeat."""
+        """Store the commands of this tick that move the hands. The second session repeats them in
+        each tick until other commands arrive.
+        """
         if commands:
             motions = [each for each in commands if each.get("type") in ("input", "increments")]
             owner = self._real_session.arbiter.owner
             driving = [each for each in motions if console_of(each) == owner]
-            # The second session has one console, "script". It repeats what the driver of the first
-            # session sends, or what any console sends if nobody drives.
+            # The second session has one console, "script". It gets the commands of the console that
+            # drives in the real session, or of any console if nobody drives.
             self._commands = [{**each, "console": "script"} for each in driving or motions[:1]]
 
     def tick(self) -> None:

@@ -202,7 +202,8 @@ def _console_code(blueprint: Blueprint) -> StepCode:
     def step(
         inputs, state: observers.ObserverState, now: Scalar, robot: RobotSignals, motion
     ) -> tuple[observers.ObserverState, list[Scalar]]:
-        # Computes the packet, the nominal model, the cue and the monitor. robot: the last report.
+        # Computes the packet, the nominal model, the cue and the monitor, and returns the outputs
+        # that `_console_code` lists. robot: the last report.
         timing = operator.row_timing(now)
         packet = operator.make_packet(setup, params.operator, motion, timing)
         fresh = jnp.bool_(True)
@@ -217,14 +218,14 @@ def _console_code(blueprint: Blueprint) -> StepCode:
             force = (x * cue.force[0] for x in cue.direction)
             out += [*model.jpos, *view.tips[i], *model.tip_position, error_mm]
             out += [*force, view.depth[i] * 1e3]
-            # A false report is unknown (NaN), because the true tip is unknown. The two measured
-            # tips, here the origin, affect no other distance.
+            # A false report is unknown (NaN), because the true tip is unknown. The last two
+            # arguments, which are measured tips, affect only this distance.
             origin = Vec.full(3, 0.0)
             distances = monitor.arm_distances(
                 params.monitor, after.monitor.arms[i], model.tip_position, origin, origin
             )
             unintended, unintended_off, loss, _ = hazard_distances(view.live, distances)
-            # The nominal model replaces the golden run, so `known_mm` is `error_mm`.
+            # `known_mm` is the reported tip's distance from the golden run, or here from the model.
             out += [unintended, unintended_off, loss, jnp.nan, error_mm]
         # Increment (3), quaternion (4) and grasp (1) of each arm. An absent arm does not move.
         moved = dict.fromkeys(ARMS, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0))

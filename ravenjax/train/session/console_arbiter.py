@@ -118,11 +118,11 @@ class ConsoleArbiter:
     def receive(self, message: Command, take: Callable[[Command], bool], tick: int) -> None:
         """Process a message in which a console reports its hands and its pedal.
 
-        A console may drive if it has the seat or the seat is free. If pedals alone decide, it may
-        also drive while the owner's pedal is up. Its pedal counts if it was up before and then went
-        down while the console might drive. A console whose pedal counts gets the seat. take: called
-        with the message if its console gets or has the seat, or if the seat is free. The message's
-        "pedal" is then whether the pedal counts. `take` returns False to refuse the message.
+        The console may drive if it has the seat or the seat is free. If pedals alone decide, it may
+        also drive while the owner's pedal is up. Its pedal counts if the operator lifts the pedal
+        and then presses it while the console may drive. The console then gets the seat. take: moves
+        the hands, or returns False to refuse the message. It is called if the console has or gets
+        the seat, or if the seat is free. In its argument, "pedal" tells whether the pedal counts.
         """
         console, pedal = console_of(message), message["pedal"]
         last_tick = self._message_ticks.get(console)

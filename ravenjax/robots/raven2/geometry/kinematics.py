@@ -55,7 +55,7 @@ class ChainAxes(NamedTuple):
 
 
 def chain_axes(arm: str, jpos: Vec) -> ChainAxes:
-    """Return the axes of the frames and the tip at `jpos` (7, rad and m)."""
+    """Return axes of frames 2 to 5 and the tip (m), in frame 0, at `jpos` (7, rad and m)."""
     geometry = GEOMETRY[arm]
     cos23, side, flip = geometry.cos23, geometry.side, geometry.flip
     theta1 = jpos[0] + geometry.zero1
@@ -67,7 +67,8 @@ def chain_axes(arm: str, jpos: Vec) -> ChainAxes:
     c5, s5 = jnp.sin(jpos[4]), -jnp.cos(jpos[4])  # theta5 = wrist - 90 deg
 
     # Axes of frame 3 are columns of Rx(75 deg) Rz(theta2) Rx(alpha2) Rz(+-90 deg), in frame 1.
-    # GM1, GM2: sine and cosine of 75 deg. GM3, cos23: sine and cosine of alpha2
+    # GM1, GM2: sine and cosine of 75 deg. GM3, cos23: sine and cosine of alpha2. side: the sign of
+    # the 90 deg. flip: -1 if frame 0 is turned by 180 deg about x
     def from_frame1(x: Scalar, y: Scalar, z: Scalar):
         # Returns a vector of frame 1 in frame 0.
         x0, y0 = c1 * x - s1 * y, s1 * x + c1 * y
@@ -176,17 +177,18 @@ def _find_wrists(arm: str, pose: Pose) -> tuple[_Wrists, _Axes]:
     along_x, along_y = -dot(x6, position), -dot(y6, position)
     norm = jnp.sqrt(along_x * along_x + along_y * along_y)
     # Unit vector from the jaw axis toward the remote centre, in frame 6 and in frame 0
-    u = Vec((along_x / norm, along_y / norm))
-    w = x6 * u[0] + y6 * u[1]
-    offset = w * LW
+    x_in_6, y_in_6 = along_x / norm, along_y / norm
+    to_centre = x6 * x_in_6 + y6 * y_in_6
+    offset = to_centre * LW
 
     def wrist(side: int):
-        # Side 1: the wrist is between the jaw axis and the remote centre. Side 0: beyond the axis
+        # Side 1: the wrist is between the jaw axis and the remote centre. Side 0: the jaw axis is
+        # between them, so the direction from the wrist to the jaw axis is opposite
         wrist_position = position + offset if side else position - offset
         insertion = jnp.sqrt(dot(wrist_position, wrist_position))
-        cos_sin6 = Vec((-u[0], u[1])) if side else Vec((u[0], -u[1]))
+        cos_sin6 = Vec((-x_in_6, y_in_6)) if side else Vec((x_in_6, -y_in_6))
         direction = wrist_position * (1.0 / insertion)
-        return _Wrist(insertion, direction, -w if side else w, yaw=cos_sin6)
+        return _Wrist(insertion, direction, -to_centre if side else to_centre, yaw=cos_sin6)
 
     return (wrist(0), wrist(1)), (x6, y6, z6)
 
@@ -236,12 +238,13 @@ def _solve_depth(arm: str, wrist: _Wrist, axes: _Axes, depth: Scalar) -> _BendPa
 
 
 def _split_bends(arm: str, pair: _BendPair) -> tuple[Theta, Theta]:
-    """Return the DH variables of both bends of the elbow. Bend 1 has -theta2, -b1 and -alpha."""
+    """Return the DH variables of both bends of the elbow. e, m, alpha, beta: see the module."""
     side, cos23 = GEOMETRY[arm].side, GEOMETRY[arm].cos23
     (x, y), (c2, s2), (e, f) = pair.axis, pair.theta2, pair.roll
-    # The angle from (p, q) to (u, v) is atan2(p v - q u, p u + q v). theta1 is the angle from (b1,
-    # -b2), the insertion axis z3 in frame 1, to (x, y), the same axis in frame 0. theta4 is the
-    # angle from x3, (beta, -alpha), to x4, (e, f), which are perpendicular to z3
+    # The angle from a vector (p, q) to (u, v) is atan2(p v - q u, p u + q v). theta1 is the angle
+    # from (b1, -b2), x and y of the insertion axis z3 in frame 1, to (x, y), those in frame 0.
+    # theta4 is the angle from x3 to x4. Along e and m, x3 is (beta, -alpha), and x4 is (e, f). Bend
+    # 1 has -theta2 in place of theta2, therefore -s2, -b1 and -alpha
     b1, b2 = s2 * GM3, c2 * (GM2 * GM3) + GM1 * cos23
     alpha, beta = s2 * (side * GM1), c2 * (-side * GM1 * cos23) - side * GM2 * GM3
     fa, ea, fb, eb = f * alpha, e * alpha, f * beta, e * beta
@@ -333,10 +336,11 @@ def _nearest_of_all(arm: str, measured: Theta, wrists: _Wrists, axes: _Axes) -> 
 def _likely_choice(
     arm: str, measured: Theta, wrists: _Wrists, axes: _Axes
 ) -> tuple[_Choice, Scalar]:
-    # Returns the solution that is probably nearest, and a lower bound of the cost of all others. Of
-    # each side it takes the depth with the nearer d3, then the side with the smaller `_common_cost`
-    # (both by parts of the cost), then the bend with the smaller cost. Costs are sums of squares,
-    # so a part of a cost is a lower bound of it, here for other sides and depths. It may be NaN.
+    # Returns the solution that is probably nearest, and a lower bound of the cost of all others,
+    # which may be NaN. A cost is a sum of squares, so some of the squares are a lower bound. For
+    # each side, only the depth with the smaller square of d3 is solved. The larger square bounds
+    # the cost of the other depth. Then the side with the smaller `_common_cost` is taken, and the
+    # larger one bounds the cost of the other side. At last the nearer bend is taken.
     def nearer_depth(wrist: _Wrist):
         shallow, deep = (
             _depth_cost(measured, distance - D4) for distance in (-wrist.insertion, wrist.insertion)
@@ -354,10 +358,10 @@ def _likely_choice(
 
 
 def _centre_choice(measured: Theta, insertion: Scalar) -> _Choice:
-    # Returns the solution that the original selects if a wrist is within Lw of the remote centre.
-    # The original stops before it computes angles, which stay zero. If only the wrist of side 1 is
-    # so near (insertion > LW), d3 of side 0 was computed before; otherwise d3 is zero. The cost is
-    # the solution's squared distance. insertion: m, from remote centre to the wrist of side 0.
+    # Returns the solution that the original software selects if a wrist is within LW of the remote
+    # centre. It looks at the wrist of side 0, then at that of side 1, and stops at the first that
+    # is so near. All angles are then zero. d3 is zero after a stop at side 0. After a stop at side
+    # 1 it has the values of side 0. insertion: m, from the remote centre to the wrist of side 0.
     shallow, deep = -D4 - insertion, -D4 + insertion
     nearer = jnp.where(jnp.abs(measured.d3 - deep) < jnp.abs(measured.d3 - shallow), deep, shallow)
     d3 = jnp.where(insertion <= LW, 0.0, nearer)

@@ -217,9 +217,10 @@ def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> ki
 def _solutions(arm: str, tip: Transform):
     """Return the eight solutions (6 DH variables, validity), and whether the original stopped.
 
-    The original stops at the first side whose wrist is at the remote centre, before it computes any
-    angle, so all angles are zero. After a stop at side 0, side 0 is invalid, side 1 valid, and d3
-    is zero. After a stop at side 1, side 1 is invalid, and side 0 is valid with its values of d3.
+    The original software stops at the first side whose wrist is at the remote centre, before it
+    computes any angle. All angles are then zero. After a stop at side 0, d3 is zero, and its flags
+    say that side 0 is invalid and side 1 valid. After a stop at side 1, they say that side 1 is
+    invalid, with d3 zero, and side 0 valid, with its values of d3.
     """
     x, y, _ = inverse_transform(tip).origin
     to_remote_centre = Vec((x, y, 0.0))
@@ -233,14 +234,14 @@ def _solutions(arm: str, tip: Transform):
     stopped = at_centre[0] | at_centre[1]
     solutions = []
     for side, (wrist, insertion) in enumerate(zip(wrists, insertions, strict=True)):
-        # True if the original stopped before it computed d3 of this side.
-        not_computed = at_centre[0] if side == 0 else stopped
+        # The original software stopped before it computed d3 of this side.
+        has_no_d3 = at_centre[0] if side == 0 else stopped
         valid_if_stopped = ~at_centre[0] if side == 0 else at_centre[0]
         for d3 in (-D4 - insertion, -D4 + insertion):
             cosine = _cosine2(arm, wrist[2], d3 + D4)
             theta2 = jnp.acos(cosine)
             valid = jnp.where(stopped, valid_if_stopped, ~((cosine > 1.0) | (cosine < -1.0)))
-            last_d3 = jnp.where(not_computed, 0.0, d3)
+            last_d3 = jnp.where(has_no_d3, 0.0, d3)
             for sign in (1.0, -1.0):
                 th = _angles(arm, tip, wrist, d3, mul(sign, theta2))
                 angles = th.map(lambda angle: jnp.where(stopped, 0.0, angle))

@@ -191,13 +191,15 @@ def eliminate_motor(
 ) -> EliminatedMotor:
     """Return the motor's speed and the cable's force as functions of the link's speed.
 
-    At the end of the step, resistance w = known_torque + coupling (v - w), with the speeds w of the
-    motor and v of the link. So w = (known_torque + coupling v) inverse and w - v = (known_torque -
-    resistance v) inverse, where inverse is 1 / (resistance + coupling). `stretch_rate` (w - v) and
-    `force` are those at v = link_speed. `stiffening`: loss of force per gain of v.
+    Let w and v be the speeds of motor and link at the end of the step. The motor's equation of
+    motion is resistance w = known_torque + coupling (v - w). So w = (known_torque + coupling v)
+    inverse, and the stretch rate of the cable is w - v = (known_torque - resistance v) inverse,
+    where inverse is 1 / (resistance + coupling). The fields `stretch_rate` and `force` are the
+    values if the link keeps its speed, v = link_speed. `stiffening`: loss of force per gain of v.
 
-    inertia_rate: Im/dt, N m s/rad. viscous, coulomb: friction, N m s/rad and N m. drive: torque, N
-    m. speed, link_speed: of motor and link, rad/s of motor angle, at the start of the step.
+    inertia_rate: Im/dt, N m s/rad, a part of `resistance`. viscous, coulomb: friction, N m s/rad
+    and N m. reaction_scale: factor of the cable's torque on the motor. drive: torque, N m. speed,
+    link_speed: of motor and link, rad/s of motor angle, at the start of the step.
     """
     coupling = mul(reaction_scale, cable.damping)
     known_torque = inertia_rate * speed + drive - mul(reaction_scale, cable.force)

@@ -122,7 +122,7 @@ def params(
 def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> PlantState:
     """Return the state at rest with the brakes on. Cables are stretched by the links' weight.
 
-    jpos0: joints that the software reports (rad, m), from which kinematic errors move the links.
+    jpos0: joints that the software reports (rad, m). With kinematic errors, the true joints differ.
     """
     coupling, errors = _coupling(setup, arm, params), params.kinematic_errors
     dtype, jpos0 = setup.precision.real, cast_to_real(setup, jpos0)
@@ -143,8 +143,9 @@ def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> Pl
     motors = tuple(drives.advance_angle(drives.REFERENCE, angle) for angle in angles)
     fractions = Vec(motor.fraction * transmission.ENCODER_RAD for motor in motors)
     zero = jnp.int32(0)
-    # The whole counts are the reference. In every tick, T (joints - jpos_ref) = angles from the
-    # reference - stretch. Now the joints are true_jpos, and the angles are `fractions`.
+    # Motor angles count from `count_ref`, the present whole counts. The equation T (joints -
+    # jpos_ref) = motor angles - stretch, with the motor matrix T, defines the constant `jpos_ref`.
+    # It holds in every tick. Now the joints are `true_jpos`, and the motor angles `fractions`.
     return PlantState(
         motors=tuple(drives.Angle(zero, cast(motor.fraction, dtype)) for motor in motors),
         stretch=cast(stretch, dtype),
@@ -305,9 +306,8 @@ class _ArmTick:
         return solve_spd(system, right)
 
     def move(self, speed_gains: Vec, pressed: tuple[Vec, Scalar] | None = None) -> None:
-        """Set the state at the end of one substep. speed_gains: of the joints, rad/s and m/s.
-
-        pressed: direction and magnitude (N) of the other instrument's force.
+        """Set the state at the end of one substep. pressed: direction and magnitude (N) of the
+        other instrument's force. speed_gains: by how much joint speeds change, rad/s and m/s.
         """
         state = self.state
         if self._tips:
@@ -316,12 +316,13 @@ class _ArmTick:
                 direction, force = pressed
                 touch = replace(touch, force=touch.force + direction * force, instrument=force)
             self._touches.append(touch)
+        # The same changes in rad/s of motor angle.
         link_gains = self._coupling.to_motors(speed_gains)
         mvel, stretch, motors, tensions = [], [], [], []
         for i, motor in enumerate(self._solved):
             link_speed = self._link_speed[i] + link_gains[i]
-            # Speed of the motor, and of the cable's stretch, at the end of the substep. Both follow
-            # from the link's speed; `stretch_rate` is that at an unchanged link speed.
+            # The motor's speed and the rate of the cable's stretch follow from the link's speed, by
+            # the equations of `drives.eliminate_motor`.
             speed = (motor.known_torque + motor.coupling * link_speed) * motor.inverse
             rate = motor.stretch_rate - motor.resistance * motor.inverse * link_gains[i]
             mvel.append(speed)

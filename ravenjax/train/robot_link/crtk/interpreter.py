@@ -184,7 +184,9 @@ class OperatingState:
     _operator_present = _clutch_down = False  # feet on the two pedals
     _down_before_clutch = False  # the pedal was down when the clutch was pressed
     _has_servo_commands = False  # servo commands arrived since pedal-down
-    _servo_ms = _command_ms = _down_ms = _up_ms = -math.inf
+    # Last times of a servo command, of any command, of the robot in pedal-down by CRTK's pedal (or
+    # of its press), and of a tick in which no other console drove.
+    _servo_ms = _command_ms = _accepted_ms = _no_other_ms = -math.inf
 
     @property
     def state(self) -> str:
@@ -275,7 +277,10 @@ class OperatingState:
         self, runlevel: int, stopped: bool, connected: bool, now_ms: float, lost: bool = False
     ) -> None:
         """Process the robot's state in this tick, and release the pedal if CRTK may not drive.
-        stopped: by the software. connected: somebody publishes commands. lost: no reports arrive.
+
+        CRTK may not drive after a stop or a loss of reports, if nobody publishes commands, if servo
+        commands or all commands cease, or if the robot ignores the pedal. stopped: by the software.
+        connected: somebody publishes commands. lost: no reports arrive.
         """
         was_stopped = self._stopped
         if lost and not self._lost:
@@ -291,10 +296,9 @@ class OperatingState:
         if self._restarting and not (stopped or lost) and runlevel == PEDAL_UP:
             self._restarting = self._disabled = False
             self._press(now_ms)
-        # `_up_ms`: the last time at which CRTK drove, or nobody. `_down_ms`: at which CRTK drove.
         if self.pedal or runlevel != PEDAL_DOWN:
-            self._up_ms = now_ms
-        self.other_drives = now_ms - self._up_ms > REFUSED_MS
+            self._no_other_ms = now_ms
+        self.other_drives = now_ms - self._no_other_ms > REFUSED_MS
         if not self.pedal:
             return
         # A move needs no further command.
@@ -307,13 +311,13 @@ class OperatingState:
         elif now_ms - self._command_ms > IDLE_MS:
             self._release("idle")
         elif runlevel == PEDAL_DOWN:
-            self._down_ms = now_ms
-        elif now_ms - self._down_ms > REFUSED_MS:
+            self._accepted_ms = now_ms
+        elif now_ms - self._accepted_ms > REFUSED_MS:
             self._release("refused")
 
     def _press(self, now_ms: float):
         self.pedal, self._has_servo_commands, self._down_before_clutch = True, False, False
-        self._down_ms = now_ms
+        self._accepted_ms = now_ms
 
     def _release(self, why: str):
         if self.pedal:
