@@ -46,8 +46,8 @@ KINDS = (
     ),
     Kind(
         "stopped too soon",
-        "a loss of motion for no other reason than that the robot left live motion while the"
-        " operator wanted it",
+        "a loss of motion only because the robot was not in pedal-down, or had a software E-stop,"
+        " while the operator held the pedal down",
         "f.halted",
     ),
     Kind(

@@ -156,7 +156,7 @@ def _of_parameters(plan: Plan) -> Iterator[str]:
         if unchanged.all():
             idle.append(f"{path} = {float(usual[0]):g}")
         elif (fault_free & ~unchanged).any():
-            varied.append(f"{path} (the robot's: {float(usual[0]):g})")
+            varied.append(f"{path} (the robot's value: {float(usual[0]):g})")
     if idle:
         yield (
             f"parameters.{list_names(idle, NAMED)}: this is already the robot's value, so the"
@@ -164,10 +164,10 @@ def _of_parameters(plan: Plan) -> Iterator[str]:
         )
     if varied:
         yield (
-            f"parameters.{list_names(varied, NAMED)}: differs from the robot's value in runs"
-            " without a fault. Their golden runs have the same value, so no outcome shows its"
-            " effect. A fault at site parameter shows the effect of a parameter that the robot"
-            " reads in every tick"
+            f"parameters.{list_names(varied, NAMED)}: runs without a fault have another value than"
+            " the robot's. Their golden runs also have this value, so no outcome shows its effect."
+            " A fault at site parameter shows the effect of a parameter that the robot reads in"
+            " every tick"
         )
     if program.ends and bool((plan.ends == program.ticks).all()):
         yield "campaign.observe_ms: has no effect, because all runs last for campaign.duration_s"
@@ -362,7 +362,8 @@ def _counted(plan: Plan, which: np.ndarray) -> str:
     groups = plan.rows["group"].cat
     sizes, counts = np.bincount(groups.codes), np.bincount(groups.codes[which])
     named = (
-        f"{counts[g]} of {sizes[g]} runs of {groups.categories[g]}" for g in np.flatnonzero(counts)
+        f"{counts[g]} of {sizes[g]} runs of group {groups.categories[g]}"
+        for g in np.flatnonzero(counts)
     )
     return list_names(named, NAMED)
 

@@ -28,20 +28,22 @@ def read_series(
     of_arm = {name: path for name, path in robot.series.items() if ARM in path}
     of_robot = {name: path for name, path in robot.series.items() if ARM not in path}
     owners = [("", -1, of_robot), *((f"{arm}/", i, of_arm) for i, arm in enumerate(setup.arms))]
-    for owner, arm, paths in owners:
+    # The prefix of a series' name, the index of the arm, and the series' paths.
+    for prefix, arm, paths in owners:
         for name, path in paths.items():
-            first, *rest = path.split(".")
-            value = named[first]
-            for step in rest:
+            signal, *steps = path.split(".")
+            value = named[signal]
+            for step in steps:
                 value = value[arm] if step == ARM else cast(Any, getattr(value, step, None))
             if value is not None:
-                out[owner + name] = stack(value) * 1e3 if name.endswith("_mm") else stack(value)
+                out[prefix + name] = stack(value) * 1e3 if name.endswith("_mm") else stack(value)
     for arm in setup.arms:
-        # The signal is the direction of the force.
+        # So far haptic_force is a direction. The first haptic set gives its magnitude.
         out[f"{arm}/haptic_force"] = out[f"{arm}/haptic_force"] * out[f"{arm}/cue_force"][:, :1]
     # The robot's module may have a function for further series.
     out |= getattr(robot.part("campaign"), "more_series", lambda *_: {})(setup, named, out)
     if golden is not None:
+        # Of each arm: true and measured tip.
         tips = golden.reshape(len(golden), len(setup.arms), 2, 3)
         out |= {f"{arm}/golden_tip": tips[:, i, 0] for i, arm in enumerate(setup.arms)}
     return {name: np.asarray(values) for name, values in out.items()}

@@ -79,12 +79,12 @@ def of(fault: dict[str, Any] | None = None, more: tuple = (), **sections: Any) -
         ({**MASS, "effect": "overwrite", "value": 1}, {}, "fault[0].value: changes the signal"),
         ({**MASS, "value": 1}, {"parameters": {"plant.mass_scale": 2}}, "fault[0].value: changes"),
         ({}, {"reaction": {"delay_ms": 1000}}, "reaction.delay_ms: the delay is so long"),
-        ({}, {"reaction": {}, "parameters": {"reaction.felt_force": [0, 1]}}, "1 of 2 runs of g"),
+        ({}, {"reaction": {}, "parameters": {"reaction.felt_force": [0, 1]}}, "1 of 2 runs of gr"),
         ({}, {"reaction": {"slow_to": 0.5}}, "reaction.slow_to: has no effect"),
         (MASS, {"campaign": {"dac_words": "wrap"}}, "campaign.dac_words: has no effect"),
         ({}, {"campaign": {"level": "beginner"}, "parameters": POLICY}, "campaign.level: has no"),
         ({}, {"campaign": {"seed": 3}}, "campaign.seed: has no effect"),
-        ({}, {"campaign": {"duration_s": 0.1}, "group": [{"name": "a"}]}, "1 of 1 runs of a"),
+        ({}, {"campaign": {"duration_s": 0.1}, "group": [{"name": "a"}]}, "1 of 1 runs of gr"),
         ({}, {"operator": {"motion": "still", "seed": 3}}, "operator.seed: motion 'still' is the"),
         ({}, {"parameters": {"plant.mass_scale": 2}, "group": [OWN_MASS]}, "no run has this value"),
         ({}, {"detector": [TWICE, {**TWICE, "name": "b"}]}, "detector[1]: differs from"),
@@ -119,7 +119,7 @@ def test_notices_of_one_kind_are_one():
     names = ("mass_scale", "friction_scale", "cable_stiffness_scale", "motor_constant_scale")
     paths = (*(f"plant.{name}" for name in names), "nominal.mass_scale")
     said = of(group=[{"name": "a", "parameters": {path: [1, 2] for path in paths}}])
-    assert "plant.mass_scale (the robot's: 1), " in said and " and 1 more: differs from" in said
+    assert "plant.mass_scale (the robot's value: 1), " in said and " and 1 more: runs" in said
     assert said.count("\n") == 0
 
 

@@ -145,7 +145,7 @@ class Actor(PlannedCampaign):
         count, steps = len(pairs.row), np.arange(GRID + 1)
         # Ticks of the grid, [pairs, GRID + 1], from the effect to the tick after the harm.
         grid = pairs.effect[:, None] + (pairs.harm + 1 - pairs.effect)[:, None] * steps // GRID
-        report(f"{count * GRID} runs with an action")
+        report(f"{count * GRID} runs: each action at {GRID} times from the fault's effect to harm")
         repeated = FaultActions(*(np.repeat(values, GRID) for values in pairs))
         fails = self.harmful(repeated, grid[:, :-1].ravel()).reshape(count, GRID)
         # Index of the last tick that prevents the harm; GRID if no tick does.
@@ -161,14 +161,14 @@ class Actor(PlannedCampaign):
             # prevents the harm at tick `low` and not at tick `high`. horizon: number of ticks to
             # simulate after the action; None: until the end of the run.
             while (active := high - low > 1).any():
-                report(f"{int(active.sum())} runs with an action")
+                report(f"{int(active.sum())} runs: halve the time in which each deadline lies")
                 middle = ((low + high) // 2)[active]
                 is_late = self.harmful(pairs.where(active), middle, horizon)
                 high[active] = np.where(is_late, middle, high[active])
                 low[active] = np.where(is_late, low[active], middle)
 
         bisect(HORIZON_MS // self.plan.tick_ms)
-        report(f"{int((last < GRID).sum())} runs of full length that confirm a deadline")
+        report(f"{int((last < GRID).sum())} runs of full length: confirm each deadline")
         # Pairs whose run of full length does harm: the deadline is earlier.
         is_late = last < GRID
         is_late[is_late] = self.harmful(pairs.where(is_late), low[is_late])
@@ -199,14 +199,14 @@ def find_deadlines(
     rows, reactions = np.array(found, int).reshape(-1, 2).T
     if (reactions != NONE).any():
         raise UserError(
-            f"{folder}: the operator reacts to the cue in every run, so no run shows the harm"
-            ' without an action. Write action = "none" in [reaction]. Or add 0, which means "none",'
-            " to reaction.action in [cross]. Then run the campaign again"
+            f"{folder}: in every run the operator reacts to the haptic cue, so no run shows the"
+            ' harm without a reaction. Write action = "none" in [reaction], or, if [cross] contains'
+            " reaction.action, add 0 (none) to its values. Then run the campaign again"
         )
     if not len(rows):
         return pd.DataFrame()
     actor, explainer = Actor.of_folder(folder, engine), Explainer.of_folder(folder, engine)
-    report(f"{len(rows)} harmful runs that are compared with their golden runs")
+    report(f"{len(rows)} harmful runs: compare each with its golden run")
     explanations = explainer.explain(rows)
     leaves = [name for name in explanations.ticks if str(name).startswith(seams.LEAVES)]
     faults = pd.DataFrame(
@@ -225,7 +225,7 @@ def find_deadlines(
     pairs = FaultActions(table["row"].to_numpy(), table["number"].to_numpy(), *times)
     last, table["monotone"] = actor.find(pairs, report)
     table["deadline_ms"] = (last - pairs.effect) * float(tick_ms)
-    report(f"{len(table)} runs with an action but no fault")
+    report(f"{len(table)} runs without a fault: does the action alone do harm?")
     table["harms_alone"] = actor.harmful(pairs, pairs.effect, alone=True)
     # An operator who follows the cue takes the robot's first action, after a reaction time.
     cue = table[table["number"] == 1].assign(action="cue")

@@ -293,12 +293,12 @@ def _require_inside(
     inside = np.all(reachable.inside, axis=1)
     leaps = np.flatnonzero(reachable.leaps).tolist()
     usable = _longest_first(recording, inside & recording.covered, leaps)
-    where = f"of the part to replay, {begin * TICK_S:.3f} to {end * TICK_S:.3f} s of the recording"
+    replayed = f"from {begin * TICK_S:.3f} to {end * TICK_S:.3f} s, the part to replay"
     advice = (
-        f"Reachable stretches, longest first: {format_spans(usable)}. Write a stretch, or a part"
-        " of it, as operator.window_s"
+        f"These parts can be reached, longest first: {format_spans(usable)}. Write a part, or a"
+        " shorter time inside a part, as operator.window_s"
         if usable
-        else "No row lies inside the joint limits of every arm"
+        else "No row of the recording lies inside the joint limits of every arm"
     )
     if recording.options.place != "home":
         advice += (
@@ -307,9 +307,9 @@ def _require_inside(
         )
     share = 1.0 - float((inside & ~reachable.leaps)[begin:end].mean())
     raise UserError(
-        f"{recording.path}: at {bad * TICK_S:.3f} s an arm cannot reach the pose inside its soft"
-        f" joint limits: {unreached_reason(recording.poses, bad, bounds)}. Poses are unreachable"
-        f" in {100 * share:.3g} % {where}. {advice}"
+        f"{recording.path}: at {bad * TICK_S:.3f} s of the recording, an arm cannot reach the pose:"
+        f" {unreached_reason(recording.poses, bad, bounds)}. Of the poses {replayed},"
+        f" {100 * share:.3g} % cannot be reached within the soft joint limits. {advice}"
     )
 
 

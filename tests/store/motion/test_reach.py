@@ -25,17 +25,13 @@ def leaving(parquet):
 
 def test_what_cannot_be_reached_is_refused_with_how_much_where_and_why(leaving):
     """It used to take the longest stretch that can be reached, without a word."""
-    message = refused(
-        leaving,
-        "an arm cannot reach the pose inside its soft joint limits",
-        "of the part to replay, 0.000",
-    )
+    message = refused(leaving, "an arm cannot reach the pose", "Of the poses from 0.000 to")
     assert re.search(
         r"insertion of gold would be at 4\d\d\.\d\d mm|joint would step|no joint positions", message
     )
-    assert re.search(r"Poses are unreachable in \d+", message)
+    assert re.search(r"\d+ % cannot be reached within the soft joint limits", message)
     stretches = re.findall(
-        r"\[(\d+\.\d+), (\d+\.\d+)\]", message.partition("Reachable stretches")[2]
+        r"\[(\d+\.\d+), (\d+\.\d+)\]", message.partition("These parts can be reached")[2]
     )
     assert len(stretches) >= 2 and "1.4" in stretches[0][1]
     for begin, end in stretches[:2]:  # what it says can be written

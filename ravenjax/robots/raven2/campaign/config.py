@@ -384,8 +384,8 @@ class RavenConfig(CampaignConfig):
         )
 
     def deciding(self) -> dict[str, Any]:
-        """Return the settings that affect all runs. The ids of the runs depend on them. Defaults
-        are left out, except for tools and limits. A file is represented by a hash.
+        """Return the settings on which the outcomes of all runs depend, for the hash of run ids.
+        Defaults are left out, except for tools and limits. Of each file it contains a hash.
         """
         content = super().deciding()
         campaign = content["campaign"]
