@@ -56,8 +56,7 @@ def require_consent(path: Path, content: bytes, robot: Sequence[Path] = ()) -> N
     # A robot's module may lie anywhere, if any folder is trusted.
     in_trusted_folder = bool(folders) if robot else any(map(resolved.is_relative_to, folders))
     files = robot or [resolved]
-    # Code may run if all code is trusted, if its folder and its owner are trusted, or if it has run
-    # before.
+    # Code may run if all code is trusted, or its folder and its owner, or if it has run before.
     if trusts_all or (in_trusted_folder and all(file.stat().st_uid in OWNERS for file in files)):
         # If the hash cannot be stored, the user must agree again next time.
         with contextlib.suppress(OSError):

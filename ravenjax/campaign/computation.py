@@ -33,8 +33,7 @@ GOLDEN_BYTES = 2**29
 be in progress at a time. If each run has a different golden run, copies need as much again.
 """
 GPU_TIMES = 2
-"""Factor on GOLDEN_BYTES for a GPU, which computes many lanes in parallel and copies their series.
-"""
+"""Factor on GOLDEN_BYTES for a GPU, which computes many lanes at once and copies their series."""
 BLOCKS_PER_THREAD, MAX_WINDOW_ROWS = 4, 2**18
 """Number of blocks of a window for each thread, and the number of rows above which there are fewer.
 

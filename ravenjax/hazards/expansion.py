@@ -52,8 +52,7 @@ class WrongGroup(UserError):
 
 
 def expand_tables(raw: Mapping[str, Any], robot: Robot) -> tuple[Table, list[int]]:
-    """Return a campaign's tables with only ordinary groups, and for each of these the index of its
-    group in the file.
+    """Return a campaign's tables with only ordinary groups, and the index of each in the file.
 
     Groups that are not a list of tables are left for later checks. Raise WrongGroup.
     """

@@ -1,5 +1,4 @@
-"""Simulates a tree of joints from any MuJoCo model with the time step of MuJoCo's integrator
-implicitfast.
+"""Simulates a tree of joints from any MuJoCo model with the step of integrator implicitfast.
 
     arm = read_mechanism(mujoco.MjModel.from_xml_path("arm.xml"), "tip_site")
     qpos, qvel = step(arm, qpos, qvel, torque)
@@ -7,7 +6,7 @@ implicitfast.
 The step is implicit in damping and in the velocity gains of a controller or motor. Springs,
 armature, friction loss and couplings of joints (equality constraints) are those of the model.
 Friction loss and couplings are MuJoCo's soft constraints. Their forces are computed by `SWEEPS`
-sweeps of projected Gauss-Seidel. Ranges of joints and actuators exert no force; the code of a robot
+sweeps of projected Gauss-Seidel. Ranges of joints and actuators exert no force; a robot's code
 applies its limits.
 
 The table gives the largest difference of any joint from MuJoCo's `mj_step`, in rad or m, with steps

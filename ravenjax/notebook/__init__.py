@@ -1,2 +1,1 @@
-"""Declares campaigns and shows their results in Python. Its public names are those of
-`ravenjax`."""
+"""Declares campaigns and shows results in Python. Its public names are those of `ravenjax`."""

@@ -1,5 +1,4 @@
-"""Generates random numbers by counter: a (key, tick, channel) gives the same number on every
-engine.
+"""Generates random numbers by counter: one (key, tick, channel) gives one number on all engines.
 
 A run's noise therefore does not depend on the order in which runs are computed. A run and its
 golden run have the same key, so they have the same random numbers. Only 32-bit integer

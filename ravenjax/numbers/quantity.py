@@ -85,8 +85,7 @@ def list_quantities(params: type) -> Iterator[tuple[str, Quantity]]:
     """
     for path, notes in _fields(params):
         quantities = [note for note in notes if isinstance(note, Quantity)]
-        # In a record with one entry per joint, the path has the name of a joint. Only the range of
-        # this joint then applies.
+        # In a record with one entry per joint, the path names a joint, and only its range applies.
         all_joints = {joint for quantity in quantities for joint in quantity.joints}
         joints_in_path = all_joints.intersection(path.split("."))
         for quantity in quantities:

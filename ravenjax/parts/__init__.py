@@ -1,5 +1,4 @@
-"""Names that a user's check or detector imports: `from ravenjax.parts import Scalar, Vec, jnp,
-record`.
+"""Names for a user's check or detector: `from ravenjax.parts import Scalar, Vec, jnp, record`.
 
 A user's file is a Python file that a campaign names. It has these functions:
 

@@ -1,5 +1,4 @@
-"""Models the operator's hand as a mass on spring and damper that the force of the haptic cue
-displaces.
+"""Models the operator's hand as a mass on spring and damper that the cue's force displaces.
 
     M d'' + B d' + K d = F        d: displacement of the hand; three axes with the same M, B, K
 

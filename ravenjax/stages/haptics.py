@@ -10,8 +10,7 @@ The printed equation has two cases, but gives a condition only for the case in w
 the constant 0.05. Figure 5 of the paper shows which interpretation is right. It shows single pulses
 of different height (0.013 to 0.030 device units) at tip errors of 3.3 to 5 mm, nothing below 3 mm,
 and one pulse flat at 0.0500. The force is thus proportional above the threshold, and 0.05 is its
-upper limit. The cue only pulls towards the model and never pushes away, so the force is never
-negative.
+upper limit. The cue only pulls towards the model, so the force is never negative.
 
 Several (threshold, kp, kd, cap) sets are evaluated in the same run (`Setup.cues`). With an operator
 who does not react, the motion is the same for all sets.

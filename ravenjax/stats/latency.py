@@ -76,8 +76,7 @@ def rate_before(lags: Delays) -> Rate:
 def delay_quantile(
     delay: ArrayLike, happened: ArrayLike, fraction: float, run_units: Units | None
 ) -> Estimate:
-    """Return the time until which `fraction` of the runs had the event, with an interval by
-    resampling units.
+    """Return when `fraction` of the runs had the event, with an interval by resampling units.
 
     delay: time to the event or to the end of the run, perhaps negative [n]. happened: bool, the
     event happened [n]. run_units: the units of the runs; None: nothing was drawn. A bound is NaN if

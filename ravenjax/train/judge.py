@@ -495,9 +495,7 @@ class SlowdownDetector:
     """How long the hands have been slow. Minus infinity: they were slow before the activation."""
 
     def step(self, hands: list[float]) -> None:
-        """Update the speeds and `slow_ms` in each tick. hands: x, y, z of each hand, um before
-        scaling.
-        """
+        """Update speeds and `slow_ms` in each tick. hands: x, y, z of each hand in um, unscaled."""
         last_hands, self._last_hands = self._last_hands, hands
         if last_hands is None:
             return

@@ -185,8 +185,7 @@ def run_realtime(
 
 def next_options(options: SessionOptions, last: FinishedSession) -> SessionOptions:
     """Return the options of the session that the instructor requested after `last`. What the
-    request does not name stays as in `options`, the options of `last`; the seed becomes the
-    scenario's.
+    request does not name stays as in `options`, the options of `last`; the seed is the scenario's.
     """
     request = last.next_command or {}
     chosen = options.scenario

@@ -1,5 +1,4 @@
-"""Fits a robot's parameters to the first half of a log, and measures the prediction error on the
-second half."""
+"""Fits parameters to a log's first half, and measures the prediction error on the second half."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence

@@ -55,8 +55,7 @@ UNITS = {"deg_s": np.pi / 180.0, "deg": np.pi / 180.0, "mm": 1e-3, "": 1.0}
 ]
 """Smallest and largest positions of the joints, and the accepted distance beyond; rad and m."""
 SLOTS = np.array([0, 1, 2, 4, 5, 6, 7])
-"""Positions of the joints among the eight numbers of an arm in raven_state. The fourth is unused.
-"""
+"""Positions of the joints in the eight numbers of an arm in raven_state. The fourth is unused."""
 PER_STATE = np.pi / 180.0
 """rad and m per unit of raven_state."""
 

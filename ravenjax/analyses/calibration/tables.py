@@ -29,8 +29,7 @@ def by_joint(
 ) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return headings, and one row per joint: the rms following error of log and models.
 
-    A model's cell also contains the ratio of its error to the log's error, and the distance of the
-    model from the log.
+    A model's cell also contains the ratio of its error to the log's, and its distance from the log.
     """
     log, *models = rows
     cells = [

@@ -1,5 +1,4 @@
-"""Finds the point of no return of harmful faults: the last tick in which an action prevents
-harm."""
+"""Finds the point of no return of a fault: the last tick in which an action prevents harm."""
 
 from pathlib import Path
 

@@ -21,8 +21,7 @@ from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots
 from ravenjax.stats.rare import LimitState, RareEvent, monte_carlo, subset_simulation
 
 INVALID_DISTANCE = 1e6
-"""Distance from the event for a run without a valid outcome. Such a run does not count as an event.
-"""
+"""Distance from the event for a run without a valid outcome, which does not count as an event."""
 
 CURVE_POINTS = 200
 """Number of points of an exceedance curve in search.json."""

@@ -20,8 +20,7 @@ ARRAYS = dict.fromkeys(_INTEGERS, np.int32) | {"value": np.float32, "key": np.ui
 """The numbers of a fault, as in `faults.fault.FaultSlot`."""
 
 SHARED = "shared_id"
-"""Column with the id of the first run that differs only in crossed parameters, if any are crossed.
-"""
+"""Column with the id of the first run that differs only in crossed parameters, if there are any."""
 
 Target = tuple[str, str, str]
 """(site, arm, channel); arm is "" if the site has none."""

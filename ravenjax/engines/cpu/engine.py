@@ -81,10 +81,8 @@ class SimdKernel(traced.PrintedKernel):
         All lanes of `block` are this golden run, so they are one group; see `BranchingKernel`.
         """
         code, inputs = self._code(block, motion, True), traced.lane_inputs(self.program, block)
-        until = max([last, *ends.tolist()])
-        golden_series = self._golden_series(
-            block, np.arange(self.width), grouped=True, first=0, last=until
-        )
+        end, members = max([last, *ends.tolist()]), np.arange(self.width)
+        golden_series = self._golden_series(block, members, grouped=True, first=0, last=end)
         lanes = Lanes(inputs, golden_series, traced.motion_tables(motion), None)
         trunk, columns = code.trunk(lanes, last, ends)
         return trunk, dict(zip(self.forms(block, motion).traced.outcomes, columns, strict=True))

@@ -97,16 +97,14 @@ def cue_rows(runs: Runs) -> list[CueRow]:
         # `before` is a share of all hazards, so its n is their number.
         hazards = times.before.n
         medians = ", ".join(f"coalesce(median(cue{k}_{what}::DOUBLE), 'nan')" for what in FELT)
-        is_cued_hazard = f"{UNINTENDED} AND ({after_onset(f'warned{k}_ms')}) >= 0"
-        cued_hazards = runs.matching(is_cued_hazard)
+        cued_hazards = runs.matching(f"{UNINTENDED} AND ({after_onset(f'warned{k}_ms')}) >= 0")
         force, felt_ms, pulses = runs.table.row(f"SELECT {medians} FROM {cued_hazards}")
+        cued_motions = motions.count_with_event(f"golden_cue{k}_first_ms")
         row = CueRow(
             number=k,
             cue=cue,
             missed=tables.fault_share(runs, hazards - times.alarmed, hazards),
-            false=tables.wilson_share(
-                motions.count_with_event(f"golden_cue{k}_first_ms"), motions.count
-            ),
+            false=tables.wilson_share(cued_motions, motions.count),
             per_hour=motions.cue_rate(k),
             harmless=tables.fault_share(runs, harmless_cued[k], harmless),
             best=False,
@@ -143,8 +141,7 @@ def hours_to_offer(choices: Sequence[Choice]) -> float:
     """Return the hours of fault-free motion that would decide undecided choices; 0 if none would.
 
     The rule of a choice is a limit of false cues, or a cost of a missed hazard. The hours decide
-    all choices under a limit. If these are decided, they decide the choice under a cost that needs
-    the fewest hours.
+    all choices under a limit, or else the choice under a cost that needs the fewest.
     """
     hours_of_rules = {one.rule: one.hours for one in choices if math.isfinite(one.hours)}
     of_limits = [hours for rule, hours in hours_of_rules.items() if rule.startswith(_LIMIT)]

@@ -337,8 +337,7 @@ def last_command(state: State) -> Vec:
 def act(
     params: Params, state: State, now: Scalar, takes: dict[str, Scalar], begins: Scalar, good: Vec
 ) -> tuple[Params, State]:
-    """Return parameters and state with the action: the arm stops, or the controller keeps its last
-    good set points.
+    """Return parameters and state with the action: stop the arm, or keep the last good set points.
 
     takes: for each action, whether it is taken in this tick. now and begins: not used; other
     robots have actions that depend on time.

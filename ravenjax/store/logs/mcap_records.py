@@ -29,8 +29,7 @@ from ravenjax.store.files import disk_errors, write_aside
 _HEAD, _FOOTER = 9, 29
 """Number of bytes of a record's opcode and length, and of a whole footer."""
 _RECORD, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<HIQQ")
-"""Layout of a record (opcode, length) and of a message (channel, number, log time, publish time).
-"""
+"""Layout of a record (opcode, length) and a message (channel, number, log time, publish time)."""
 _CHUNK = re.compile(rb"\x06.{6}\0\0.{28}(?:\0\0\0\0|\x03\0\0\0lz4|\x04\0\0\0zstd)", re.DOTALL)
 """Pattern of the beginning of a chunk: opcode, length, times, size, checksum and compression."""
 

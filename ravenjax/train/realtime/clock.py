@@ -28,8 +28,7 @@ BINS = 20_000
 
 class LoopTiming:
     """Histograms of a loop, in microseconds. compute: time from a tick's start until frame and
-    force are sent. whole: time until all work of the tick is done. lateness: delay of the tick's
-    start.
+    force are sent. whole: until all its work is done. lateness: delay of the tick's start.
     """
 
     late = 0  # ticks that began a period late
@@ -43,9 +42,7 @@ class LoopTiming:
         return int(self.lateness.sum())
 
     def percentile(self, duration: str, share: float) -> float:
-        """Return the quantile of a duration, us: of "compute", "whole" or "lateness"; NaN without a
-        tick. share: 0 to 1.
-        """
+        """Return a quantile of "compute", "whole" or "lateness", us; NaN without a tick."""
         counts = getattr(self, duration).cumsum()
         if not counts[-1]:
             return float("nan")
@@ -123,8 +120,7 @@ def use_realtime_priority(choose_cpu: Callable[[set[int]], int] = max) -> Iterat
         os.sched_setaffinity(0, {choose_cpu(cpus)})
         granted.append(f"CPU {choose_cpu(cpus)}")
     if LEAD_NS >= PERIOD_NS:
-        # A process with a realtime priority that never sleeps would be stopped for 50 ms of every
-        # second.
+        # A realtime process that never sleeps would be stopped for 50 ms of every second.
         granted.append("always awake")
     else:
         try:

@@ -257,8 +257,7 @@ class RavenConfig(CampaignConfig):
             acts & (force > np.float32(cap)),
             f"{force.max():g} device units are never reached: the cue's cap is {cap:g}",
         )
-        # Ticks from the first possible cue to the end of the run. In a run without a fault, the cue
-        # may come in any tick
+        # Ticks from the first possible cue to the end. Without a fault, a cue may come at any time
         has_fault = (plan.faults["code"] > 0).any(axis=1) & (plan.acts < plan.ends)
         ticks_left = plan.ends - np.where(has_fault, plan.acts, 0)
         yield (

@@ -58,8 +58,7 @@ def phase_intervals(config: RavenConfig) -> dict[str, np.ndarray]:
         "slow": pedal_down & ~fast,
         "in_tissue": in_tissue[row],
     }
-    # [begin, end) of each interval of true ticks. With a zero at both ends, begins and ends of
-    # intervals alternate.
+    # [begin, end) of each interval of true ticks. With zeros around it, begins and ends alternate.
     return {
         name: np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
         for name, mask in masks.items()

@@ -24,8 +24,7 @@ from ravenjax.vocabulary.reactions import ACTIONS
 NOISE_KEY = "plant.noise_key"
 """Random key of the noise. A campaign sets it from the run's id, so each run has its own noise."""
 PACKETS, PACKET_KEY = "network.packets", "network.packet_key"
-"""Parameter that makes the tick draw packet lengths, and the key of these draws, from the run's id.
-"""
+"""Parameter that makes the tick draw packet lengths, and the draws' key, from the run's id."""
 DELAY, LONGEST_DELAY = "usb.command_delay", 16
 """Parameter that delays commands, and the longest delay for which the tick stores commands, ms."""
 SETUP_KEYS = ("software", "build", "console", "substeps", "contact", "noise")

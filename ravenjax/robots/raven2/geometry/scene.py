@@ -23,8 +23,7 @@ VESSEL_HEIGHT = 0.0027  # m, height of its ridge above the dome; its axis is 0.4
 VESSEL_COURSE = resources.read_tables(__file__, "scene.toml")["vessel_course_m"]
 """m, x and y of points of the vessel's axis; the drawn vessel is a smooth curve through them."""
 VESSEL_LEAN = 1.0 / (1.0 + (0.046 / 0.146) ** 2)
-"""Squared ratio of the distance from the vessel's axis to the distance along y, for its mean slope.
-"""
+"""Squared ratio of the distance from the vessel's axis to that along y, for its mean slope."""
 
 
 class Surface(NamedTuple):

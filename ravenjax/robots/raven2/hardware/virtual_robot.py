@@ -165,11 +165,10 @@ class Reading:
 
 
 class VirtualRobot:
-    """The hardware of a Raven-II behind its USB boards: PLC, brakes, motors, cables, links,
-    encoders.
+    """Hardware of a Raven-II behind its USB boards: PLC, brakes, motors, cables, links, encoders.
 
     One `step` is one millisecond. The robot starts at rest with the brakes on. The gold arm comes
-    before the green arm. Joints are in the order shoulder, elbow, insertion, tool_roll, wrist,
+    first. Joints are in the order shoulder, elbow, insertion, tool_roll, wrist,
     grasp1, grasp2. `reading` contains the outputs of the last step or, before the first step, those
     of the start state.
     """

@@ -45,8 +45,7 @@ def params(
 ) -> TickParams:
     """Return all parameters with their default values, for a run that starts at `start_jpos`.
 
-    start_jpos: 7 joints per arm, rad and m. parameter_set: mechanics of the virtual robot, one of
-    `parameter_sets.Name`.
+    start_jpos: 7 joints per arm, rad and m. parameter_set: mechanics, one of `parameter_sets.Name`.
     """
     return TickParams(
         operator=operator.params(setup, start_jpos),

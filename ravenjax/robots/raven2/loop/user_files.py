@@ -25,8 +25,7 @@ as the true tip or the fault.
     dac             (state, current_cmd): 7 int32 counts    16 bits; no command without enabled
                                                             DACs or in an E-stop
 
-A file that repeats the built-in law gives the bits of the built-in stage. No file can make a
-command pass an E-stop.
+A file that repeats the built-in law gives the same bits. No file can make a command pass an E-stop.
 """
 
 from collections.abc import Sequence

@@ -15,9 +15,8 @@ float32. Events are on /ravenjax/events (std_msgs/String, one JSON object each),
 /ravenjax/log (rcl_interfaces/Log). The time of a message is the start of the session plus one
 millisecond per row. Its sequence number is the number of the row, so lost rows leave a gap.
 
-The file is readable even if it is truncated. A block of rows is one chunk, which is passed to the
-operating system at once. If the process is killed, only the current block is lost. A power failure
-may lose more.
+A truncated file is readable. A block of rows is one chunk, which is passed to the operating system
+at once. If the process is killed, only the current block is lost. A power failure may lose more.
 """
 
 import json

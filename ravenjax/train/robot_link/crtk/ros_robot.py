@@ -1,5 +1,4 @@
-"""Connects a session to a robot that reports its state over ROS and is driven over ITP, such as a
-real Raven.
+"""Connects a session to a robot, as a real Raven, that reports over ROS and is driven over ITP.
 
 Over ROS 1 the robot reports raven2's `ravenstate`, in any version of the message. Over ROS 2 it
 reports CRTK's `measured_js`, `setpoint_js` and `operating_state` of each arm. The session sends an
