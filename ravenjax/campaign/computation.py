@@ -193,8 +193,7 @@ class Computation:
         if self._fast_forward.uses_checkpoints.any():
             golden_bytes += snapshot_bytes(program.ticks)
         useful_blocks = min(BLOCKS_PER_THREAD * self.threads, MAX_WINDOW_ROWS // lanes)
-        # Runs whose faults begin at about the same time start from one checkpoint. A window with
-        # more rows has more such runs.
+        # Runs whose faults begin at similar times share a checkpoint. A large window has more.
         if self.kernel.branches:
             ticks_per_row = max(1.0, float((self.plan.ends - self.plan.acts).mean()))
             sorted_rows = int(min(SORTED_ROWS, SORTED_TICKS / ticks_per_row))

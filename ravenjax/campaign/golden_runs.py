@@ -111,8 +111,7 @@ class FastForwardPlan:
         if not self._lanes:
             return np.zeros(self._golden_count, bool)
         # A run that starts from a checkpoint saves the ticks before its fault. If it ends early, it
-        # also needs the golden run's outcomes at its end. The computation of checkpoints gives them
-        # too. Without checkpoints, the golden run is computed again up to this end.
+        # also saves another golden run up to its end: checkpoints come with the outcomes there.
         early_ends = np.where(self.ends_early, self._plan.ends, 0)
         saved_of_run = self._plan.acts + early_ends
         # The ticks that `_lanes` runs save would have been computed at the same time.

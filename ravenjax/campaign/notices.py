@@ -361,8 +361,8 @@ def _counted(plan: Plan, which: np.ndarray) -> str:
     """Return as text the number of runs in each group that `which` (bool [runs]) marks."""
     groups = plan.rows["group"].cat
     sizes, counts = np.bincount(groups.codes), np.bincount(groups.codes[which])
-    names, marked = groups.categories, np.flatnonzero(counts)
-    named = (f"{counts[g]} of {sizes[g]} runs of group {names[g]}" for g in marked)
+    names = groups.categories
+    named = (f"{counts[g]} of {sizes[g]} runs of group {names[g]}" for g in np.flatnonzero(counts))
     return list_names(named, NAMED)
 
 

@@ -198,10 +198,9 @@ def _find_override_mistakes(case: Case, overrides: Mapping[str, Any], arms: Sequ
 
 def _expand_fault(fault: LibraryFault, overrides: Mapping[str, Any], arms: Sequence[Any]):
     """Yield a [[group.fault]] table for each channel and arm that are faulty in the same run.
-
-    If `fault.along` is None, a run has one faulty channel, and a table may list several channels of
-    which each run uses one. Otherwise all channels of `along` are faulty, and each has its share of
-    the value. `arms` are faulty in the same run if the fault's site has a signal per arm.
+    Without `fault.along` a run has one faulty channel, and a table may list channels of which each
+    run uses one. With it, all channels of `along` are faulty, each with its share of the value.
+    arms: those that are faulty in the same run.
     """
     dumped = fault.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
     table = {key: dumped[key] for key in dumped if key not in ("along", "unit")} | {**overrides}

@@ -39,10 +39,10 @@ def arrange_regions(
 ) -> list[int | Region]:
     """Return `order` with the operations of each region joined.
 
-    rarely(condition, rare value, usual value) is an operation. The operations that only its rare
-    value needs are a region, which is placed before it. With a = f(x), r = rarely(c, a, y), the
-    order [a, y, r] becomes [y, Region(c, (a,), (a,)), r]. A region of few operations is not joined.
-    order: operations, each after its operands. results: those that are read elsewhere.
+    The operations that only the rare value of an operation rarely(condition, rare value, usual
+    value) needs are a region. The region is placed before this operation. With a = f(x),
+    r = rarely(c, a, y), the order [a, y, r] becomes [y, Region(c, (a,), (a,)), r]. Few operations
+    are not joined. order: operations after their operands. results: those that are read elsewhere.
     """
     region_condition = _region_conditions(operations, order, results)
     readers: dict[int, list[int]] = {}

@@ -236,9 +236,8 @@ def _over_past(is_maximum: bool, inner: Formula) -> Formula:
 def _over_window(
     inner: Formula, is_maximum: bool, in_future: bool, begin: int, end: int
 ) -> Formula:
-    """Compile a temporal operator: the largest or smallest robustness of `inner` in a window.
-
-    The window is from `begin` to `end` ms ago or, if `in_future`, `begin` to `end` ms from now.
+    """Compile a temporal operator: the largest or smallest robustness of `inner` in a window, from
+    `begin` to `end` ms ago or, if `in_future`, from now.
     """
 
     def value(moment: Moment, delay: int) -> Scalar:

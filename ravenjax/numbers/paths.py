@@ -2,8 +2,8 @@
 
 Each part of a path is a field of a record or named tuple. If a field has one entry per arm, the
 next part may be the name of an arm; without this part the path means all arms. If a field has one
-number per joint or axis, the next part may be the name of a joint or axis; without it the path
-means all.
+number per joint or axis, the next part may be the name of a joint or axis; without this part the
+path means all of them.
 """
 
 import dataclasses

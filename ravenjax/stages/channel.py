@@ -74,8 +74,7 @@ def step(state: ChannelState, seed: Scalar, packet: Scalar, fresh: Scalar) -> Ch
 
 def delay_ms(seed: Scalar, packet: Scalar) -> Scalar:
     """Return the channel's delay (ms, int32) while the packet with index `packet` is the newest.
-
-    Each index has an independent random delay. The delay of an ideal channel, seed 0, is 0.
+    It is drawn anew for each packet. The delay of an ideal channel, seed 0, is 0.
     """
     # `as_int` removes the decimals, so 0.5 is added to round to the nearest millisecond.
     delay = jnp.float32(0.5)

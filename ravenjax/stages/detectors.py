@@ -1,7 +1,7 @@
 """Computes detectors, which score every millisecond of a run and raise an alarm above a threshold.
 
-Built-in detectors do not act on the robot. A user's detector may stop it: its alarm triggers the
-E-stop a millisecond later. The score of a tick is the higher score of the two arms.
+Built-in detectors do not act on the robot. A user's detector may also stop the robot: its alarm
+triggers the E-stop a millisecond later. The score of a tick is the higher score of the two arms.
 There are five kinds:
 
 - `steps`: the model-based detector of DSN'16. A dynamic model that gets the written command

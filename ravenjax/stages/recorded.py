@@ -28,7 +28,6 @@ def read_series(
     of_arm = {name: path for name, path in robot.series.items() if ARM in path}
     of_robot = {name: path for name, path in robot.series.items() if ARM not in path}
     owners = [("", -1, of_robot), *((f"{arm}/", i, of_arm) for i, arm in enumerate(setup.arms))]
-    # The prefix of a series' name, the index of the arm, and the series' paths.
     for prefix, arm, paths in owners:
         for name, path in paths.items():
             signal, *steps = path.split(".")

@@ -130,8 +130,8 @@ def advance_cycle(
     """Compute one control cycle of 1 ms.
 
     `desired`: returns the desired motor angles (rad) for the measured angle of the insertion motor.
-    `written`: returns DAC counts that replace those of the controller. `whole_counts`: of encoders
-    and DAC.
+    `written`: returns DAC counts that replace those of the controller. `whole_counts`: encoders and
+    DAC use whole counts.
     """
     tool = setup.tools[setup.arms.index(arm)]
     new = read_encoders(setup, state.plant, whole_counts)

@@ -101,7 +101,7 @@ class DoubleFaults(NamedTuple):
 def measure_pairs(runs: Runs) -> DoubleFaults:
     """Compare each run with two faults with the two runs that have only one of these faults.
 
-    Runs belong together if their faults, operator and parameters agree. Raises UserError if
+    Runs belong together if their faults, operator and varied parameters agree. Raises UserError if
     no run has two faults.
     """
     # Checks, detectors and cues. A cue does not report by itself.

@@ -76,9 +76,8 @@ def assign_uses(unit: np.ndarray) -> Uses:
 
 
 def count_units(threshold_units: int) -> int:
-    """Return a number of operators with `threshold_units` or more operators for the threshold, and
-    one or more for the test. `ROUND_SIZE` describes the rounds. They are complete except the last.
-    """
+    """Return how many operators give `threshold_units` for the threshold and one for the test."""
+    # All rounds are complete, except the last. `ROUND_SIZE` describes a round.
     full_rounds, rest = divmod(threshold_units, THRESHOLD_OPERATORS)
     units = full_rounds * ROUND_SIZE
     if rest:

@@ -42,7 +42,7 @@ class Score:
     against: str = ""  # second field of a residual, with the same channels
 
     def __post_init__(self) -> None:
-        # These words become code, and may come from another person's file. Only `against`
+        # These words become code, and they may come from a file of somebody else. Only `against`
         # and labels may be empty.
         optional_words = [word for word in (self.against, *self.labels) if word]
         for word in (self.name, self.signal, *optional_words):

@@ -2,9 +2,9 @@
 
 A group of faults may contain lists. Each combination of their values is called a *cell*. The search
 finds the smallest harmful value in each cell, for both signs. It computes all cells in parallel,
-with one batch of runs per step. It scans the range, then bisects every interval at whose ends
-outcomes differ. An ordinary campaign repeats the runs at the ends of final intervals and must give
-equal outcomes.
+with one batch of runs per step. It scans the range, then bisects every interval at whose ends the
+outcomes differ. An ordinary campaign repeats the runs at both ends of every final interval and must
+give the same outcomes.
 
 The scan shows which cells have no single threshold. A cell that is never or always harmful is
 censored. If harm begins and ends more than once along the range, the report states this.

@@ -144,8 +144,8 @@ def _pieces(config: CampaignConfig, group: Group, moments: Moments) -> Iterator[
     rng = np.random.default_rng([config.campaign.seed, zlib.crc32(group.name.encode())])
     for faults, axes_in_file in faults_and_axes(config, group):
         axes = moments.convert_phases(axes_in_file, group.name)
-        # repeat: number of each run's repeat. places: of each run on each axis, an index or a
-        # quantile.
+        # repeat: number of each run's repeat. places: position of each run on each axis, an index
+        # in a list or a quantile.
         runs, repeat, places = sampling.sample_runs(group, axes, rng)
         slots = [
             fill_slot(config.robot, fault, _select_slot(axes, f), _select_slot(places, f))

@@ -73,8 +73,7 @@ def fill_slot(
             needs_rounding[row, column] = legal_values(channel, name).rounded
         rounded_value = axes["value"].at(places["value"], whole=1)
         value = np.where(needs_rounding[codes["channel"], effect], rounded_value, value)
-    has_no_value = np.isin(words["effect"], effects.WITHOUT_VALUE)[effect]
-    value = np.where(has_no_value, np.nan, value)
+    value = np.where(np.isin(words["effect"], effects.WITHOUT_VALUE)[effect], np.nan, value)
     periodic = np.isin(words["effect"], effects.WITH_PERIOD)[effect]
     times = {}
     for name in effects.TIMES:

@@ -77,7 +77,6 @@ class SimdKernel(traced.PrintedKernel):
         self, block: Block, motion: Motion, last: int, ends: np.ndarray
     ) -> tuple[Trunk, dict[str, np.ndarray]]:
         """Return snapshots of a golden run before tick `last`, and its outcomes at `ends`, [ends].
-
         All lanes of `block` are this golden run, so they are one group; see `BranchingKernel`.
         """
         code, inputs = self._code(block, motion, True), traced.lane_inputs(self.program, block)

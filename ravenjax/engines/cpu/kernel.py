@@ -208,10 +208,8 @@ class _LlvmModule(LoopPrinting[Place]):
         self._loop("shared_run", printer, {"in": "%in_stride", "row": str(buffers.row.bytes)})
 
     def _add_tick_inputs(self, printer: LlvmPrinter, sources: dict[int, Place], shared: bool):
-        """Add the places of a tick's inputs to `sources`, the operands' places by operation.
-
-        Return operation -> variable with the tick's number. shared: the code computes what all
-        lanes of a group share. Only this code needs the tick's number.
+        """Add the places of a tick's inputs to `sources`, operation -> place. Return operation ->
+        variable with the tick's number, which only the `shared` code of a group needs.
         """
         tick_values: dict[int, str] = {}
         for i, k in self.tick_reads.items():

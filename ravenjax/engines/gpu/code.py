@@ -135,19 +135,15 @@ class _Run:
         source, session = self.code.source, self.session
         count = -(-self.course.last // self.chunk)
         snapshots = Trunk.allocate(self.chunk, count, source.group_state, source.state)
-        host_states = {"group": snapshots.group, "lane": snapshots.lane}
-        for what, states in host_states.items():
-            self.device_snapshots[what] = session.allocate(states.size)
-        self.run(progress=None)
-        for what, states in host_states.items():
+        host = {"group": snapshots.group, "lane": snapshots.lane}
+        self.device_snapshots = {what: session.allocate(x.size) for what, x in host.items()}
+        self.run(None)
+        for what, states in host.items():
             session.read(states, self.device_snapshots[what], session.main)
         return snapshots
 
     def run(self, progress: Progress | None) -> None:
-        """Run lanes through all ticks. During a chunk, the GPU computes the next chunk's rows.
-
-        Chunk k reads the buffers k % 2 of rows and of inputs of ticks.
-        """
+        """Run lanes through all ticks. During a chunk, the GPU computes the next chunk's rows."""
         session, code, course = self.session, self.code, self.course
         main = session.main
         self._begin()
@@ -162,7 +158,7 @@ class _Run:
             count = min(self.chunk, course.last - first)
             if k + 1 < len(starts):
                 if k:
-                    # Chunk k + 1 overwrites the buffers that the lanes read in chunk k - 1.
+                    # Of two buffers, chunk k + 1 overwrites the one that lanes read in chunk k - 1.
                     session.finish(lanes_done[k - 1])
                 rows_done.append(self._make_rows(k + 1, starts[k + 1]))
             session.wait(main, rows_done[k])

@@ -69,8 +69,7 @@ class CudaKernel(traced.PrintedKernel):
         self, block: Block, motion: Motion, last: int, ends: np.ndarray
     ) -> tuple[Trunk, dict[str, np.ndarray]]:
         """Return snapshots of a golden run before tick `last`, and its outcomes at `ends`, [ends].
-
-        See `interface.BranchingKernel`. The first lane of `block` is the golden run.
+        The first lane of `block` is this golden run; see `interface.BranchingKernel`.
         """
         # All lanes of a warp, the smallest number of lanes, repeat the golden run.
         copies = _repeat_lane(block, np.full(self.size(1), self.program.ticks))

@@ -161,13 +161,12 @@ def beyond_sql(name: str, limit: float, types: Mapping[str, str]) -> str:
 
 def _number_faults(table: ResultTable, types: Mapping[str, str], end_ms: int) -> bool:
     # Returns whether each run has another fault. If not, creates the table `numbers` with the
-    # columns `row` and `distinct`, the number of the run's fault. Runs have the same fault if their
-    # inputs are equal, and all runs of a pair have the same fault. The number is the first row with
-    # these inputs. If an effect draws random numbers, runs with equal inputs have different faults.
-    # The template has three SQL expressions: whether an effect of the run draws random numbers, a
-    # hash of the inputs, and a hash that differs between runs with different faults.
-    names = ["operator"] + [name for name in types if name.startswith(("param:", "fault"))]
-    inputs = {name: kind for name, kind in types.items() if name in names}
+    # columns `row` and `distinct`, the first row with the run's fault. Runs have the same fault if
+    # their inputs are equal, unless an effect draws random numbers. All runs of a pair have the
+    # same fault. The template has three SQL expressions: whether an effect of the run draws random
+    # numbers, a hash of the inputs, and a hash that differs between runs with different faults.
+    prefixes = "operator", "param:", "fault"
+    inputs = {name: kind for name, kind in types.items() if name.startswith(prefixes)}
     draws_numbers, input_hash, fault_hash = wording.fill_template(
         "inputs.sql.j2", types=inputs, columns=types, end_ms=end_ms, random=RANDOM, quote=quote_name
     )

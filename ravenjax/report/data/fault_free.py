@@ -85,9 +85,8 @@ def make_fault_free_table(
 ) -> Motions:
     """Create TABLE, which has a row for each different fault-free motion.
 
-    source: table of a campaign's runs, with the columns `names`, some of which describe the golden
-    run. end: SQL for the time in ms at which a run ends, a number or one of the columns. beside:
-    results with further fault-free runs.
+    source: table of a campaign's runs, with the columns `names`, also of their golden runs. end:
+    time in ms at which a run ends, a number or a column. beside: results of fault-free runs.
     """
     golden = [name for name in names if name == "operator" or name.startswith("golden_")]
     # The report gives no false-alarm rate for built-in checks.

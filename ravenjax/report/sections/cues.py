@@ -88,7 +88,6 @@ class Choice(NamedTuple):
 def cue_rows(runs: Runs) -> list[CueRow]:
     """Return one row per haptic set, sorted by threshold and gain."""
     motions, cues = runs.motions, runs.manifest.cues
-    # Number of harmless faults, and of those with a cue of each set.
     harmless = runs.count(HARMLESS)
     harmless_cued = runs.counts([f"warned{k}_ms >= 0" for k in range(len(cues))], where=HARMLESS)
     result = []
@@ -210,11 +209,10 @@ def _choice(
 ) -> Choice:
     """Return the choice of a threshold under one rule, or what is known if it is undecided.
 
-    rows, cost, possible, certain, in_the_end: [sets]. possible: bool, which sets may be best.
-    certain: bool, which sets certainly keep the rule. in_the_end: bool, which sets may be best
-    even after endless fault-free motion. hours: of fault-free motion, with which fewer sets may be
-    best. The choice is decided if all possible sets have the same threshold, and at least one of
-    them is certain. The certain possible set of least cost is then chosen.
+    cost: [sets]. Bool [sets]: `possible` sets may be best, `certain` sets certainly keep the rule,
+    `in_the_end` sets may be best even after endless fault-free motion. hours: of fault-free motion,
+    with which fewer sets may be best. The choice is decided if all possible sets have the same
+    threshold, and one or more of them are certain. Of these, the set of least cost is chosen.
     """
     certain_best = np.flatnonzero(possible & certain).tolist()
     # Thresholds in mm, ascending.

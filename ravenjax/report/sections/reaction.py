@@ -257,8 +257,7 @@ def _parts(pairs: Pairs):
 def _difference(
     action: str, among: str, pairs: Pairs, faults: Units | None, inactive: int
 ) -> Difference:
-    # Computes what the reaction changes in these pairs. among: words for the pairs. inactive: see
-    # `Difference`. faults: units of the bootstrap.
+    # Computes what the reaction changes in these pairs. among, inactive: fields of `Difference`.
     moved_with, moved_without = (part["unintended"].to_numpy() for part in pairs)
     reacted = pairs.with_["reaction_ms"].to_numpy() >= 0
     # Reactions without need: there is no unintended motion without the reaction either.

@@ -8,7 +8,7 @@ The bootstrap is that of Rao and Wu (J. Am. Stat. Assoc. 83, 1988) with m = n - 
 the n units of a stratum with replacement, each with weight n / (n - 1). The variance of a mean is
 then that of the sample with divisor n - 1. The plain bootstrap's variance is smaller by (n - 1) /
 n, which matters for few units. A stratum of one unit contains no information on the variance
-between units, so it is joined to others (collapsed strata: Wolter, Introduction to Variance
+between units, so it is joined to other strata (collapsed strata: Wolter, Introduction to Variance
 Estimation, 2007, 2.5).
 """
 

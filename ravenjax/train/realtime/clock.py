@@ -42,7 +42,9 @@ class LoopTiming:
         return int(self.lateness.sum())
 
     def percentile(self, duration: str, share: float) -> float:
-        """Return a quantile of "compute", "whole" or "lateness", us; NaN without a tick."""
+        """Return the quantile of a duration, us: of "compute", "whole" or "lateness"; NaN without a
+        tick. share: 0 to 1.
+        """
         counts = getattr(self, duration).cumsum()
         if not counts[-1]:
             return float("nan")

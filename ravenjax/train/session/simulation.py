@@ -282,7 +282,8 @@ class SimulatedRobot:
 
     def arm(self, row: int) -> None:
         """Activate the faults of this row of the fault table from the next tick on. The first acts
-        at once, or with the next packet; the others keep their distances. None waits for the pedal.
+        at once, or with the next packet; the others keep their distances in time. No fault waits
+        for the pedal.
         """
         faults = self.blueprint.plan.faults
         slots = range(self.blueprint.fault_slots)

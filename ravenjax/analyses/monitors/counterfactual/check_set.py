@@ -135,12 +135,11 @@ class Evidence(NamedTuple):
         The set detects many faults of `selection_half` in time, with at most `question.most`
         candidates. Faults of the group `without_group` are not used.
         """
-        used_faults = self.selection_half
+        used = self.selection_half
         if without_group is not None:
-            used_faults = used_faults & (self.faults.group != without_group)
+            used = used & (self.faults.group != without_group)
         # Margins depend on the set, which is unknown so far, so all candidates have one margin.
-        lead_ms = self.faults.lead_ms[used_faults, :, SELECTION_MARGIN_INDEX]
-        in_time = lead_ms >= self.question.lead_ms
+        in_time = self.faults.lead_ms[used, :, SELECTION_MARGIN_INDEX] >= self.question.lead_ms
         return select_greedily(in_time, self.question.most, min_gain=MIN_GAIN)
 
     def coverage_of_new_groups(self) -> Rate | None:
@@ -210,7 +209,6 @@ def false_alarm_rate(motions: FreeMotion, margin: float) -> AlarmRate:
     count, hours = int(alarmed.sum()), float(motions.hours.sum())
     if runs == 1:
         return alarm_rate(count, hours)
-    alarmed_motions = int(alarmed.any(axis=1).sum())
-    high = alarm_rate(alarmed_motions, hours / runs).high
+    high = alarm_rate(int(alarmed.any(axis=1).sum()), hours / runs).high
     low = alarm_rate(count // runs, hours / runs).low
     return AlarmRate(count, hours, count / hours, low, high)

@@ -50,7 +50,6 @@ def find_stages(setup: RavenSetup) -> dict[str, Stage]:
 
 def _time_packets(clock: packet_clock.PacketClock, console: Console) -> packet_clock.PacketClock:
     """Return the packet clock after this tick. Set the console's newest packet and its timing.
-
     A packet is sent when the last one has lasted as many cycles as were drawn for it.
     """
     setup, network, now = console.setup, console.params.network, console.signal.tick

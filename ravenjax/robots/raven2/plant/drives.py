@@ -194,8 +194,8 @@ def eliminate_motor(
     Let w and v be the speeds of motor and link at the end of the step. The motor's equation of
     motion is resistance w = known_torque + coupling (v - w). So w = (known_torque + coupling v)
     inverse, and the stretch rate of the cable is w - v = (known_torque - resistance v) inverse,
-    where inverse is 1 / (resistance + coupling). The fields `stretch_rate` and `force` are the
-    values if the link keeps its speed, v = link_speed. `stiffening`: loss of force per gain of v.
+    where inverse is 1 / (resistance + coupling). `stretch_rate` and `force` are the values if the
+    link keeps its speed, v = link_speed. `stiffening`: loss of force per gain of v.
 
     inertia_rate: Im/dt, N m s/rad, a part of `resistance`. viscous, coulomb: friction, N m s/rad
     and N m. reaction_scale: factor of the cable's torque on the motor. drive: torque, N m. speed,

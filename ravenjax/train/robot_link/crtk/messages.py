@@ -1,8 +1,8 @@
 """Defines the topics and messages of CRTK and raven2 for ROS 1 and ROS 2.
 
 topics.toml lists the topics and defines the messages of CRTK and raven2. The rosbags library
-defines all others. Fields are the same in both versions of ROS, but headers of ROS 1 also have a
-number.
+defines all other messages. Fields are the same in both versions of ROS, but headers of ROS 1 also
+have a number.
 """
 
 import math
