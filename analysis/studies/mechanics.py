@@ -234,7 +234,7 @@ def compare(context: study.Context) -> study.Findings:
     """Return lines of following errors, and the tables behind them."""
     paths = {name: path for name in ARMS if (path := recording.locate(name)) is not None}
     missing = [name for name in ARMS if name not in paths]
-    absent = (f"Not at hand: {', '.join(missing)}. Set {DATA} to their folder.",) if missing else ()
+    absent = (f"Not found: {', '.join(missing)}. Set {DATA} to their folder.",) if missing else ()
     load = ()
     with jax.enable_x64(True):
         statics = [one.cells for one in (by_hand(), of_robot(OURS), of_robot(AUTHORS))]
