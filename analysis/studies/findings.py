@@ -191,7 +191,7 @@ def page(record: Record, with_claims: bool) -> str:
         "standings": standings(record["lines"]),
         "targets": targets(),
         "compared": any(line["published"] for line in record["lines"]),
-        "columns": (*BRIEF_COLUMNS, "likely reason of a difference"),
+        "columns": (*BRIEF_COLUMNS, "likely reason for a difference"),
         "lines": [*map(_line, record["lines"])],
         "claims": claims.section(record) if with_claims else "",
     }
