@@ -53,8 +53,8 @@ class Fault:
 
     The fault acts from `start` ticks after the reset for `duration` ticks, and again every `every`
     ticks. With `probability` it acts at random times after `start`: in each tick an inactive fault
-    begins with this probability, and then acts for `duration` ticks. period: ticks, of the effect
-    "periodic".
+    begins with this probability, and then acts for `duration` ticks. period: ticks, only for the
+    effect "periodic".
 
     key: int32, selects the random numbers of `probability` and of the effect "random". Elements
     with the same key become faulty at the same time, but "random" gives each element different

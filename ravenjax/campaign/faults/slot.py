@@ -45,9 +45,8 @@ def fill_slot(
 ) -> dict[str, np.ndarray]:
     """Return the columns FIELDS of a fault, each [runs], or a scalar that applies to all runs.
 
-    Words are stored as codes, their indices in `words_of`. axes: the listed values or the
-    distribution of each field except the site. places: of each axis and run, the index of a listed
-    value or the quantile of a distribution, [runs].
+    Words are stored as codes: indices in `words_of`. axes: values or distribution of each field
+    except the site. places: of each axis, the index of a value or a quantile for each run, [runs].
     """
     words, site = words_of(robot), robot.sites[fault.site]
 

@@ -78,7 +78,7 @@ class CudaKernel(traced.PrintedKernel):
             code = self._code(copies, motion, True, device)
             tables, golden = traced.motion_tables(motion), _golden_series(copies, places, True)
             trunk = code.trunk(Lanes(inputs, golden, tables, None), places, last)
-        # The outcomes come from more lanes: each runs to one of the ends.
+        # The outcomes come from a second run. It has a lane for each end, so it needs an end.
         if len(ends):
             return trunk, self.run(_repeat_lane(block, ends), motion).outcomes
         empty = [typed_column(np.zeros(0, np.uint32), dtype) for dtype in code.source.results]

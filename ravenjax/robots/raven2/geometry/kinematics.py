@@ -360,8 +360,8 @@ def _likely_choice(
 def _centre_choice(measured: Theta, insertion: Scalar) -> _Choice:
     # Returns the solution that the original software selects if a wrist is within LW of the remote
     # centre. It looks at the wrist of side 0, then at that of side 1, and stops at the first that
-    # is so near. All angles are then zero. d3 is zero after a stop at side 0. After a stop at side
-    # 1 it has the values of side 0. insertion: m, from the remote centre to the wrist of side 0.
+    # is so near. All angles are then zero. After a stop at side 0, d3 is zero. After a stop at side
+    # 1, d3 is that of side 0. insertion: m, from the remote centre to the wrist of side 0.
     shallow, deep = -D4 - insertion, -D4 + insertion
     nearer = jnp.where(jnp.abs(measured.d3 - deep) < jnp.abs(measured.d3 - shallow), deep, shallow)
     d3 = jnp.where(insertion <= LW, 0.0, nearer)
