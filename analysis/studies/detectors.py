@@ -28,20 +28,18 @@ from studies.cells import BY_DEFINITION, hourly, percent, plain
 from studies.runs import AS_MODELLED, MOVED, SCALE, UNCERTAIN, Runs, of_robot, share, unclutched
 
 NAME = "detectors"
-CHECKS, STOPS = "built-in checks, alarm or stop", "built-in checks, stop only"
-CUE = "haptic cue, 3 mm"
+CHECKS, STOPS, CUE = "built-in checks, alarm or stop", "built-in checks, stop", "haptic cue, 3 mm"
 OTHERS = {CHECKS: "told_ms", STOPS: "stop_ms", CUE: "warned_ms"}
 """Other sources of alarms, and the columns of their times. Each has one threshold."""
 NOISE, MORE_NOISE = "noise", "more noise"
 NOISY = {AS_MODELLED: NOISE, UNCERTAIN: f"{UNCERTAIN}, {NOISE}"}
 """Names of the groups without faults in a campaign with noise."""
-PER_HOUR = 1.0
-"""False alarms per hour that an operating point may have."""
+PER_HOUR, NO_THRESHOLD = 1.0, "no threshold meets the limit"
+"""Limit of false alarms per hour for a threshold, and the words if no threshold meets it."""
 PUBLISHED, FORK, CLIP = ("steps/all/1", 1.0), ("derivative_sum", 55.0), ("overdrive", 1.0)
 """The published rule (all three steps over their 99.8 to 99.9 percentiles in one millisecond), the
 disabled second detector of raven2_sim, and the limit of the control software's overdrive check.
 """
-NO_THRESHOLD = "no threshold meets the limit"
 TIP_ERROR = "tip_error"
 """The detector whose score is the distance in mm of the reported tip from the model."""
 MAIN = (PUBLISHED[0], FORK[0], TIP_ERROR, CLIP[0])
