@@ -53,19 +53,17 @@ def run(
 
 
 def open_results(folder: str | Path) -> CampaignResults:
-    """Open a result folder that `run` or the command line wrote.
-
-    Raise UserError and StoreError.
-    """
+    """Open a result folder that `run` or the command line wrote. Raise UserError and StoreError."""
     return CampaignResults(folder)
 
 
 def simulate(campaign: AnyCampaign, run: str | int = 0, engine: str = "auto") -> xarray.Dataset:
     """Return the time series of one run of a campaign as an xarray.Dataset, one tick per ms.
 
-    The dataset has one variable per quantity, with attrs units and long_name. Coordinates are time
-    (s), arm, joint, axis, fault and cue: `simulate(c, 42)["tip"].sel(arm="gold", axis="z")`. Its
-    attrs: index, id and outcomes. run: index, run id, or its first letters. Raise UserError.
+    Each quantity is a variable with attrs units and long_name. Coordinates are time (s), arm,
+    joint, axis, fault and cue: `simulate(c, 42)["tip"].sel(arm="gold", axis="z")`. The dataset has
+    the attrs index, id and outcomes of the run. run: index or first letters of the run id. Raise
+    UserError for a wrong campaign or run.
     """
     config = _config(campaign)
     replay = Replayer(config, engine).replay(run)
@@ -91,11 +89,11 @@ def explain(
     """Return how errors propagate from faults through the robot's signals.
 
     The table has a row for each run and each signal that differs from the golden run, in the
-    robot's order of signals. Columns: run_id, index, layer, arm, seam (name of the signal);
-    differs_ms, time of the first difference in any bit; differs_in, the element of the signal that
-    differs first; leaves_ms and leaves_in, the same for leaving the normal range (-1: never);
-    harm_ms, start of the run's hazard (-1: no hazard); left_ms, harm_ms minus leaves_ms (NaN if
-    either is missing). attrs name the engine.
+    robot's order of signals. Columns: run_id, index, layer, arm, seam (name of the signal).
+    differs_ms: time of the first difference, in element differs_in of the signal. leaves_ms: time
+    at which element leaves_in of the signal first leaves its normal range (-1: never). harm_ms:
+    start of the run's hazard (-1: no hazard). left_ms: harm_ms minus leaves_ms (NaN if either is
+    missing). The attrs of the table name the engine.
 
     campaign: see `run`, or a result folder. runs: index, run id, or first letters of a run id, or a
     list of these; None: every run with a fault. Raise UserError, and StoreError.
@@ -181,11 +179,12 @@ def check_monitor(
 ) -> pd.DataFrame:
     """Test whether scores of new fault-free operations have a monitor's calibrated distribution.
 
-    The table has one row per score, the joint score first. Columns: score; place, median over the
-    new operations of the score's rank in the calibration (0 to 1); p; adjusted, p adjusted for all
-    scores together; martingale, largest value of the test martingale; shifted, whether adjusted is
-    at most `level`. attrs: level and the new units, operations, hours and alarms. sources: as for
-    `ravenjax monitor check`. Raise UserError and StoreError.
+    The table has a row for each score: the monitor's score, then that of each signal. place: median
+    rank of new scores among those of the calibration, 0 to 1. martingale: largest value of the
+    sequential test. p: of a rank test and the sequential test together. adjusted: p, corrected for
+    the number of scores. shifted: whether adjusted is at most `level`. attrs: level, and numbers
+    of new units, operations, hours and alarms. sources: as for `ravenjax monitor check`. Raise
+    UserError and StoreError.
     """
     from ravenjax.analyses.monitors import checking
 

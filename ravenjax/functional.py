@@ -9,8 +9,8 @@
 Parameters are a dict from path to number, and faults are a record of numbers; both are pytrees.
 `Model.params` and `Model.faults` contain the values of all runs of the campaign, with leaves of
 shape [runs], so that `jax.vmap` computes the campaign. You can also call a part of a robot alone,
-such as the nominal model of the Raven-II (docs/tutorials/jax.md). Its arguments are `Model.setup`
-and its own parameters, a field of `Model.record(params)`.
+such as the nominal model of the Raven-II (docs/tutorials/jax.md). Give the part `Model.setup` and
+the field of `Model.record(params)` that contains the part's parameters.
 
 For the Raven-II, the derivatives of the nominal model are exact over any number of ticks. Those of
 everything after the DAC are exact only over one tick. Derivatives through the control software are
@@ -87,10 +87,9 @@ class Model:
     def step(
         self, params: Mapping[str, Any], faults: Faults, state: Any, tick: Any, golden: Any
     ) -> tuple[Any, tuple[Any, ...], Any]:
-        """Compute one tick. Return the new state, the numbers of `Rollout.series`, and all
-        signals.
+        """Compute one tick. Return the new state, one row of `Rollout.series`, and all signals.
 
-        tick: int32, from 0. golden: `Rollout.series` of the golden run in this tick, [numbers].
+        tick: int32, from 0. golden: the row of this tick in the golden run's `Rollout.series`.
         """
         values = list(params.values())
         return self._with(params).step(values, faults, (), state, tick, golden, self.motion)
@@ -140,11 +139,11 @@ class Model:
     def run_compiled(
         self, params: Mapping[str, Any], faults: Faults, golden: Any = None, engine: str = "auto"
     ) -> Rollout:
-        """Compute a run on an engine, much faster than `rollout`, with the bits of the campaign.
+        """Compute a run on an engine, much faster than `rollout` and bit for bit as in a campaign.
 
         The method can be called inside `jit` and `vmap`, but has no derivatives. golden: see
         `rollout`; if it is given, `series` of the result is None. `signals` is always None. engine:
-        a name for `ravenjax run --engine`.
+        a name that `ravenjax run --engine` accepts.
         """
         program, length = self._with(params), self.program.loop.series_length(self.setup)
         kernel = select_engine(engine, self.setup.precision).compile(program, LANES)
@@ -210,7 +209,7 @@ def load(
 ) -> Model:
     """Return the functions and inputs of a campaign.
 
-    vary: paths of further parameters for `Model.params`, with the campaign's values. precision:
+    vary: paths of parameters to add to `Model.params`, each with the campaign's value. precision:
     float64 also requires `jax_enable_x64`. Raise UserError for a campaign that cannot be run.
     """
     config = campaign if isinstance(campaign, CampaignConfig) else load_campaign(campaign)

@@ -96,8 +96,8 @@ def parse_margin(text: str) -> Margin:
     events = (FALSE_CUES,) if margin.unit == "/h" else tuple(EVENTS)
     if margin.event not in events:
         raise UserError(
-            f"--margin {text!r}: no event {margin.event!r} has the unit {margin.unit}; expected"
-            f" one of {', '.join(events)}{suggest_name(margin.event, events)}"
+            f"--margin {text!r}: got the event {margin.event!r}; for the unit {margin.unit},"
+            f" expected one of {', '.join(events)}{suggest_name(margin.event, events)}"
         )
     return margin
 

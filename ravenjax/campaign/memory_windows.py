@@ -1,6 +1,6 @@
-"""Divides a campaign into windows that fit in memory, and windows into blocks for an engine.
+"""Divides a campaign's runs into windows that fit in memory, and each window into blocks of runs.
 
-The module also joins the results of blocks to the files of the result folder.
+An engine computes a block at once. The module also joins results of blocks to files of the result.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence

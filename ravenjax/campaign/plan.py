@@ -1,4 +1,4 @@
-"""Converts a checked campaign file into a fault table, settings of the code, and inputs."""
+"""Converts a checked campaign file into a fault table, a program of the tick, and its inputs."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence

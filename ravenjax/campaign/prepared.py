@@ -15,8 +15,8 @@ The module `campaign` of the package, or the single module itself, defines
     phases(config) -> {phase: int [stretches, 2]}
         if `Robot.phases` is not empty: first and last tick of each stretch of a phase
     acted(program) -> (TickProgram, {action: number})
-        optional: the same runs with a fault slot for an action, and the possible actions, see
-        `stages.acted`. An operator who follows the cue takes action 1
+        optional: a program whose runs can contain an action, such as lifting the pedal, and the
+        number of each action; see `stages.acted`. Action 1 is that of an operator who obeys the cue
     Params
         record of the parameters, with a `numbers.quantity` for each field
     Config

@@ -1,8 +1,8 @@
 """Commands that use the folder `analysis` of a checkout, and `ravenjax doctor`.
 
 `bench` measures the speed of this machine. `reproduce` runs studies, and `credibility` prints the
-evidence for each of their claims. `evidence` writes tables and an argument for a risk file.
-`doctor` checks the installation.
+evidence for each of their claims. `evidence` writes tables and a safety argument for a risk
+management file. `doctor` checks the installation.
 """
 
 from collections.abc import Callable

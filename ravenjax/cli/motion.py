@@ -1,4 +1,4 @@
-"""Commands on recordings of operators, `ravenjax motion`, and logs of robots, `calibrate`.
+"""Commands `ravenjax motion`, for recordings of operators, and `calibrate`, for logs of robots.
 
 The module also prints what `ravenjax run` says about a recorded operator.
 """

@@ -13,11 +13,11 @@ All functions are pure. A signal is an array of any shape, of floats, integers o
 NumPy, JAX, torch or another library of the array API standard. Results are arrays of the same
 library. With JAX the functions work under `jit`, `vmap` and `scan`. Each number of a fault may be
 an array that broadcasts against the signal. For a signal [environments, channels], a value
-[channels] differs between channels, and a value [environments, 1] between environments. `tick`,
-`clock` and `done` have the leading axes of the signal, such as [] or [environments].
+[channels] differs between channels, and a value [environments, 1] between environments. The
+arguments `tick`, `clock` and `done` have the leading axes of the signal, such as [environments].
 
-Campaigns compute effects and windows with the same code. As in campaigns, integers and truth values
-are converted to float32 and back, except by bit flips.
+Campaigns compute the effects and times of faults with the same code. As in campaigns, integers and
+truth values are converted to float32 and back, except by bit flips.
 """
 
 import dataclasses
@@ -48,17 +48,17 @@ class Fault:
     """A fault: its effect on a signal, and when it acts. In JAX it is a pytree, whose field
     `effect` is static.
 
-    effect: as in a campaign's `[[group.fault]]`. The only network effect is "delay": the signal
-    of `value` ticks ago. value: value of the effect, in the signal's unit.
+    effect: as in a campaign's `[[group.fault]]`. Of the network effects only "delay" is available.
+    value: number that the effect uses, in the signal's unit; for "delay", the delay in ticks.
 
     The fault acts from `start` ticks after the reset for `duration` ticks, and again every `every`
-    ticks. With `probability` it starts at random: in each tick from `start` in which it does not
-    act, it starts with this probability, and acts for `duration` ticks. period: period of effect
-    periodic, ticks.
+    ticks. With `probability` it acts at random times after `start`: in each tick an inactive fault
+    begins with this probability, and then acts for `duration` ticks. period: ticks, only for the
+    effect "periodic".
 
-    key: int32, key of the random numbers of effect random and of `probability`. Elements of the
-    signal with the same key start at the same time. Effect random has different numbers in each
-    element. at: bool, elements on which the fault may act.
+    key: int32, selects the random numbers of `probability` and of the effect "random". Elements
+    with the same key become faulty at the same time, but "random" gives each element different
+    numbers. at: bool, elements on which the fault may act.
 
     Raise UserError, a ValueError, for an unknown effect, and for missing, unused or wrong numbers.
     """

@@ -14,7 +14,7 @@ class FaultyVectorEnv(VectorWrapper):
     The faults of each list act one after the other on an array [environments, ...]. Faulty values
     may be outside of the action or observation space. `info["faults"]` has the keys actions and
     observations, each a list of bool arrays that mark changed elements. Start times count from the
-    beginning of an episode, random numbers from the last `reset(seed=...)`. `info["final_obs"]` has
+    beginning of an episode. `reset(seed=...)` restarts the random numbers. `info["final_obs"]` has
     no faults.
 
     Needs gymnasium (`pip install 'ravenjax[gym]'`).

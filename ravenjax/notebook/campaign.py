@@ -73,10 +73,10 @@ class Campaign:
 
     @classmethod
     def from_toml(cls, source: str | Path, overrides: Sequence[str] = ()) -> Campaign:
-        """Return the campaign of a TOML file, of a bundled name, or of a TOML text with newlines.
+        """Return the campaign of a TOML file, of a bundled name, or of a TOML text.
 
-        overrides: `key.path=value`, as for `--set` on the command line. Comments are lost. Raise
-        UserError with file, line, key, value and expected values.
+        source: a string with a newline is a text. The campaign does not keep comments. overrides:
+        `key.path=value`, as for `--set`. UserError names file, line, key and expected values.
         """
         if isinstance(source, str) and "\n" in source:
             file, text = None, source

@@ -121,15 +121,15 @@ class CampaignResults:
     def rates(
         self, event: str | Sequence[str] = "evades", by: str | Sequence[str] = "group"
     ) -> pd.DataFrame:
-        """Return rates of events over distinct faults: one row per event and class, with k (faults
-        with the event), n (faults), rate, low and high.
+        """Return the rate of each event in each class of faults, with a row for each.
 
-        event: one or several names of events, as for `[stop] rates`. by: one or several columns
-        that define the classes: group, site, layer, block (site and effect), response, hazard,
-        outcome, a key of the first fault, such as effect, the path of a varied parameter, or any
-        column; (): one class with all faults. low and high are the 95 % Wilson interval of drawn
-        faults. For enumerated faults they are NaN, because nothing was sampled. Raise UserError for
-        an unknown name.
+        k: distinct faults with the event. n: distinct faults in the class. rate: k / n, with the
+        95 % Wilson interval low, high (NaN for enumerated faults, because nothing was sampled).
+
+        event: names of events, as for `[stop] rates`. by: names of columns. Faults of equal values
+        in these columns form a class; (): all faults form one class. A name is group, site, layer,
+        block (site and effect), response, hazard, outcome, a key of the first fault (effect, ..),
+        the path of a varied parameter, or a column. Raise UserError for an unknown name.
         """
         from ravenjax.notebook import rates
 
@@ -137,10 +137,11 @@ class CampaignResults:
         return rates.rates(self._runs, self._manifest.rules, names, classes)
 
     def worst(self, n: int = 10, by: str = "unintended") -> pd.DataFrame:
-        """Return the n worst valid runs with a fault, the worst first, or fewer.
+        """Return at most n valid runs with a fault, the worst first.
 
-        by: quantity that orders the runs: unintended, loss, report, tissue, cue or response. The
-        last column has this quantity; attrs have its unit and meaning. Runs with 0 are left out.
+        by: what orders the runs: unintended, loss, report (false report), tissue (depth), cue (its
+        duration) or response (its delay). The last column has this measure; attrs have its unit and
+        meaning. Runs with the value 0 are left out.
         """
         import pandas as pd
 
@@ -173,11 +174,11 @@ class CampaignResults:
         return self._plot("verdicts", "no run has a fault")
 
     def plot_time_to_know(self) -> ShownFigure:
-        """Plot delays from a fault's first effect to the cue, to an alarm or stop, to the first."""
+        """Plot delays from a fault's first effect to a cue, to an alarm or stop, and to either."""
         return self._plot("time_to_know", "no fault had an effect")
 
     def plot_roc(self) -> ShownFigure:
-        """Plot ROC curves: share of unintended motions with an alarm (y), of other runs (x)."""
+        """Plot ROC curves: share of alarms in runs with (y) and without (x) unintended motion."""
         return self._plot("roc", "the campaign has no [[detector]]")
 
     def plot_tradeoff(self) -> ShownFigure:

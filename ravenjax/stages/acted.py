@@ -1,16 +1,16 @@
 """Adds an action at a given tick to a run, for any fault and any action.
 
 This module is a `Loop` of `ravenjax.engines.interface`: a robot's loop with an additional fault
-slot. This last slot holds an action instead of a fault: `code` is its number, `start` the tick in
-which it is taken, and `duration` the tick of the fault's first effect. Until `start`, the run
-equals the run without the action, bit by bit.
+slot. The last slot holds an action. Its fields differ from those of a fault: `code` is the number
+of the action, `start` the tick in which the action is taken, and `duration` the tick of the fault's
+first effect. Until `start`, the run equals the run without the action, bit by bit.
 
 The robot's loop also has
 
     ACTIONS: names of the actions, by number from 1
     last_command(state) -> the command that action `hold` repeats
     act(params, state, now, is_taken, begins, good_command) -> parameters and state of this tick;
-        is_taken: {action: bool, whether it has been taken}; begins: bool, it is taken in this tick;
+        is_taken: {action: bool, it has been taken}; begins: bool, it is taken in exactly this tick;
         good_command: the last command from before the fault's first effect
 """
 

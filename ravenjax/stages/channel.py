@@ -6,9 +6,9 @@ UVA-DSA's Activity-Aware-Recovery (network/interception.py, config.json), packet
 - The quality of the channel changes between good, bad and two intermediate states by TRANSITIONS.
   It begins good.
 - A packet outside a burst begins a burst with the probability LOSS of the present quality. A burst
-  loses that packet and floor(L) more, where L has a Pareto distribution, alpha 1.5, scale 2. The
-  burst therefore continues after its k-th packet, k >= 3, with probability ((k - 1) / k) ** 1.5.
-  The model uses this probability, so no length is drawn beforehand.
+  loses that packet and floor(L) more, where L has a Pareto distribution, alpha 1.5, scale 2. So at
+  least three packets are lost. After k >= 3 lost packets, the burst continues with the probability
+  P(L >= k | L >= k - 1) = ((k - 1) / k) ** 1.5. The model draws this instead of L.
 - A packet is late by a delay of 10 to 100 ms and a jitter of 1 to 10 ms, both uniform.
 
 Simplification: at most one packet arrives in a tick. Each tick draws a delay d. The newest packet

@@ -9,7 +9,7 @@ There are five kinds:
   change within 1 ms. Steps of motor position, motor velocity and joint position give one score
   each. For each of the three joints, the step is divided by its largest usual step
   (`LEARNED_STEPS`); the score is the largest quotient. As published, the score of motor velocity is
-  the smaller score of this tick and the last tick. The three scores are then *fused*: `all` (the
+  the smaller of the quotients of this tick and the last. The three scores are *fused*: `all` (the
   published rule) uses the smallest of them, `two` the middle score, `any` the largest; `mpos`,
   `mvel` and `jpos` use only the score of this name.
 - `derivative_sum`: |link velocities| + |link accelerations| + 0.001 (|motor velocities| + |motor
@@ -21,9 +21,9 @@ There are five kinds:
 - `own`: the score of a user's file (`ravenjax.parts`).
 
 An alarm needs a score above its threshold for `consecutive` milliseconds in a row. The *score of a
-run* is the highest threshold at which the run raises an alarm: the smallest score in each such
-span, and of these the largest over time. With this score, one campaign shows the effect of every
-threshold. Detectors are active in pedal-down, without a software E-stop, after `armed_after`.
+run* is the highest threshold at which the run raises an alarm. It is the maximum over time of the
+smallest score in `consecutive` milliseconds. With this score, one campaign shows the effect of
+every threshold. Detectors are active in pedal-down, without software E-stop, after `armed_after`.
 """
 
 from collections.abc import Sequence

@@ -1,19 +1,18 @@
 """Compares a run with its golden run, number by number, to find where and when a fault first shows.
 
 This module is a `Loop` of `ravenjax.engines.interface`: a robot's loop with an observer. In each
-tick, the observer compares every number at a seam with the golden run's number of the same tick.
-Golden numbers are inputs of a lane, in a time series. In every campaign the golden run's tips are
-such inputs too. Engines can therefore run many lanes at once and start them from snapshots of
-golden runs. No trace is stored. The run's outcomes equal those of the robot's loop without the
-observer, bit by bit. With both arms of a Raven-II, 349 numbers are compared in each tick. The
-series of a golden run of 3 s has 4.5 MB.
+tick, the observer compares every number at a seam with the golden run's number of the same tick. It
+reads the golden run's numbers from a time series that was computed before. Engines can therefore
+run many lanes at once, and start them from checkpoints of golden runs. The run's outcomes equal
+those of the robot's loop without the observer, bit by bit.
 
 The robot's loop also has
 
     name_signals(setup, signals) -> {name: signal}
     check_histories(setup, state) -> {name: `stages.check.CheckHistory`}
 
-and its state has a `monitor`. A path such as `control.arms.ARM.tau_d` begins with a signal's name.
+and its state has a `monitor`. A number at a seam has a path, such as `control.arms.ARM.tau_d`. The
+first word of a path is the name of a signal.
 
 `differs` is the first tick in which any bit of a number differs from the golden run's number.
 `leaves` is the first tick in which a number is outside its normal range while the golden run's is

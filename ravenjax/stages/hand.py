@@ -5,8 +5,8 @@ displaces.
 
 The planned motion of the hand does not depend on the cue. The console sends the plan plus d. The
 spring is the posture that muscles hold. A stretched muscle responds after 25 to 100 ms (PLoS ONE
-11(10):e0163854, 2016), sooner than any reaction. A measurement of the spring lasts longer and
-therefore includes this response.
+11(10):e0163854, 2016), sooner than any reaction. Measurements of a hand's stiffness take longer
+than this, so their values include the response.
 
 The mass and friction of the device are neglected. quantities.toml has the sources of the numbers.
 

@@ -5,9 +5,9 @@ when the packet arrives. The original's network thread adds the increments of ev
 desired position. The control cycle reads the sum or, with a console that sends positions, the last
 position (raven2: network_layer.cpp, local_io.cpp). Datagrams that arrive in one cycle therefore act
 as one packet, and this module computes them as one packet. A burst of datagrams is a single packet
-with all the motion since the packet before. A gap is a packet with a great length.
+with all the motion since the packet before. A gap without datagrams makes one packet long.
 
-Simplification: lengths are independent. In recordings, lengths and gaps are correlated.
+Simplification: lengths are independent. In recordings they are correlated.
 """
 
 from collections.abc import Sequence

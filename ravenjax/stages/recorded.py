@@ -1,8 +1,8 @@
 """Converts the signals of a run's ticks to time series, for every robot.
 
-`Robot.series` has a path for each series, such as jpos = "control.arms.ARM.jpos". Its first word is
-a signal of the loop's `name_signals`. With the word ARM there is a series for each arm, here
-gold/jpos and green/jpos. Signals are in SI units; a series whose name ends in _mm is in mm. A
+`Robot.series` has a path for each series, such as jpos = "control.arms.ARM.jpos". A path begins
+with a signal of the loop's `name_signals`, here control. ARM stands for each arm, so this path
+gives gold/jpos and green/jpos. Values are in SI units, or in mm if a name ends in _mm. A
 series without a signal is left out. `store.logs.time_series` describes the series.
 """
 

@@ -3,8 +3,8 @@
 A unit is a draw with several trials, such as an operator with several operations. The share of
 events in its trials differs from its rate by chance. The beta-binomial model (Skellam, JRSS B 10,
 1948) separates the two: rates of units are beta distributed, and trials are binomial. The prior of
-the mean is uniform, and so is that of the square root of the intra-class correlation. Both are
-integrated over a grid, so that an interval is wide if chance explains the differences.
+the mean is uniform, and so is that of the square root of the intra-class correlation. An interval
+integrates over both on a grid, so it includes the uncertainty of how much units differ.
 """
 
 from typing import Any, NamedTuple

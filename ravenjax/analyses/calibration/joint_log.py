@@ -19,8 +19,8 @@ A bag of ROS 1 or 2 is converted to such a table. Joint positions come from one 
   fourth is unused. raven2 multiplies all of them by 180/pi, even the insertion.
 - CRTK's `/arm1/measured_js` and `/arm1/setpoint_js` (arm1 is gold, arm2 green), rad and m. raven2
   publishes the measurements of each arm under the other arm's name (branch crtk,
-  src/raven/local_io.cpp). This module therefore uses, of both arms, the measured positions that
-  are nearer to the desired positions.
+  src/raven/local_io.cpp). This module therefore compares the measured positions of both arms with
+  the desired positions of the arm, and uses the nearer ones.
 """
 
 import dataclasses
@@ -125,7 +125,7 @@ def read_joint_log(
     bag = path.exists() and bags.is_bag(path)
     if columns if bag else topics:
         unread, kind = ("columns", "table") if bag else ("topics", "bag")
-        raise UserError(f"{path}: --{unread} applies to a {kind}, which this is not; remove it")
+        raise UserError(f"{path}: is no {kind}, and --{unread} needs a {kind}; remove --{unread}")
     if bag:
         samples = _read_bag(path, arm, options)
     elif path.is_file() and path.suffix in files.TABLES:

@@ -1,6 +1,6 @@
 """Defines the robot parameters that a calibration can estimate from a log, and their priors.
 
-The module also writes a calibrated robot as a TOML file. [parameters] from reads it.
+The module also writes a calibrated robot as a TOML file, for the key `from` of [parameters].
 """
 
 import operator

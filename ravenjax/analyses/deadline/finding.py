@@ -61,7 +61,7 @@ class Actor(PlannedCampaign):
         if not hasattr(part, "acted"):
             raise UserError(
                 f"robot {config.campaign.robot!r} declares no actions, so no deadline can be found."
-                " Expected a function `acted` in the robot's part `campaign`"
+                " Expected a function `acted` in the module `campaign` of the robot's package"
             )
         super().__init__(config, engine)
         program, self.actions = part.acted(self.plan.program)
@@ -200,8 +200,8 @@ def find_deadlines(
     if (reactions != NONE).any():
         raise UserError(
             f"{folder}: the operator reacts to the cue in every run, so no run shows the harm"
-            ' without an action. Write [reaction] action = "none", or add 0 to reaction.action in'
-            " [cross], and run the campaign again"
+            ' without an action. Write action = "none" in [reaction]. Or add 0, which means "none",'
+            " to reaction.action in [cross]. Then run the campaign again"
         )
     if not len(rows):
         return pd.DataFrame()

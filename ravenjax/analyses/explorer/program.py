@@ -3,22 +3,23 @@
 Numbers are float32 or int32. Binaries and motions are little-endian words in base64. The script
 `static/engine.js` reads the object of `describe_program`, with these keys:
 
-- arms, ticks, tick_ms, observe_ms: of the campaign; cue: number of the verdict's haptic set
+- arms, ticks, tick_ms: arms of the robot, ticks of a run, and milliseconds of a tick
+- observe_ms: time from the end of the last fault to the end of the run; null: a run has all ticks
 - parameters: list of the parameters that the page can change, in the order of a run's inputs
-- channels: list of places where faults act; a fault has its place's index, from 1
-- effects: effect -> code; a network effect also names its channel and its value there
-- slots: number of faults of a run; triggers: trigger -> code; fields: number of a fault -> type
-- forever: length in ticks of an endless fault window
+- channels: list of the channels where faults act; a fault has the index of its channel, from 1
+- effects: code of each effect; for a network effect also its channel and the value that it writes
+- triggers: code of each trigger; slots: number of faults in a run
+- fields: type of each number of a fault; forever: ticks of a fault window without an end
+- motions: float32 columns of each motion, one after the other
 - motion: name of the campaign's motion, "" for a recording
-- motions: name of a motion -> its float32 columns, one after the other
-- programs: `outcomes` computes outcomes, `replay` also time series, and `acted` outcomes with an
-  action in one more fault slot. Each program has a binary that imports only its memory, and these
-  numbers: positions of its numbers in memory (bytes); width, robots side by side in a vector;
-  series, numbers of a tick that a golden run stores and a faulty run reads; outputs, numbers of a
-  tick that `replay` writes after them
-- actions: action -> number, for `acted`; empty for a robot without actions
-- harm_limit_mm: a larger motion after a stop is harm, too; null if the campaign defines harm itself
+- programs: `outcomes` computes outcomes, `replay` computes outcomes and time series, and `acted`
+  computes outcomes of runs with an action, which has its own fault slot. A program's binary imports
+  only its memory. Other keys give positions in memory (bytes) and the robots of a vector (`width`).
+  In each tick, a golden run stores the numbers `series`, and `replay` also stores `outputs`.
+- actions: number of each action of `acted`; empty for a robot without actions
+- harm_limit_mm: a larger motion after a stop is harm; null if the campaign file defines harm
 - verdict: names of outcomes, and the response of each check
+- cue: index of the haptic set whose cue counts in the verdict
 - examples: the first fault of each group
 - worker: text of `static/worker.js`, which a page starts from a Blob
 """

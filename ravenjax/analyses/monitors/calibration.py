@@ -1,7 +1,7 @@
 """Computes the scales and the threshold of a monitor from scores of fault-free operations.
 
 Some operators determine the scale of each score, some the threshold, and some test the monitor. The
-number of an operator determines this use. So more operators do not change earlier uses.
+index of an operator decides the operator's use, so additional operators change no earlier use.
 """
 
 import math
@@ -111,9 +111,9 @@ def operators_within(target: FalseAlarmTarget, operations: int, hours: float | N
         if operations > 1:
             alternative = f", or --robots 1 --hours {np.ceil(min_hours / operations):g}"
         raise UserError(
-            f"{hours:g} h are enough for {operators} operators, but to show at most"
+            f"--hours {hours:g} is enough time for {operators} operators. To show at most"
             f" {target.per_hour:g} false alarms an hour with {target.confidence:.0%} confidence,"
-            f" {least} operators are needed: write --hours {np.ceil(min_hours):g} or"
+            f" {least} operators are needed. Write --hours {np.ceil(min_hours):g} or"
             f" more{alternative}"
         )
     return operators
@@ -146,11 +146,11 @@ def calibrate_thresholds(
         inactive = 1.0 - float(calibrating.hours.mean()) / target.length_h
         failed = float((~np.isfinite(calibrating.score)).mean())
         raise UserError(
-            f"{error.units} operators are too few for {target.per_hour:g} false alarms an hour with"
-            f" {target.confidence:.0%} confidence. {failed:.2%} of the operations failed, which"
-            f" counts as an alarm at every threshold, and in {inactive:.0%} of the time the robot"
-            " does not follow the operator. Write more --hours (finished operations are kept),"
-            " allow more false alarms, or let the campaign draw robots that work"
+            f"{error.units} operators are too few to show at most {target.per_hour:g} false alarms"
+            f" an hour with {target.confidence:.0%} confidence. {failed:.2%} of their operations"
+            " failed. A failed operation counts as a false alarm. The robot does not follow the"
+            f" operator in {inactive:.0%} of the time. Write more --hours (finished operations are"
+            " kept), allow more false alarms, or change the campaign so that fewer operations fail"
         ) from None
     monitor = Monitor(terms, segments, tuple(map(tuple, scales.tolist())), result.value)
     tested = OperationScores(*(values[uses.test] for values in scores))

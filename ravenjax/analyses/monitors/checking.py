@@ -202,9 +202,9 @@ def _find_detector(source: Path, campaign: manifest.Manifest, sha256: str) -> in
         if detector.consecutive == 1 and file.is_file() and files.hash_file(file) == sha256:
             return number
     raise UserError(
-        f"{source}: the campaign did not have the monitor as a detector (its detectors:"
-        f" {', '.join(detector_files) or 'none'}). Write the path of the monitor's"
-        f" {code.PART} as file of [[detector]], and consecutive = 1; then run the campaign again"
+        f"{source}: the campaign's detectors ({', '.join(detector_files) or 'none'}) do not include"
+        " the monitor. Add a [[detector]] with consecutive = 1 and with"
+        f" the path of the monitor's {code.PART} as file, and run the campaign again"
     )
 
 
@@ -213,9 +213,9 @@ def _read_log(source: Path, monitor: Monitor, record: dict[str, Any]) -> pd.Data
     arms = record["monitor"].get("arms", ())
     if len(arms) > 1:
         raise UserError(
-            f"{source}: the log has one arm, but a score of the calibration is the largest score of"
-            f" the arms {' and '.join(arms)}. Calibrate again with the arm of the log alone: --set"
-            " 'campaign.arms=[\"NAME\"]'"
+            f"{source}: the log has one arm, but the monitor was calibrated with the arms"
+            f" {' and '.join(arms)} together. Calibrate the monitor again with only the arm of the"
+            " log: --set 'campaign.arms=[\"NAME\"]'"
         )
     names = ["live", *input_expressions(monitor.terms, monitor.segments)]
     try:
@@ -272,8 +272,8 @@ def _require_different(sources: Sequence[Path], tables: Sequence[pd.DataFrame]):
         origin = table.attrs["origin"]
         if origin in source_of_origin:
             raise UserError(
-                f"{source}: has the same operators as {source_of_origin[origin]} ({origin}), but"
-                " only one operation of each operator counts. Check the sources separately"
+                f"{source}: contains the same operators as {source_of_origin[origin]} ({origin})."
+                " A check counts each operator once. Check the two sources separately"
             )
         source_of_origin[origin] = source
 
@@ -283,7 +283,7 @@ def _require_length(source: Path, seconds: float, record: dict[str, Any]):
     expected = record["promise"]["operation_s"]
     if abs(seconds - expected) > 1e-6:
         raise UserError(
-            f"{source}: its operations last {seconds:g} s, but the calibration's last"
-            f" {expected:g} s. Scores are maxima, so scores over different times cannot be"
-            f" compared. Run with campaign.duration_s = {expected:g}"
+            f"{source}: an operation takes {seconds:g} s, but took {expected:g} s in the"
+            " calibration. A score is the maximum over an operation, so operations of different"
+            f" length cannot be compared. Run with campaign.duration_s = {expected:g}"
         )

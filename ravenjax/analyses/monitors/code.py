@@ -1,10 +1,10 @@
 """Generates a monitor's source code: Python for campaigns, and C99 for the software of a robot.
 
-Both files compute the same bits. They read every number as a float, and NaN as 0. This test for NaN
-also stops an engine from fusing the product that made a number with the subtraction that uses it.
-The C code does the same operations in the same order as the Python file, and rounds each result to
-float. It has no product, so a compiler cannot fuse a product with a sum. Every compiler with IEEE
-arithmetic therefore gives the same bits. With -ffast-math the bits may differ.
+Both files compute the same bits. They read every number as a float, and NaN as 0. The C code does
+the same operations in the same order as the Python file, and rounds each result to float. A fused
+multiply-add would change bits. The C code has no product that could be fused, and in an engine the
+test for NaN separates products from sums. Every compiler with IEEE arithmetic therefore gives the
+same bits. With -ffast-math the bits may differ.
 """
 
 from collections.abc import Sequence

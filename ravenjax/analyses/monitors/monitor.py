@@ -28,7 +28,7 @@ class Segments:
         is_ascending = bool(np.isfinite(edges).all() and (np.diff(edges) > 0).all())
         # Either both the name and the edges are given, or neither is.
         if not is_name or not is_ascending or bool(self.field) != bool(self.edges):
-            raise ValueError("expected the name of a signal and ascending numbers")
+            raise ValueError(f"segments: expected a signal and ascending limits, got {self}")
         # The edges as float32 numbers. A frozen dataclass can be changed only in this way.
         object.__setattr__(self, "edges", tuple(float(edge) for edge in edges))
 
@@ -85,7 +85,7 @@ class Monitor:
                 f" {', '.join(names) or 'none'}"
             )
         if np.shape(self.scales) != (len(self.terms), self.segments.count):
-            raise ValueError("a monitor needs a scale for each term and segment")
+            raise ValueError("a monitor needs one scale for each of its scores in each segment")
 
     @property
     def limits(self) -> np.ndarray:

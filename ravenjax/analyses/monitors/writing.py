@@ -103,14 +103,14 @@ def read_monitor(folder: Path) -> tuple[Monitor, dict[str, Any]]:
     except (ValueError, KeyError, TypeError) as error:
         raise StoreError(
             f"{path}: does not describe a monitor ({type(error).__name__}: {error}); calibrate"
-            " again, which uses the stored operations"
+            " again. The stored operations are used, so nothing is simulated again"
         ) from None
     for name, digest in content.get("sha256", {}).items():
         file = files.path_inside(folder, name)
         if not file.is_file() or files.hash_file(file) != digest:
             raise StoreError(
                 f"{file}: was changed after the calibration (expected sha256 {digest[:16]});"
-                " calibrate again, which uses the stored operations"
+                " calibrate again. The stored operations are used, so nothing is simulated again"
             )
     return monitor, content
 

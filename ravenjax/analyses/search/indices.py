@@ -1,6 +1,7 @@
-"""Measures which inputs determine an outcome, in each case (kinds "sobol" and "morris").
+"""Measures which inputs determine an outcome (searches of kinds "sobol" and "morris").
 
-The figure shows Sobol's indices, or mean and standard deviation of Morris's elementary effects.
+Each combination of the search file's lists is measured separately. The figure shows Sobol's
+indices, or mean and standard deviation of Morris's elementary effects.
 """
 
 import math

@@ -2,7 +2,7 @@
 
 The inputs of runs have the distributions of the search file. Each combination of the file's lists
 is estimated separately. Subset simulation and plain Monte Carlo sample the same unit cube. If plain
-Monte Carlo finds the event often enough, both methods must agree. Else it gives a bound.
+Monte Carlo finds too few events, it gives only a bound. Otherwise both methods must agree.
 
 The figure shows how likely each value of the event's column is, by both methods.
 """

@@ -2,8 +2,8 @@
 range of runs. Each worker process receives the campaign's compiled-code settings once (`Head`). For
 each chunk it then receives the inputs of its runs, about 100 B per run. It returns the finished
 Parquet file as bytes through Ray's object store. Therefore the cluster needs no shared file system,
-and a task that Ray runs twice has no side effects. A run needs about 200 B of the coordinator's
-network in both directions together.
+and a task that Ray runs twice has no side effects. The machine on which the command runs sends and
+receives about 200 B per run, in total.
 
 Ray repeats a task whose worker or node died or does not answer. A worker whose chunk takes very
 long is replaced as well. If a chunk still fails, the executor delivers all others and then reports

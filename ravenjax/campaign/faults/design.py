@@ -2,8 +2,8 @@
 
 The expansion is deterministic. A group's random draws depend only on the campaign's seed and on the
 group's name and design. They do not depend on other groups, on chunk size or on storage order. The
-`run_id` of a row is a hash of its content and of all settings of the campaign. Equal runs have
-equal ids in any row. A campaign may have millions of runs, so whole columns are computed.
+`run_id` of a row is a hash of its content and of all settings of the campaign, but not of its place
+in the table. Whole columns are computed at once, because a campaign may have millions of runs.
 """
 
 import hashlib

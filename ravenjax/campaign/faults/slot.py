@@ -1,7 +1,7 @@
-"""Makes the columns of a slot of the fault table in a normal form: equal faults have equal columns.
+"""Computes the columns of a fault slot in a normal form, in which equal faults have equal columns.
 
-Fields that an effect does not use are NaN or 0. A network effect has the channel on which it acts.
-Times are whole numbers of at least 0. Drawn values are rounded if the channel is an integer.
+Fields that an effect does not use are NaN or 0. A network effect determines the channel. Times are
+whole numbers of at least 0. Drawn values are rounded if the channel contains integers.
 """
 
 import functools

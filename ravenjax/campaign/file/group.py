@@ -144,8 +144,8 @@ class Fault(Section):
         """Check rules that need no robot. Raise ValueError with a message that names the key."""
         if self.start_ms.phases and self.trigger.listed != ("time",):
             raise ValueError(
-                f"start_ms: got phase {self.start_ms.phases[0]!r}, expected trigger = 'time',"
-                " because a phase is a time since the beginning of the run"
+                f"start_ms is the phase {self.start_ms.phases[0]!r}, which needs trigger = 'time':"
+                " the times of a phase count from the beginning of the run"
             )
         return self
 

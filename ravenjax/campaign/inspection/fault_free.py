@@ -81,10 +81,10 @@ def extend_fault_free(
         added_s = (available - begun) * 3600
         if motions >= ENOUGH and added_s < LITTLE * motions * seconds:
             raise UserError(
-                f"{folder / FOLDER}: {motions} fault-free motions of {seconds} s had"
-                f" {added_s:.3g} s of pedal-down: the robot stops without a fault, possibly because"
-                " of a check or detector in your own file. The report shows how often each stopped"
-                f" it (ravenjax report {folder}). Raise the threshold, and run the campaign again"
+                f"{folder / FOLDER}: {motions} fault-free motions of {seconds} s contain only"
+                f" {added_s:.3g} s in pedal-down. The robot stops without a fault, possibly because"
+                " of a check or detector of yours. The report shows how often each check and each"
+                f" detector stopped it (ravenjax report {folder}). Raise a threshold, and run again"
             )
     return available
 
@@ -113,9 +113,9 @@ def require_new_motions(config: Nested) -> None:
         )
     if operator.get("file"):
         raise UserError(
-            f"the operator is a recording ({operator['file']}), from which no new motion can be"
-            " generated. Run other recordings: ravenjax run FILE --set operator.file=OTHER --out"
-            f" RESULT/{FOLDER}/NAME, where FILE is the campaign file without its faults"
+            f"the operator is a recording ({operator['file']}), which gives no new motion. Copy the"
+            " campaign file without its faults to FILE. For each other recording: ravenjax run FILE"
+            f" --set operator.file=RECORDING --out RESULT_FOLDER/{FOLDER}/NEW_NAME"
         )
     if operator.get("motion") in UNVARIED:
         raise UserError(

@@ -1,8 +1,8 @@
 """Makes the JSON Schema of campaign files, with which an editor completes keys and marks mistakes.
 
 The schema contains keys, types, ranges of single values, and allowed words. It comes from the
-models with which `loading` checks a file. The schema does not contain rules that relate several
-keys, and ranges of the robot's parameters: `ravenjax check` checks these.
+models with which `loading` checks a file. Rules that relate several keys are not in the schema, nor
+are the ranges of the robot's parameters. `ravenjax check` checks these rules and ranges.
 """
 
 import copy

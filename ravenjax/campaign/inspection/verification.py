@@ -80,7 +80,7 @@ def verify_folder(
     engine here. Raise StoreError if there is no result, and UserError for an unavailable engine.
     """
     if sample < 0:
-        raise UserError(f"--sample {sample}: expected a number of runs, or 0 to compute none again")
+        raise UserError(f"--sample {sample}: expected 0 or more, the number of runs to recompute")
     record = manifest.read_manifest(folder)
     if not record.parts:
         raise StoreError(f"{folder}: contains no finished part yet; resume it with `ravenjax run`")

@@ -55,7 +55,7 @@ class Operator(Section):
         has_path_alone = len(path_keys) == 1 and keys == path_keys
         keys_fit = has_path_alone if self.motion == "tip" else not path_keys
         if not keys_fit:
-            raise ValueError("motion 'tip' takes only tip or file, 'sines' seed, amplitude and hz")
+            raise ValueError("motion 'tip' takes tip or file; 'sines' takes seed, amplitude and hz")
         sizes = {len(row) for row in self.tip}
         # A quaternion of zeros is no orientation.
         has_orientations = all(any(row[4:]) for row in self.tip)

@@ -5,9 +5,9 @@ controller is the model's own actuators, with the torques that hold the arm agai
 An actuator of type <motor> gets a PD controller. After a check has stopped the arm, brakes slow it.
 
 The nominal model is the same arm, moved by the operator's set points, without faults and checks.
-Its controller carries all of gravity.
+Its controller balances all of gravity. The arm's controller balances the share `gravity` of it.
 
-This module is the `Loop` of `ravenjax.engines.interface`.
+This module implements the protocol `ravenjax.engines.interface.Loop`.
 """
 
 import copy

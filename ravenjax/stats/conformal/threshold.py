@@ -2,20 +2,20 @@
 confidence.
 
 The score of an operation is its maximum over time, so an operation has an alarm if its score
-exceeds the threshold. The sampled units are operators, each with some robots. The loss of a unit,
-0 to 1, is about the share of its operations with an alarm (`FalseAlarmTarget` defines it). Losses
-of units are independent. The risk of a threshold is the expected loss of a new unit.
+exceeds the threshold. A unit is one operator with all operations of this operator. Units are
+independent. The loss of a unit, 0 to 1, is about the share of its operations with an alarm
+(`FalseAlarmTarget` defines it). The risk of a threshold is the expected loss of a new unit.
 
 The hypothesis that the risk is above the target is tested at 1 - confidence. A threshold is
-accepted if the test rejects this hypothesis. The risk falls with the threshold.
-`smallest_threshold` takes the smallest one at and above which all are accepted. With the stated
-confidence over the draw of the units, its risk is below the target, for any distribution of the
-scores (Bates et al., J. ACM 68, 2021, theorem 1).
+accepted if the test rejects this hypothesis. A higher threshold has a lower risk.
+`smallest_threshold` takes the smallest one that is accepted with all higher thresholds. With the
+stated confidence over the draw of the units, its risk is below the target, for any distribution of
+the scores (Bates et al., J. ACM 68, 2021, theorem 1).
 
 The test is by betting (`excess_p`). It is valid for losses of any distribution. If the losses of
 units differ little, fewer units are enough. With one operation per unit and a loss of 0 or 1, the
 test is an exact binomial test, and the threshold is the order statistic of Wilks (Ann. Math. Stat.
-12, 1941). Units with several operations are clusters and count as units. `first_operations` takes
+12, 1941). A unit with several operations is a cluster and counts once. `first_operations` takes
 one operation of each unit, called subsampling by Dunn, Wasserman, Ramdas (JASA 118, 2023).
 """
 
@@ -116,8 +116,8 @@ class FalseAlarmTarget(NamedTuple):
         # Rounding may make the hours slightly larger than the duration.
         if not ((hours >= 0) & (hours <= self.length_h * (1 + 1e-9))).all():
             raise ValueError(
-                f"hours of an operation must be in 0..{self.length_h:g}, got"
-                f" {hours.min():g}..{hours.max():g}"
+                f"hours with active detectors, in an operation of {self.length_h:g} h, must be in"
+                f" 0..{self.length_h:g}; got {hours.min():g}..{hours.max():g}"
             )
         inactive_hours = np.maximum(self.length_h - hours, 0.0)
         return self.per_hour * inactive_hours / (1.0 + self.per_hour * self.length_h)
@@ -227,7 +227,7 @@ def signal_scales(peaks: np.ndarray) -> np.ndarray:
     """
     if not len(peaks) or not np.isfinite(peaks).all():
         raise ValueError(
-            "expected operations with finite maxima, got none or an infinite or NaN maximum"
+            "expected operations with finite scores, got no operation or an infinite or NaN score"
         )
     scales = np.quantile(peaks, SCALE_QUANTILE, axis=0)
     # A signal that hardly changes in one segment gets a scale above 0 there.

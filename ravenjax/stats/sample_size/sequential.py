@@ -6,9 +6,9 @@ rate of a stratum therefore has a confidence sequence: intervals that hold at al
 / (strata x rates). By Bonferroni's inequality, all of them hold together with the wanted
 confidence. This includes sizes that depend on the data.
 
-The rate of the whole table is that of strata weighted by their sizes. Its sequence is that of a
-plain sample with the effective number of runs (`stratified_rate`), at 1 - (1 - confidence) / rates.
-This interval is approximate.
+The rate of the whole table is the mean of the strata's rates, weighted by the sizes of the strata.
+Its confidence sequence is approximate. It is computed like the sequence of a simple random sample
+with the effective number of runs (`stratified_rate`), at confidence 1 - (1 - confidence) / rates.
 
 Runs count as independent draws. A table that is itself the population, such as a shuffled grid, is
 drawn without replacement, so its intervals are too wide; `analysis/stopping` simulates this case.

@@ -133,8 +133,8 @@ def _disjoint(sources: list[PartSource]) -> list[PartSource]:
             both = range(other.part.first, min(one.part.last, other.part.last) + 1)
             raise StoreError(
                 f"{one.file} and {other.file} contain row {query.in_words([both])}. Nothing was"
-                " merged. If the files contain the same runs, delete one of them; otherwise leave"
-                " out one of the shards."
+                " merged. If both files contain exactly the same rows, delete one of the files."
+                " Otherwise, merge without one of the two shards."
             )
     return ordered
 

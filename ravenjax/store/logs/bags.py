@@ -104,8 +104,8 @@ def read_joints(path: Path, states: TopicMessages) -> np.ndarray:
         if not known or len(set(known)) < len(known) or len(one.position) > len(words):
             raise UserError(
                 f"{path}: message {number} of {states.topic} has {len(one.position)} positions of"
-                f" {', '.join(one.name) or 'joints without names'}; expected some of the joints"
-                f" {', '.join(JOINTS)}, each once, or seven positions in this order"
+                f" {', '.join(one.name) or 'joints without names'}; expected names of joints, none"
+                f" twice, or no names and seven positions in the order {', '.join(JOINTS)}"
             )
         for word, position in zip(words, one.position, strict=False):
             if word in JOINTS:

@@ -71,8 +71,8 @@ def scan_records(path: Path) -> Scan:
     with disk_errors(f"{path}: cannot be read"), open(path, "rb") as file:
         if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
             raise StoreError(
-                f"{path}: is no MCAP file, because it does not begin with the magic bytes; expected"
-                " an MCAP file; its end may be missing"
+                f"{path}: is no MCAP file, because it does not begin with the magic bytes of MCAP."
+                " An MCAP file whose end is missing can be read"
             )
         data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     scanned, offset, end = Scan(data), len(MCAP0_MAGIC), len(data)

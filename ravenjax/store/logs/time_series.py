@@ -1,8 +1,8 @@
 """Describes every time series of a run, and writes CSV files and datasets.
 
 The series of a run are a dict of arrays [T] or [T, ...], one row per millisecond. For example,
-`runlevel` is a series of the robot and `gold/jpos` a series of an arm. They have the order in which
-they are stored. The list is in time_series.csv.
+`runlevel` is a series of the robot and `gold/jpos` a series of an arm. Files store the series in
+the order of the dict. The file time_series.csv lists all series.
 """
 
 from __future__ import annotations

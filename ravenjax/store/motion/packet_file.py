@@ -135,8 +135,8 @@ def _read_capture(path: Path) -> RawPackets:
     if not datagrams or (UDP_PORT not in ports and len(ports) > 1):
         there = ", ".join(f"{count} to port {port}" for port, count in ports.most_common(4))
         raise UserError(
-            f"{path}: expected a console's packets, UDP datagrams of {FIELDS.size} bytes or more to"
-            f" port {UDP_PORT}, or all to a single other port; got {there or 'none'}"
+            f"{path}: expected packets of a console, UDP datagrams of {FIELDS.size} bytes or more."
+            f" If none goes to port {UDP_PORT}, all must go to the same port; got {there or 'none'}"
         )
     port = UDP_PORT if UDP_PORT in ports else next(iter(ports))
     to_port = [datagram for datagram in datagrams if datagram.port == port]

@@ -232,9 +232,9 @@ def _arm_track(samples: Samples, arm: ArmName, options: ReplayOptions) -> ArmTra
         if values is None:
             columns = " or ".join(f"{name}_{unit}" for unit in LENGTHS)
             raise UserError(
-                f"{path}: no column {columns}; the file has {list_names(table)}. Write the file's"
-                f" column names: operator.columns = {{ {name}_mm = '...' }}. If a column names each"
-                f" row's sensor, write operator.sensors = {{ column = 'tool', {arm} = 'left' }}"
+                f"{path}: no column {columns}; the file has {list_names(table)}. Write its columns:"
+                f" operator.columns = {{ {name}_mm = '...' }}. If the rows of {arm} have 'left' in"
+                f" column 'tool', write operator.sensors = {{ column = 'tool', {arm} = 'left' }}"
             )
         places.append(values)
     quat = samples.group([f"{arm}_{name}" for name in QUAT], "an orientation")
@@ -420,10 +420,10 @@ def _jaws(
     widest = np.abs(opening).max()
     if not widest <= WIDEST_RAD or steps_s.min() < 0.0 or steps_s.max() > max_gap_s:
         raise UserError(
-            f"{topic}: while the tip was recorded, the time between messages is {steps_s.min():.3g}"
-            f" to {steps_s.max():.3g} s; expected 0 to {max_gap_s:g} s (operator.max_gap_s). The"
-            f" largest opening of the jaws is {widest:.4g} rad; expected at most {WIDEST_RAD:.3g}"
-            " rad"
+            f"{topic}: cannot be read. While the tip was recorded, the times between its messages"
+            f" must be 0 to {max_gap_s:g} s (operator.max_gap_s), and are {steps_s.min():.3g} to"
+            f" {steps_s.max():.3g} s. The jaws may open by at most {WIDEST_RAD:.3g} rad, and open"
+            f" by {widest:.4g} rad"
         )
     return jaw.time_ns, opening, topic
 

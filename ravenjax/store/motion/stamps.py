@@ -73,9 +73,9 @@ def sample_times(
         slower = f". To replay more slowly, write {slow_down}" if slow_down else ""
         mean = f"{(rows - 1) / span:.4g} rows a second" if span > 0 else "all rows at one time"
         raise UserError(
-            f"{path}: with {rate_text}, {rows} rows last {stated:.4g} s; according to {clock}"
-            f" {span:.4g} s ({mean}); expected agreement within {100 * RATES_AGREE:g} %. Write"
-            f" the rate of the recording, or remove its times{slower}"
+            f"{path}: {rate_text} and {clock} disagree on the length of {rows} rows: {stated:.4g} s"
+            f" and {span:.4g} s ({mean}). Expected at most {100 * RATES_AGREE:g} % difference."
+            f" Correct the stated rate, or remove the times from the file{slower}"
         )
     note = f"{clock} is not used, because {rate_text} spaces rows evenly; it spans {span:.3f} s"
     return None, rate_text, (note,)

@@ -1,4 +1,4 @@
-"""Computes which row of a recording applies in each tick of a run, and the pedal."""
+"""Computes, for each tick of a run, the row of a recording and whether the pedal is down."""
 
 import math
 from pathlib import Path

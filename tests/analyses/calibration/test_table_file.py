@@ -52,7 +52,7 @@ def test_joints_may_have_the_names_of_raven2_and_columns_without_use_are_named(t
     log = read(write(tmp_path, **columns, jpos_green_elbow=values[:, 0], force=values[:, 0]))
     np.testing.assert_allclose(log.measured, values[1:])
     assert log.notes == ("columns not used: jpos_green_elbow, force",)
-    with pytest.raises(UserError, match="--topics applies to a bag"):
+    with pytest.raises(UserError, match="--topics needs a bag"):
         joint_log.read_joint_log(
             tmp_path / "log.csv", ARM, TOOL, SOFTWARE, position_loop.FORK2015, topics="/lab"
         )

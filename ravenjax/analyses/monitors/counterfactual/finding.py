@@ -1,4 +1,4 @@
-"""Finds the checks that would have detected evading faults, and confirms them in a new run."""
+"""Finds checks that would detect evading faults, and runs the campaign again with these checks."""
 
 import math
 import tempfile

@@ -87,8 +87,8 @@ def require_rate(per_hour: float, schedule: MotionSchedule) -> None:
     if per_hour * live_h > MAX_ALARMS:
         raise UserError(
             f"--false-alarms-per-hour {per_hour:g} is one alarm in {3600 / per_hour:.3g} s, but a"
-            f" run of {schedule.seconds} s counts only one. Write {MAX_ALARMS / live_h:.3g} or"
-            f" less. Or write fewer --hours, so that runs are shorter (at least {SHORTEST_S} s)"
+            f" run of {schedule.seconds} s counts at most one. Write {MAX_ALARMS / live_h:.3g} or"
+            f" less, or fewer --hours, which shortens each run (to {SHORTEST_S} s or more)"
         )
 
 
@@ -128,7 +128,7 @@ def run_motions(
     if not hours.sum() > 0:
         raise UserError(
             f"the robot is never live in {schedule.seconds} s of fault-free motion, or every run"
-            " failed, so false alarms cannot be counted. Run a group without faults: see its report"
+            " failed, so false alarms cannot be counted. Run a group without faults to see why"
         )
     # Runs without hours may have scores that are not numbers. These scores count as 0.
     return FreeMotion(np.where((hours > 0)[..., None], scores, 0.0), hours)

@@ -1,7 +1,7 @@
 """Computes which milliseconds of a run belong to which phase of the planned motion.
 
 Phases follow from the plan, so they are the same for all runs of a campaign: noise, drawn packets,
-cues and faults do not change them. Scales and packet lengths that vary have their default.
+cues and faults do not change them. If a scale or a packet length varies, its default is used.
 """
 
 import math

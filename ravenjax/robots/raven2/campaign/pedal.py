@@ -7,8 +7,8 @@ foot.
 
 A run may also leave pedal-down because the robot stops, or because the operator reacts and lifts
 the foot. After a stop, the PLC stays in its E-stop. After a reaction, only an operator from a
-user's file may press the pedal again. The time of this press is not known before the run, but an
-operator cannot press the pedal while it is up in the plan of the motion.
+user's file may press the pedal again. The time of this press is not known before the run, but the
+pedal can be down only at times when it is down in the planned motion.
 """
 
 import dataclasses

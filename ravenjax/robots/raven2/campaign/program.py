@@ -1,4 +1,4 @@
-"""Turns a validated campaign into a Raven's tick: static choices, parameters, operator's motion."""
+"""Builds a Raven's tick for a checked campaign, with its settings, parameters and motion."""
 
 from collections.abc import Mapping
 from typing import Any

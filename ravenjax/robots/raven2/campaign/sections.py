@@ -43,7 +43,7 @@ def _check_packets(raw) -> Any:
     if isinstance(raw, str) and raw not in packets.CHOICES:
         raise ValueError(
             f"got {raw!r}, expected one of {names}{suggest_name(raw, packets.CHOICES)}, or a list"
-            " of shares"
+            " with the shares of packets that last 1, 2, 3, .. cycles"
         )
     if not isinstance(raw, list | tuple):
         return raw
@@ -366,7 +366,7 @@ class Operator(Section):
 
 
 class Limits(Section):
-    """[limits]: soft joint limits of the control software; omitted limits are the original's."""
+    """[limits]: soft joint limits. Omitted keys keep the limits of the chosen control software."""
 
     shoulder_deg: tuple[_Shoulder, _Shoulder] | None = None
     """[min, max] of the shoulder"""
@@ -413,8 +413,8 @@ class Reaction(Section):
 
 
 class Hand(Section):
-    """[hand]: a hand that the force of the first haptic set moves. The paths of its parameters
-    begin with hand, such as hand.grip.
+    """[hand]: the operator's hand, which the force of the first haptic set moves. Paths of its
+    parameters begin with hand, such as hand.grip.
 
     The robot and the nominal model both follow the moved hand.
     """

@@ -1,9 +1,9 @@
 """Finds out which of several packet formats (profiles) a console uses, while its packets arrive.
 
 A profile is ruled out in two cases. In the first, more packets break its rules than chance
-explains. In the second, the packets would move the jaw by more than its travel, and break no rule
-of another profile. Until one profile is left, a packet causes motion only if all remaining profiles
-read it in the same way. The choice is final.
+explains. In the second, the packets read by this profile would move the jaw farther than it can
+move, although they break no rule of another profile. Until one profile is left, a packet causes
+motion only if all remaining profiles read the packet in the same way. The choice is final.
 """
 
 from collections.abc import Collection, Sequence

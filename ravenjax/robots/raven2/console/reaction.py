@@ -6,15 +6,15 @@ operator ignores the cue. A campaign can run the same fault with and without an 
 
 - 1 release: the foot leaves the pedal.
 - 2 slow: the hands continue along their path at `slow_to` of their speed.
-- 3 correct: the hands move the instrument back to the intended position. There the tip of the
-  nominal model would be if the hands had kept to the plan. The operator sees the distance of the
-  true tip from this position. The correction reduces the distance by the share `correct_per_s` per
-  second, with at most the speed `correct_speed`.
+- 3 correct: the hands move the instrument back to the intended position, which is where the tip of
+  the nominal model would be if the hands had kept to the plan. The operator sees the distance of
+  the true tip from this position. The correction reduces the distance by the share `correct_per_s`
+  per second, with at most the speed `correct_speed`.
 
 No source measured reactions on this robot. It is *assumed* that the action follows the first cue
 after 0.25 s, and that a correction by eye has a time constant of 0.2 s (docs/explanation/hand.md
-has sources of reaction times). A packet that the network delays carries the hands' motion from the
-time when it was sent. A correction is an exception: such a packet carries the present correction.
+has sources of reaction times). A packet that the network delays carries the hands' motion of the
+time when it was sent. A correction in this packet is that of the time when the packet arrives.
 """
 
 from functools import reduce

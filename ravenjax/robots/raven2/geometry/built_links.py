@@ -1,8 +1,8 @@
 """Tip of an arm whose links differ from the drawings: a Denavit-Hartenberg table with errors.
 
 `kinematics.forward_pose` uses the table of the control software, in which shoulder, elbow and
-insertion axes meet in one point. In this module, every link may have its own twist and length
-(convention: `joints`).
+insertion axes meet in one point. In this module, every link may have its own twist and length.
+`joints` explains the convention.
 """
 
 from ravenjax.numbers import Scalar, Vec, describe_fields, jnp, record, trigonometry

@@ -10,13 +10,13 @@ solutions share intermediate results. The wrist can be on either side of the jaw
 The insertion axis can point from the wrist or toward it (depth 0, 1). The elbow can bend either way
 (bend 0, 1). The index of a solution is 4 side + 2 depth + bend.
 
-- Wrist angle and yaw depend on side and depth alone, because the insertion axis z3 is the direction
-  to the wrist.
-- The two bends mirror each other in the plane of the shoulder axis z1 and z3. Let m = z1 x z3 and
-  e = m x z3; both are perpendicular to z3. Along e and m, the axis y3 has the components
-  (alpha, beta) in one bend and (-alpha, beta) in the other, and the direction from frame 4 to the
-  jaw axis has the components (E, F). theta4 is the angle around z3 to this direction, equal to
-  atan2(F beta + E alpha, E beta - F alpha) in one bend; alpha changes its sign in the other.
+Frame i has the axes xi, yi, zi (`joints` defines the frames). The shoulder turns about z1, and the
+insertion moves along z3. The wrist is on z3, so wrist angle and yaw depend only on side and depth.
+
+The two bends mirror each other in the plane of z1 and z3. Let m = z1 x z3 and e = m x z3. Along e
+and m, y3 has the components (alpha, beta) in one bend and (-alpha, beta) in the other. The
+direction from frame 4 to the jaw axis has the components (E, F) in both. theta4, the angle about z3
+from x3 to this direction, is atan2(F beta + E alpha, E beta - F alpha) in the first bend.
 """
 
 from functools import partial

@@ -1,8 +1,8 @@
 """The operating scene: where the arms are, and how near tips are to tissue and to each other.
 
 The world's z axis points up. The arms' frames are read from the model. The surface of the tissue is
-a dome, without the folds (up to 2 mm) and the rounded rim that make the drawn tissue look soft. The
-trunk of the drawn vessel is a ridge of this surface. Its branch and the vein are drawn only.
+a dome, on which the trunk of the vessel is a ridge. Pictures of the scene also show folds (up to
+2 mm), a rounded rim, a branch of the vessel and a vein, which are not part of the surface.
 """
 
 import itertools

@@ -1,6 +1,6 @@
-"""A pose as the control software stores it: whole micrometres, float32, whole milliradians.
+"""A pose as the control software stores it (raven2 `include/DS0.h`).
 
-raven2 `include/DS0.h`: position has three int; orientation has float R[3][3] and int grasp.
+The position is three int in um, the rotation float R[3][3], and the jaw opening an int in mrad.
 """
 
 from ravenjax.numbers import Scalar, Vec, narrow_numbers, record, to_int32, widen_numbers

@@ -1,4 +1,4 @@
-"""Instruments: their adapter style, coupling and ranges, from models/raven2/tools.toml."""
+"""Instruments: adapter to the robot, coupling and joint ranges, from models/raven2/tools.toml."""
 
 import dataclasses
 import math

@@ -1,12 +1,11 @@
 """Transmission between motors and joints: ratios, coupling, signs, and torque of a DAC count.
 
-Constants are Python numbers. In the software raven2, GB_RATIO is double; the transmission ratios TR
-and all cable couplings are float32. For results that equal raven2's to the bit, round the constants
-as `original` does. The functions compute in the type of their input, in another order of operations
-than raven2. Sources: raven2
-`include/raven/defines.h` (geometry), `fwd_cable_coupling.cpp`, `inv_cable_coupling.cpp`, `motor.h`,
-`init.cpp`, `state_estimate.cpp`. The 2015 fork is built without OPPOSE_GRIP: both of its jaws
-have the signs of the second jaw.
+Constants are Python numbers, and functions compute in the type of their input. Results differ from
+those of the software raven2 in the last bits, because raven2 rounds TR and all cable couplings to
+float32 and has another order of operations. `original.constants` rounds as raven2 does. Sources:
+raven2 `include/raven/defines.h` (geometry), `fwd_cable_coupling.cpp`, `inv_cable_coupling.cpp`,
+`motor.h`, `init.cpp`, `state_estimate.cpp`. The 2015 fork is built without OPPOSE_GRIP: both of its
+jaws have the signs of the second jaw.
 """
 
 import math

@@ -5,9 +5,9 @@
     reading.encoders, reading.pins, reading.signals.tip
 
 It is the part of the tick after the USB boards (PLC, brakes, motors, cables, links, encoders),
-without faults. Every operation is one IEEE operation in float32, and functions such as the sine
-come from the C library (`engines.cpu.transition`). The generated C library therefore gives the same
-bits on any CPU. Engines of campaigns fuse operations, so their last digits differ.
+without faults. Every operation is one IEEE operation in float32, and functions such as the sine are
+those of the system's C library (`engines.cpu.transition`). The code that `ravenjax export` writes
+gives the same bits on any CPU. Engines of campaigns fuse operations, so their last digits differ.
 """
 
 import dataclasses

@@ -1,4 +1,4 @@
-"""Records of the tick: parameters, state, inputs, signals, and what its optional stages see."""
+"""Records of the tick: parameters, state, inputs, signals, and the inputs of optional stages."""
 
 import dataclasses
 from collections.abc import Callable

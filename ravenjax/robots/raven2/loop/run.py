@@ -1,6 +1,6 @@
 """Computes a run of the Raven-II: its start, its ticks, and its outcomes.
 
-This module is the `Loop` of `ravenjax.engines.interface`.
+This module implements the protocol `ravenjax.engines.interface.Loop`.
 """
 
 from operator import attrgetter

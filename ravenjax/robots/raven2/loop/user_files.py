@@ -20,7 +20,7 @@ as the true tip or the fault.
 **Stages** of the control software may be files:
 
     stage           results of step(params, state, view)    what the software still enforces
-    motor_control   (state, tau_d): 7 N m at the capstan    below run level 2 the last torques
+    motor_control   (state, tau_d): 7 capstan torques, N m  below run level 2 the last torques
                                                             are held
     dac             (state, current_cmd): 7 int32 counts    16 bits; no command without enabled
                                                             DACs or in an E-stop

@@ -1,1 +1,1 @@
-"""Computes geometry in double precision, with the original's operations in their order."""
+"""Computes geometry in double precision, with the same operations as raven2 in the same order."""

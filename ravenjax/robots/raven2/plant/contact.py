@@ -15,9 +15,9 @@ Friction is Coulomb's, regularised below `CREEP_M_S`.
 where the two instruments are nearest, a spring and the same kind of damping push them apart. There
 is no friction (*assumed*: wet polished steel). quantities.toml has the sources of the numbers.
 
-A force F(d, d') is linearised about the depth that the present speed would reach at the end of the
-step. The linear force is solved together with the other implicit forces of the step, which is the
-first Newton step of backward Euler. It is stable for any stiffness, with an error of second order.
+**Time step.** Forces are implicit: one Newton step of backward Euler, which is stable for any
+stiffness, with an error of second order. To this end, a force F(d, d') is linearised about the
+depth that is predicted for the end of the time step from the present speed of the tip.
 """
 
 import functools

@@ -3,8 +3,8 @@
 Instrument cables run along the insertion, so moving the insertion turns every tool capstan. The row
 of a tool motor is therefore a multiple of the insertion motor's row, plus one entry for the tool's
 joint. Products with T use these factors to save operations. Cable length follows the links, so tool
-motors are coupled to the *joints*. The control software couples them to the insertion motor. At
-rest both are equal.
+motors are coupled to the *joint* of the insertion. The control software couples them to the *motor*
+of the insertion. Joint and motor agree if no cable is stretched.
 """
 
 import dataclasses

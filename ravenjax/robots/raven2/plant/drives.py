@@ -1,18 +1,17 @@
 """Computes forces on the joints of one arm: motors, brakes, cables, dry friction and hard stops.
 
-**Motors.** The equation of motion of a motor's shaft is solved for one step. Torques are those
-after the gearbox; inertia and speed are those of the shaft (the units of the model's authors, see
-models/raven2/mechanics.toml). Dry friction is computed with the joint's speed of the last step. A
-closed brake adds to the friction. The other terms are implicit. The motor's speed w at the end of
-the step is therefore an affine function of the link's speed, and is eliminated from the equations
-of the links:
+**Motors.** The shaft of a motor has the speed w, the inertia Im, dry friction tau_c (which a closed
+brake increases) and viscous friction tau_v. Torques are those after the gearbox, inertia and speed
+those of the shaft (the units of the model's authors, see models/raven2/mechanics.toml):
 
     Im w' = drive - tau_c sgn(w) - tau_v w - reaction_scale * lambda
-    w = (known_torque + coupling * T q') * inverse
 
-Here `inverse` is 1 over the implicit inertia of the shaft, `known_torque` holds the known terms,
-`coupling` is the factor of the link's speed, and `reaction_scale` is the authors' factor of the
-cable's torque on the motor. `lambda` and `T` are defined below.
+`lambda` is the torque of the cable (below), and `reaction_scale` the authors' factor of this torque
+on the motor. The sign in the dry friction is that of the last step; all other terms are implicit.
+The speed at the end of a step is therefore an affine function of the speeds q' of the joints, and
+is eliminated from the equations of the links (T: see below; other numbers: `EliminatedMotor`):
+
+    w = (known_torque + coupling * T q') * inverse
 
 **Encoders** have 4000 counts per turn on every motor (raven2: defines.h). The motor angle is stored
 as whole counts (int32) plus a fraction of a count, so the reading is exact. An angle near 900 rad
@@ -27,11 +26,12 @@ be delta'` (CSLDepend/raven2_sim, Li_DYN/two_arm_dyn.cpp). In motor coordinates 
 gamma`. The torque on the motor is `-reaction_scale * lambda`, and on the joints `T^T lambda`.
 
 **Friction.** A force with `sign(velocity)` alternates at rest, and a smoothed sign lets the joint
-creep. Instead, the force `drive = inertia_rate * v + forces` is computed, which would act in a step
-without friction. Here `inertia_rate` is the inertia divided by the step, plus all other implicit
-damping. If `level`, the force of dry friction, is greater than |drive|, the joint must stop. Its
-damping is then so large that the velocity ends at zero within `CREEP`. Otherwise the joint slides
-with the predicted velocity v1 = (|drive| - level) / inertia_rate, and its damping is level / v1.
+creep. Dry friction therefore acts as a damping, computed anew for each step. Let v0 be the velocity
+at the end of the step without dry friction, and `inertia_rate` the inertia divided by the step,
+plus all other implicit damping. To stop the joint, friction must balance the force `drive =
+inertia_rate * v0`. If `level`, the force of dry friction, is greater than |drive|, the joint stops:
+its damping is so large that the velocity ends at zero within `CREEP`. Otherwise the joint slides
+with the velocity v1 = (|drive| - level) / inertia_rate, and its damping is level / v1.
 
 **Brakes** act on motors 1-3 only (RE40); tool motors run free without power. A brake engages and
 releases some time after the PLC's command. It adds dry friction of its holding torque, and slips

@@ -8,14 +8,14 @@
 - The **nominal model** starts at the reported pose and has the drawings' links, so kinematic errors
   cause no distance between this model and the reported tip.
 
-With equal motor angles, the true joints q follow from the reported joints r and the home pose h.
-Cable stretch is added. An error that is 0 adds no operations to the tick.
+An error that is 0 adds no operations to the tick. The true joints q follow from the reported joints
+r and the home pose h. This formula is without the stretch of cables, which is added:
 
     q = h + (1 + ratio_error) (r - h) + joint_offset
 
-A camera does not know the robot's frame 0, so a rigid displacement is not visible as an error.
-`registered` removes this displacement: a rigid motion, constant in a run, moves true tips onto
-reported tips at POSES by least squares. Each Gauss-Newton step solves for a small rigid motion.
+A camera does not know the robot's frame 0, so a rigid displacement of the arm is not visible as an
+error. `registered` removes this displacement by a rigid motion, constant in a run, that moves the
+true tips at POSES onto the reported tips by least squares.
 """
 
 import functools

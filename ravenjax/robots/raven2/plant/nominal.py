@@ -5,21 +5,21 @@
     q'' = kp (q_d - q) - kd q'                    each jaw, a double integrator
 
 The controller is PD on joints 1, 2, 4-7 and PID on joint 3, as in the Raven-II surgical training
-simulator. Its gains are not published. In the robot, the software's PD controls a motor of inertia
-Im with viscous friction tau_v. The model has no rotors. It gets gains with which it has the same
-natural frequency, damping and friction dead band as the robot. For each joint, with its inertia I
-(the diagonal of M at the home pose):
+simulator, whose gains are not published. Unlike the robot, the model has no rotors. Its gains give
+it the natural frequency, the damping and the friction dead band of the robot, whose software
+controls motors by a PD law. No gain is fitted to a published outcome:
 
-    kp = I KP g / J,  kd = I KD g / J,  J = Im + rho M / TR^2
+    kp = I KP g / J,  kd = I KD g / J,  J = Im + rho I / TR^2 (jaws: J = Im)
     Kv = I (tau_v + rho Fv / TR^2) / J,  Kc = I (tau_c + rho Fc / TR) / (J TR)
 
-In J, M is I (0 for jaws), and TR is the transmission ratio from joint to motor. KP and KD are those
-of raven2's r2params.yaml. g is the gain from commanded to real torque. The friction of motor (tau)
-and link (F), Im and the reaction share rho are those of the robot's parameter set. No gain is
-fitted to a published outcome. A jaw's kd contains its viscous friction. The robot's insertion has
-no integral. The model's slow integral (ki, time constant 4 s) removes the remaining error of the
-dead band and does not change the lag on surgical motion. Integration is linearly implicit in gains
-and friction.
+- I: inertia of the joint, from the diagonal of M at the home pose
+- Im, tau_v, tau_c: inertia, viscous and dry friction of the motor; Fv, Fc: friction of the link
+- rho: share of the cable's torque that acts on the motor; g: gain from commanded to real torque
+- TR: transmission ratio from joint to motor; KP, KD: gains of raven2's r2params.yaml
+
+A jaw's kd contains its viscous friction. The robot's insertion has no integral. The model's slow
+integral (ki, time constant 4 s) removes the remaining error of the dead band and does not change
+the lag on surgical motion. Integration is linearly implicit in gains and friction.
 
 The target is the operator's input before any fault. Its increments are added to a desired pose, and
 inverse kinematics near the model's joints gives the desired joints. Desired joints are clamped to

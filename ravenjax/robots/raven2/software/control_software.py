@@ -57,8 +57,8 @@ class ControlSoftware:
 
     The start pose is the home pose, or the pose given by `jpos`, `encoders` or `state`. If the
     robot is in another pose, pass one of these arguments. Otherwise the first pedal-down moves the
-    jaws to their opening in the home pose. As in the original, the software keeps the desired
-    opening if it differs from the measured opening by at most 45 deg.
+    jaws to the opening of the home pose, unless the measured opening differs from it by more than
+    45 deg (as in the original).
     """
 
     def __init__(
@@ -275,8 +275,8 @@ class ControlSoftware:
             )
         if self.setup.console != "increments":
             raise UserError(
-                "packet is a datagram, which contains increments, but console is 'absolute',"
-                " expected a Packet"
+                "packet is a datagram (bytes), which contains increments. With console 'absolute',"
+                " expected an object of class Packet, which contains positions"
             )
         return given
 

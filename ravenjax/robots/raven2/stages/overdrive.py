@@ -3,10 +3,10 @@
 The check goes through mechanisms and joints in order. grasp2, index 7 of the original's eight
 joints, is never checked. If a command exceeds the instant limit, it becomes 0 and the soft E-stop
 is raised. The commands of the other joints are still written in that cycle. If a command exceeds
-the limit of its joint, the policy decides: do nothing, clip, or count. One counter counts for all
-joints and arms. After more than `HARD_SAMPLES` such commands, the next becomes 0, raises the soft
-E-stop and restarts the counter. A command above the instant limit, or a clipped one, also resets
-the counter. The fork of 2015 clips at every run level, without policies.
+the limit of its joint, raven2's policy (see `POLICIES`) is to do nothing, to clip, or to count. One
+counter counts for all joints and arms. After more than `HARD_SAMPLES` such commands, the next
+becomes 0, raises the soft E-stop and restarts the counter. A command above the instant limit, or a
+clipped one, also resets the counter. The older fork of 2015 always clips, at every run level.
 """
 
 from functools import reduce

@@ -6,7 +6,7 @@ with `STANDARD_HZ` messages a second.
     /armN/measured_js, setpoint_js,    sensor_msgs/JointState
         true_js, model_js              joints measured, desired, true, of the nominal model
     /armN/measured_cp, true_cp,        geometry_msgs/PoseStamped
-        model_cp                       the tip, with the orientation at those joints
+        model_cp                       pose of the tip at measured, true or model joints
     /armN/haptic_cf                    geometry_msgs/WrenchStamped: force of the cue
     /tf                                tf2_msgs/TFMessage: frames as in a trace (`trace.log`).
 

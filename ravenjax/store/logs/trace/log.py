@@ -5,7 +5,7 @@ as in raven2's CRTK. Poses are in frame 0 of their arm, `armN_frame0`. /tf has t
 
     world -> armN_frame0 -> armN_tip_measured, armN_tip_true, armN_tip_model
 
-These are the topics of each arm. A topic is missing if its series is.
+These are the topics of each arm. A run without a series lacks the topic of this series.
 
     /armN/measured_js, setpoint_js, true_js, model_js    sensor_msgs/JointState
     /armN/measured_cp, setpoint_cp, true_cp, model_cp    geometry_msgs/PoseStamped
@@ -13,10 +13,10 @@ These are the topics of each arm. A topic is missing if its series is.
                                                          (its orientation is not stored)
     /armN/haptic_cf                                      geometry_msgs/WrenchStamped, device units.
 
-A tip without a rotation among the series is a point, `/armN/model_tip`, instead of a pose. Events
-are on /ravenjax/events (std_msgs/String, one JSON object each), and as text on /ravenjax/log
-(rcl_interfaces/Log). Every series [T] or [T, k] without a topic becomes one or k named float64
-fields of the flat message on /ravenjax/signals; the true and the golden run's tip are fields, too.
+A tip without a series of its rotation has a point topic, such as `/armN/model_tip`, instead of a
+pose topic. Events are on /ravenjax/events (std_msgs/String, one JSON object each), and as text on
+/ravenjax/log (rcl_interfaces/Log). Every other series [T] or [T, k] becomes one or k named float64
+fields of the flat message on /ravenjax/signals, as do the true tip and the golden run's tip.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
