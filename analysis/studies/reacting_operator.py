@@ -49,8 +49,8 @@ Row = tuple[Cell, ...]
 
 
 def excursion(size_mm: float) -> str:
-    """Return the words for an unintended motion of more than a size, live or not."""
-    return f"unintended motion of more than {size_mm:g} mm, live or not"
+    """Return the words for unintended motions of more than a size, live or not."""
+    return f"unintended motions over {size_mm:g} mm (live or not)"
 
 
 class Contrast(NamedTuple):
@@ -263,21 +263,21 @@ def _lines(
     """Yield what a lifted pedal changes, and which motions come too soon. `others`: pairs with
     other cues, by their words. `cycle`: pairs with a packet in each control cycle.
     """
-    yield from _avoided(released, "lifting the pedal avoids, of {}")
+    yield from _avoided(released, "{} that a lifted pedal avoids")
     for threshold, words in EARLY.items():
-        quantity = f"lifting the pedal at a cue of {threshold:g} mm avoids, of {{}}"
+        quantity = f"{{}} that a pedal lifted at a cue of {threshold:g} mm avoids"
         yield from _avoided(others[words], quantity, SIZES_MM[:1])
     for size in DRAWN_SIZES:
         found = contrast_of(released, size)
         of = f"reactions to faults of {kinds.count(found.reacted)}"
         value = StudyEstimate(*found.needed, found.acted, of)
-        yield own_line(f"lifted pedals per avoided {excursion(size)}", "", value)
+        yield own_line(f"lifted pedals per avoided motion: {excursion(size)}", "", value)
     for at in advances:
         if at.threshold_mm in HEADLINE_CUES_MM:
             words = f"{at.words} too soon for a reaction of 250 ms"
             of = f"faults with the motion, {kinds.count(at.kinds)}"
             yield percent_line(f"{words} to a cue of {at.threshold_mm:g} mm", at.late[250], of)
-    yield from _avoided(cycle, "lifting the pedal avoids, of {}, a packet each cycle")
+    yield from _avoided(cycle, "{} that a lifted pedal avoids, one packet per cycle")
 
 
 def _avoided(pairs: Pairs, words: str, sizes: Sequence[float] = SIZES_MM[1:]) -> Iterator[Line]:
