@@ -30,7 +30,7 @@ STRONG = 66.0
 FORCES = {
     3.3: "one device unit is 3.3 N",
     STRONG: "the cap of 0.05 units is 3.3 N",
-    -STRONG: "null: cap 3.3 N, force away from the model",
+    -STRONG: "null model: cap 3.3 N, force away from the model",
 }
 """N per device unit -> words."""
 SIZES_MM = (5.0, 10.0, 20.0)
@@ -98,7 +98,7 @@ def compare(context: study.Context) -> study.Findings:
     force, grip, turned, cycle = (
         read(context.folders[name]).frame for name in ("force", "grip", "turned", "every_cycle")
     )
-    drawn = "null: cap 3.3 N, force in a random direction"
+    drawn = "null model: cap 3.3 N, force in a random direction"
     pairs = {
         **{(words, MIDDLE): paired(force, one, MIDDLE) for one, words in FORCES.items()},
         **{(FORCES[STRONG], end): paired(grip, STRONG, end) for end in (RELAXED, FIRM)},

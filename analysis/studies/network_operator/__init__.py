@@ -89,8 +89,8 @@ def judged(every: fit.Operators, people: fit.People) -> Judged:
     for condition in LOWEST:
         ratios = every.ratios(people, condition)
         without = fit.fit(every, people, [one for one in LOWEST if one != condition])
-        beside = {f"null: {name}": one for name, one in fit.nulls(condition, people).items()}
-        del beside[f"null: {fit.PROPORTION}"]
+        beside = {f"null model: {name}": one for name, one in fit.nulls(condition, people).items()}
+        del beside[f"null model: {fit.PROPORTION}"]
         of = {"fit": ratios[best], "fit to the other networks": ratios[without], **beside}
         found[condition] = {
             name: fit.residuals(value, people, condition) for name, value in of.items()
