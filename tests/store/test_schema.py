@@ -24,9 +24,7 @@ def test_results_readme_describes_each_column():
     own = (checks.of_own("mine", "usb_out", "stop"),)
     form = schema.Shape(
         **names,
-        reacts=True,
-        hand_yields=True,
-        cables=True,
+        stages=("reaction", "hand", "overload"),
         detectors=(1,),
         observes=True,
         own_checks=own,

@@ -24,8 +24,7 @@ SHAPES = st.builds(
     cues=st.integers(0, 3),
     checks=st.lists(st.sampled_from([*CHECKS, "a_new_one"]), unique=True, max_size=3).map(tuple),
     parameters=st.lists(names, unique=True, max_size=3).map(tuple),
-    reacts=st.booleans(),
-    hand_yields=st.booleans(),
+    stages=st.lists(st.sampled_from(["reaction", "hand"]), unique=True).map(tuple),
     detectors=st.lists(st.integers(1, 3), max_size=2).map(tuple),
 )
 FEW = settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
