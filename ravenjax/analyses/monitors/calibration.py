@@ -149,9 +149,8 @@ def calibrate_thresholds(
             f"{error.units} operators are too few to show at most {target.per_hour:g} false alarms"
             f" an hour with {target.confidence:.0%} confidence. {failed:.2%} of their operations"
             " failed and count as false alarms. The time in which the robot does not follow the"
-            f" operator, {inactive:.0%}, does not count. Write more --hours (finished operations"
-            " are kept), allow more false alarms, or change the campaign so that fewer operations"
-            " fail"
+            f" operator, {inactive:.0%}, is left out. Write more --hours (finished operations are"
+            " kept), allow more false alarms, or change the campaign so that fewer operations fail"
         ) from None
     monitor = Monitor(terms, segments, tuple(map(tuple, scales.tolist())), result.value)
     tested = OperationScores(*(values[uses.test] for values in scores))
