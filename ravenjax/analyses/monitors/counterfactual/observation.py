@@ -87,8 +87,8 @@ def require_rate(per_hour: float, schedule: MotionSchedule) -> None:
     if per_hour * live_h > MAX_ALARMS:
         raise UserError(
             f"--false-alarms-per-hour {per_hour:g} is one alarm in {3600 / per_hour:.3g} s. A run"
-            f" of {schedule.seconds} s counts only one alarm. Write {MAX_ALARMS / live_h:.3g} or"
-            f" less. Or write fewer --hours: runs then become shorter, down to {SHORTEST_S} s"
+            f" of {schedule.seconds} s counts only one alarm and would miss others. Write"
+            f" {MAX_ALARMS / live_h:.3g} or less, or fewer --hours, so that runs are shorter"
         )
 
 
