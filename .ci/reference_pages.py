@@ -442,7 +442,10 @@ def _scenarios() -> Iterator[str]:
         " `start_ms` is the start of the hazard."
     )
     yield "## [parameters]"
-    yield "As in a campaign. From a list or a distribution, a session draws one value."
+    yield (
+        "Parameters of the robot, with the same keys as `[parameters]` of a campaign. If a value is"
+        " a list or a distribution, a session draws one value from it."
+    )
 
 
 def _keys(model: type[BaseModel]) -> Iterator[str]:

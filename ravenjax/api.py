@@ -95,8 +95,8 @@ def explain(
     start of the run's hazard (-1: no hazard). left_ms: harm_ms minus leaves_ms (NaN if either is
     missing). The attrs of the table name the engine.
 
-    campaign: see `run`, or a result folder. runs: index, run id, or first letters of a run id, or a
-    list of these; None: every run with a fault. Raise UserError, and StoreError.
+    campaign: a campaign as for `run`, or a result folder. runs: an index, a run id or its first
+    letters, or a list of these; None: every run with a fault. Raise UserError and StoreError.
     """
     from ravenjax.notebook import explaining
 
@@ -179,12 +179,12 @@ def check_monitor(
 ) -> pd.DataFrame:
     """Test whether scores of new fault-free operations have a monitor's calibrated distribution.
 
-    The table has a row for each score: the monitor's score, then that of each signal. place: median
-    rank of new scores among those of the calibration, 0 to 1. martingale: largest value of the
-    sequential test. p: of a rank test and the sequential test together. adjusted: p, corrected for
-    the number of scores. shifted: whether adjusted is at most `level`. attrs: level, and numbers
-    of new units, operations, hours and alarms. sources: as for `ravenjax monitor check`. Raise
-    UserError and StoreError.
+    The table has a row for the monitor's score and for each signal's score. Columns: place (median
+    rank of the new scores among the scores of the calibration, 0 to 1), martingale (largest value
+    of a sequential test), p (p-value of a rank test and this sequential test together), adjusted
+    (p, corrected for the number of scores), shifted (whether adjusted is at most `level`). The
+    attrs contain the level, and the numbers of new units, operations, hours and alarms. sources: as
+    for `ravenjax monitor check`. Raise UserError and StoreError.
     """
     from ravenjax.analyses.monitors import checking
 

@@ -100,8 +100,8 @@ class Model:
         """Apply the faults of one site of the robot in one tick.
 
         Return the new state of the faults and the changed signal. state: before the first tick, it
-        is `Model.init(params).faults`. All triggers count from tick 0. signal: signal of the tick
-        at the site, for example DAC counts, 7 int32 for each arm of a Raven-II.
+        is `Model.init(params).faults`. signal: the site's value in this tick, for example DAC
+        counts, 7 int32 for each arm of a Raven-II. Triggers count ms or packets from tick 0.
         """
         clocks = TriggerClocks(tick, tick + 1, tick)
         opened = open_windows(self.setup, faults, state, clocks)

@@ -11,11 +11,11 @@ from ravenjax import faults
 class FaultyVectorEnv(VectorWrapper):
     """A Gymnasium `VectorEnv` with faults in its actions or observations.
 
-    The faults of each list act one after the other on an array [environments, ...]. Faulty values
-    may be outside of the action or observation space. `info["faults"]` has the keys actions and
-    observations, each a list of bool arrays that mark changed elements. Start times count from the
-    beginning of an episode. `reset(seed=...)` restarts the random numbers. `info["final_obs"]` has
-    no faults.
+    The faults of a list change one array [environments, ...], in the order of the list. Faulty
+    values may be outside of the action or observation space. `info["faults"]` has the keys actions
+    and observations, each a list of bool arrays that mark changed elements. Start times count from
+    the beginning of an episode. `reset(seed=...)` restarts the random numbers. `info["final_obs"]`
+    has no faults.
 
     Needs gymnasium (`pip install 'ravenjax[gym]'`).
     """

@@ -235,7 +235,7 @@ class _Lowering:
                 return b.emit(name, dtype, *x)
         raise UnknownPrimitive(
             f"primitive {name!r} of {dtype} {params.get('rounding_method', '')} is not supported;"
-            " expected a known operation on single numbers"
+            " write the code with other operations on scalars"
         )
 
     def _lookup(self, eqn: core.JaxprEqn, operands: list[_Value]) -> int:
@@ -247,7 +247,7 @@ class _Lowering:
         if not isinstance(table, _Table) or len(operands) != 2 or not is_single:
             aval: Any = eqn.invars[0].aval
             name = f"{eqn.primitive.name} of shape {aval.shape}"
-            raise UnknownPrimitive(f"{name} is not supported; it must read one item of a 1-D array")
+            raise UnknownPrimitive(f"{name} is not supported; read one item of a 1-D array")
         b = self.builder
         index = b.emit("convert", "int32", _require_number(operands[1]))
         first, last = b.constant("int32", 0), b.constant("int32", table.length - 1)

@@ -75,7 +75,7 @@ class Campaign:
     def from_toml(cls, source: str | Path, overrides: Sequence[str] = ()) -> Campaign:
         """Return the campaign of a TOML file, of a bundled name, or of a TOML text.
 
-        source: a string with a newline is a text. The campaign does not keep comments. overrides:
+        source: path, bundled name, or TOML text with a newline. Comments are not kept. overrides:
         `key.path=value`, as for `--set`. UserError names file, line, key and expected values.
         """
         if isinstance(source, str) and "\n" in source:

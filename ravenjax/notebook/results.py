@@ -178,7 +178,7 @@ class CampaignResults:
         return self._plot("time_to_know", "no fault had an effect")
 
     def plot_roc(self) -> ShownFigure:
-        """Plot ROC curves: share of alarms in runs with (y) and without (x) unintended motion."""
+        """Plot ROC curves: recall of unintended motions (y) over the false-positive rate (x)."""
         return self._plot("roc", "the campaign has no [[detector]]")
 
     def plot_tradeoff(self) -> ShownFigure:

@@ -1,8 +1,8 @@
 """Compares the configurations, outcomes and rates of two campaigns that share faults.
 
 A run of one result folder is paired with the run of the other folder that has the same run id. The
-remaining runs are paired if their faults and all varied parameters that both campaigns have are
-equal. If several runs have the same fault, they are paired in the order of the tables.
+remaining runs are paired if their faults are equal, and each parameter that both campaigns vary has
+the same value. If several runs have the same fault, they are paired in the order of the tables.
 """
 
 import itertools

@@ -2,13 +2,13 @@
 
 A *frame* is one millisecond of a session as a row of named float32 numbers, for the page, the
 recording and `train.judge`, which scores the operator. `channels.toml` lists the names. Whole
-numbers stay below 2^24, because float32 is exact up to there. A session therefore lasts at most
-four and a half hours. Lengths are in m and angles in rad unless a name's suffix gives another unit.
-`tip`, `position` and `force` are in the arm's frame 0. *Commands* and *events* are plain dicts,
-sent as JSON (docs/how-to/training-messages.md). At the beginning of each tick the session reads the
-commands that have arrived. The same commands in the same ticks give the same session. The *scene*
-is geometry in plain numbers, for code that runs every millisecond. It contains the point where the
-jaws close, because people see this point as the tip. The control software's tip is the jaws' axis.
+numbers stay below 2^24, because float32 is exact up to there. A session therefore lasts at most 4.5
+hours. Lengths are in m and angles in rad unless a name's suffix gives another unit. `tip`,
+`position` and `force` are in coordinates of the arm's frame 0. *Commands* and *events* are plain
+dicts, sent as JSON (docs/how-to/training-messages.md). At the beginning of each tick the session
+reads the commands that have arrived. The same commands in the same ticks give the same session. The
+*scene* is the geometry for code that runs every millisecond. Its tip is the point where the jaws
+close, which people see as the tip. The control software's tip is the jaws' axis.
 """
 
 import json

@@ -12,10 +12,10 @@ Numbers are float32 or int32. Binaries and motions are little-endian words in ba
 - fields: type of each number of a fault; forever: ticks of a fault window without an end
 - motions: float32 columns of each motion, one after the other
 - motion: name of the campaign's motion, "" for a recording
-- programs: `outcomes` computes outcomes, `replay` computes outcomes and time series, and `acted`
-  computes outcomes of runs with an action, which has its own fault slot. A program's binary imports
-  only its memory. Other keys give positions in memory (bytes) and the robots of a vector (`width`).
-  In each tick, a golden run stores the numbers `series`, and `replay` also stores `outputs`.
+- programs: `outcomes` computes outcomes, `replay` also time series, and `acted` outcomes of runs
+  with an action, which has its own fault slot. A program's `binary` imports only its memory, and
+  computes `width` robots together. In each tick a golden run stores `series` numbers, and `replay`
+  also stores `outputs`. Other keys are positions in memory, in bytes.
 - actions: number of each action of `acted`; empty for a robot without actions
 - harm_limit_mm: a larger motion after a stop is harm; null if the campaign file defines harm
 - verdict: names of outcomes, and the response of each check

@@ -1,7 +1,7 @@
 """Computes the scales and the threshold of a monitor from scores of fault-free operations.
 
-Some operators determine the scale of each score, some the threshold, and some test the monitor. The
-index of an operator decides the operator's use, so additional operators change no earlier use.
+Some operators determine the scale of each score, some the threshold, and some test the monitor.
+This use depends only on the operator's index. It does not change if operators are added.
 """
 
 import math
@@ -149,8 +149,8 @@ def calibrate_thresholds(
         raise UserError(
             f"{error.units} operators are too few to show at most {target.per_hour:g} false alarms"
             f" an hour with {target.confidence:.0%} confidence. {failed:.2%} of their operations"
-            " failed. A failed operation counts as a false alarm. The robot does not follow the"
-            f" operator in {inactive:.0%} of the time. Write more --hours (finished operations are"
+            " failed and count as false alarms. The time in which the robot does not follow the"
+            f" operator, {inactive:.0%}, is left out. Write more --hours (finished operations are"
             " kept), allow more false alarms, or change the campaign so that fewer operations fail"
         ) from None
     monitor = Monitor(terms, segments, tuple(map(tuple, scales.tolist())), result.value)

@@ -1,10 +1,10 @@
 """Generates a monitor's source code: Python for campaigns, and C99 for the software of a robot.
 
 Both files compute the same bits. They read every number as a float, and NaN as 0. The C code does
-the same operations in the same order as the Python file, and rounds each result to float. A fused
-multiply-add would change bits. The C code has no product that could be fused, and in an engine the
-test for NaN separates products from sums. Every compiler with IEEE arithmetic therefore gives the
-same bits. With -ffast-math the bits may differ.
+the same operations in the same order as the Python file, and rounds each result to float. If a
+compiler fused a product and a sum, bits would change. The C code has no product that could be
+fused. In the Python file a test for NaN lies between each product and the next sum. Every compiler
+with IEEE arithmetic therefore gives the same bits. With -ffast-math the bits may differ.
 """
 
 from collections.abc import Sequence

@@ -2,9 +2,9 @@
 
 Each operator has a different motion. Each operation of an operator has a different robot.
 
-A fault-free run equals its golden run, so each operation is computed once. Of each operation only a
-row of outcomes is kept, without time series, so memory hardly grows with their number. A GPU
-computes all robots of an operator in parallel.
+A fault-free run equals its golden run, so each operation is computed once. Only a row of outcomes
+is kept of each operation, without time series, so memory hardly grows with the number of
+operations. A GPU computes all robots of an operator in parallel.
 """
 
 import dataclasses

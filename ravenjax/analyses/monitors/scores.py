@@ -1,7 +1,7 @@
 """Defines the scores that candidate checks compute from a signal of the robot.
 
 - `bound`: |x| divided by its scale.
-- `rate`: |x - x a tick ago| divided by its scale; 0 in the first tick.
+- `rate`: |change of x since the last tick| divided by its scale; 0 in the first tick.
 - `residual`: |x - y| divided by its scale, for two signals.
 
 If a signal has several channels, each channel is divided by its scale, and the score is the largest

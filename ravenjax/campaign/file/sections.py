@@ -194,7 +194,7 @@ class Detector(Section):
             got = "neither" if self.file is None else "both"
             raise ValueError(f"expected one key: kind (built-in) or file (your code), got {got}")
         if self.file is None and (self.acts != "watch" or self.sha256 is not None):
-            raise ValueError("remove acts and sha256, which only a detector with the key file has")
+            raise ValueError("remove the keys `acts` and `sha256`, which need the key `file`")
         if self.file is not None:
             own_part.require_identifier(self.name)
         if self.kind != "steps" and self.fusion != ("all",):

@@ -1,27 +1,27 @@
 """Generates the kernels that run a time loop on a GPU, as one CUDA C module.
 
-Lanes are robots that run side by side, one per thread. Lanes whose robots have the same parameters
-form a group. Numbers that are equal in a group are computed once. The kernels are:
+A lane is one robot, computed by one thread. Robots with equal parameters form a group, and a warp
+has lanes of one group. Numbers that are equal in a group are computed once. The kernels are:
 
     shared_begin    computes the first state of each group from its inputs; one thread per group
     shared_run      advances each group by some ticks and writes one row of numbers per tick
     lane_begin      computes the first state of each lane from its inputs; one thread per lane
-    lane_branch     sets the state of the lanes of some warps from snapshots
+    lane_branch     replaces the state of lanes that start from a snapshot; one snapshot per warp
     lane_run        advances each lane by the same ticks and reads its group's row in each tick
     lane_finish     writes the results of each lane
     group_snapshot  copies the state of the first group; one thread per number
     lane_snapshot   copies the state of the first lane; one thread per number
 
 For example, 100 faults of one golden run may be 100 lanes of one group. `shared_run` computes 500
-ticks of what they share and writes 500 rows. `lane_run` then computes the 100 lanes and reads these
-rows. A lane may end before its group. Its results need the group's numbers of the tick in which the
-lane ends, so `lane_run` copies these numbers to the buffer `saved`.
+ticks of the shared numbers and writes 500 rows. `lane_run` computes the 100 lanes and reads these
+rows. The results of a lane need the group's numbers of the lane's last tick, which may come before
+the group's last tick. Therefore `lane_run` copies these numbers to the buffer `saved`.
 
 This file also defines the layout of the buffers. Every number takes a 32-bit word. Lanes fill whole
-blocks of threads, and the lanes of a warp belong to one group. Inputs, `saved` and results of lanes
-have the shape [number, lane], and the state of lanes [block, number, thread]. Buffers of groups
-have the shape [group, number], and rows [group, tick, number]. Inputs and outputs of each tick have
-the shape [tick, number, lane], or [group, tick, number] if they are equal in a group.
+blocks of threads. Inputs, `saved` and results of lanes have the shape [number, lane], and the state
+of lanes has [block, number, thread]. Buffers of groups have [group, number], and rows have [group,
+tick, number]. Inputs and outputs of each tick have the shape [tick, number, lane], or [group, tick,
+number] if they are equal in a group.
 """
 
 import collections

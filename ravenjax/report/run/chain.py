@@ -2,8 +2,8 @@
 
 A *signal* is a seam of the robot's tick, on one arm. For each signal the result contains the tick
 in which the signal first differs from the golden run, and the tick in which it leaves its normal
-range. From that second tick on, the fault is *visible* in the signal. A signal with several numbers
-has the earliest tick of its numbers.
+range. After it has left this range, the fault is *visible* in the signal. A signal with several
+numbers has the earliest tick of its numbers.
 """
 
 import math

@@ -71,7 +71,7 @@ def scan_records(path: Path) -> Scan:
         if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
             raise StoreError(
                 f"{path}: is no MCAP file, because it does not begin with the magic bytes of MCAP."
-                " An MCAP file whose end is missing can be read"
+                " Only the end of the file may be missing"
             )
         data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     scanned, offset, end = Scan(data), len(MCAP0_MAGIC), len(data)

@@ -1,14 +1,14 @@
 """Reads a recorded stream of a console's packets as a motion of the operator's hands.
 
-A packet contains an increment of the tip's pose. The motion is their sum from the homed pose.
+A packet contains an increment of the tip's pose. The motion adds the increments to the homed pose.
 
 A table (Parquet) has a column `packet` (124 bytes each) and a column of arrival times. A network
 capture (.pcap, .pcapng), as tcpdump and Wireshark write it, contains both. A console's packets are
 UDP datagrams of at least 124 bytes to port 36000, or else to the only port that receives datagrams
 of that size. If there are several senders, the console is the one that sent most.
 
-Complete packets are read with the console's profile, in order. Packets that the robot would drop
-move nothing: repeated and older numbers, and the packet after a gap. Streams may restart.
+Packets are read with the console's profile. As in the robot, a packet moves nothing if its sequence
+number is repeated or smaller, or comes after a gap. The numbers may start again at 1.
 """
 
 from __future__ import annotations

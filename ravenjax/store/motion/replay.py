@@ -214,9 +214,9 @@ def require_scales(replay: OperatorReplay, scales: Sequence[float] | np.ndarray)
         raise UserError(
             f"{replay.recording.path}: operator.scale varied to {scale:g} moves the tip"
             f" {scale / base:.3g} times as far as recorded. At {(begin + row) * TICK_S:.3f} s of"
-            f" the recording the arm leaves its joint limits. At the value of scale in [operator],"
-            f" now {base:g}, the tip moves as recorded. Vary the scale less, or write scale ="
-            f" {scale:g} in [operator]: then the tip moves as recorded at {scale:g}"
+            " the recording the arm then leaves its joint limits. The recorded motion belongs to"
+            f" the scale in [operator], now {base:g}. Vary the scale less, or write scale ="
+            f" {scale:g} in [operator], so that the recorded motion belongs to this scale"
         )
 
 

@@ -142,8 +142,8 @@ def read_table(path: Path, options: ReplayOptions, header: str) -> Samples:
     for file_name, name in new_names.items():
         if file_name not in table:
             raise UserError(
-                f"{path}: no column {file_name!r}, which {options.written('columns', '...')} names"
-                f" as {name}; the file has {list_names(table)}"
+                f"{path}: no column {file_name!r}, from which {options.written('columns', '...')}"
+                f" takes {name}; the file has {list_names(table)}"
                 f"{suggest_name(file_name, map(str, table))}"
             )
     replaced = [name for name in file_names if name in table and name not in new_names]
@@ -232,9 +232,9 @@ def _arm_track(samples: Samples, arm: ArmName, options: ReplayOptions) -> ArmTra
         if values is None:
             columns = " or ".join(f"{name}_{unit}" for unit in LENGTHS)
             raise UserError(
-                f"{path}: no column {columns}; the file has {list_names(table)}. Write its columns:"
-                f" operator.columns = {{ {name}_mm = '...' }}. If the rows of {arm} have 'left' in"
-                f" column 'tool', write operator.sensors = {{ column = 'tool', {arm} = 'left' }}"
+                f"{path}: no column {columns}; the file has {list_names(table)}. Name the column:"
+                f" operator.columns = {{ {name}_mm = '...' }}. If each arm has its own rows, name"
+                f" them: operator.sensors = {{ column = 'tool', {arm} = 'left' }}, for example"
             )
         places.append(values)
     quat = samples.group([f"{arm}_{name}" for name in QUAT], "an orientation")
@@ -419,10 +419,10 @@ def _jaws(
     widest = np.abs(opening).max()
     if not widest <= WIDEST_RAD or steps_s.min() < 0.0 or steps_s.max() > max_gap_s:
         raise UserError(
-            f"{topic}: cannot be read. While the tip was recorded, the times between its messages"
-            f" must be 0 to {max_gap_s:g} s (operator.max_gap_s), and are {steps_s.min():.3g} to"
-            f" {steps_s.max():.3g} s. The jaws may open by at most {WIDEST_RAD:.3g} rad, and open"
-            f" by {widest:.4g} rad"
+            f"{topic}: cannot be read. While the tip was recorded, the time between messages is"
+            f" {steps_s.min():.3g} to {steps_s.max():.3g} s, expected 0 to {max_gap_s:g} s"
+            f" (operator.max_gap_s). The jaws open by {widest:.4g} rad, expected at most"
+            f" {WIDEST_RAD:.3g} rad"
         )
     return jaw.time_ns, opening, topic
 

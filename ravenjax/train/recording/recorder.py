@@ -3,7 +3,7 @@ them into the session's folder.
 
 No process waits for the recorder. It counts the rows that the writer of the ring overwrote before
 it could read them. It ends at the event "end", at SIGTERM, or when its parent has ended, and then
-closes the file. If it is killed, the rows of the last `POLL_S` seconds and of one block are lost.
+closes the file. If it is killed, the last `POLL_S` seconds and up to `BLOCK_ROWS` rows are lost.
 """
 
 import contextlib

@@ -53,7 +53,7 @@ class Speeds(Section):
 
 
 class Cue(Section):
-    """[cue]: the force at the operator's hand. Its values are one set of a campaign's [haptics]."""
+    """[cue]: the haptic cue. Its keys define one haptic set, as in a campaign's [haptics]."""
 
     on: bool = True
     """whether the operator feels the force"""

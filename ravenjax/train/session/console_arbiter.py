@@ -6,7 +6,7 @@ console may give the seat away, and the instructor may give the seat to any cons
 robot` only the pedals decide: a console whose pedal is up loses the seat when another pedal is
 pressed. An operator could miss that a session begins, or that it continues after an interruption.
 If the pedal is already down at this moment, the operator must lift it before it counts. A network
-console receives forces but no texts, so the page and the terminal show the reason.
+console receives no texts, so the page and the terminal show why its pedal does not count.
 """
 
 from collections import deque

@@ -76,8 +76,8 @@ def make_blueprint(
             if use.site in OLDER_PACKETS and channel not in OLDER_PACKETS[use.site]:
                 raise UserError(
                     f"a hazard acts at site {use.site!r}, channel {channel!r}, before the"
-                    " network. A robot in its own process has only the side behind the network."
-                    " Leave the hazard out of the robot's scenario, or train without --robot"
+                    " network. A robot in its own process simulates only what follows the network."
+                    " Remove the hazard from the robot's scenario, or train without --robot"
                 )
     setup = replace(program.setup, injection=replace(injection, slots=slots))
     monitored = replace(program.params.monitor, limit=limit_mm / 1e3)

@@ -86,9 +86,9 @@ def require_rate(per_hour: float, schedule: MotionSchedule) -> None:
     live_h = (schedule.seconds - fault_free.UNTIL_LIVE_S) / 3600
     if per_hour * live_h > MAX_ALARMS:
         raise UserError(
-            f"--false-alarms-per-hour {per_hour:g} is one alarm in {3600 / per_hour:.3g} s, but a"
-            f" run of {schedule.seconds} s counts at most one. Write {MAX_ALARMS / live_h:.3g} or"
-            f" less, or fewer --hours, which shortens each run (to {SHORTEST_S} s or more)"
+            f"--false-alarms-per-hour {per_hour:g} is one alarm in {3600 / per_hour:.3g} s. A run"
+            f" of {schedule.seconds} s counts only one alarm and would miss others. Write"
+            f" {MAX_ALARMS / live_h:.3g} or less, or fewer --hours, so that runs are shorter"
         )
 
 

@@ -2,8 +2,8 @@
 
 `CrtkConsole` belongs to the loop; a second process exchanges the ROS messages. Two rings in shared
 memory connect them, so that neither waits for the other. The process writes commands into one ring.
-The loop writes one row per tick into the other: the tick's `Frame`, two clocks at that tick, and
-the number of the last command that the loop has read.
+The loop writes one row per tick into the other: the tick's `Frame`, wall-clock and monotonic time,
+and the number of the last command that the loop has read.
 """
 
 import contextlib

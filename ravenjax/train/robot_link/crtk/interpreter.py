@@ -2,7 +2,7 @@
 
 `OperatingState` computes CRTK's operating state, and whether a CRTK console holds the robot's pedal
 down. docs/how-to/crtk.md describes the states and the commands. This module uses no transport,
-clock or process. It gets messages and rows with their times, and returns messages and commands.
+clock or process. It gets CRTK messages and rows of the robot's state, each with its time.
 """
 
 from __future__ import annotations

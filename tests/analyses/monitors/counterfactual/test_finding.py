@@ -46,7 +46,7 @@ def tables(**changes):
         ),
         (
             {"false_alarms_per_hour": 200.0},
-            "--false-alarms-per-hour 200 is one alarm in 18 s, but a run of 60 s counts at most",
+            "--false-alarms-per-hour 200 is one alarm in 18 s. A run of 60 s counts only one",
         ),
         ({"lead_ms": -1}, "--lead-ms is -1, expected a whole number, 0 or more"),
         ({"groups": ("bords",)}, "unknown --group 'bords', expected one of boards, pulse"),
