@@ -10,7 +10,7 @@ evidence, because its packets arrive in bursts.
 
 from collections.abc import Sequence
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 
 EVERY_CYCLE, MEASURED, BURSTS, OWN = 0, 1, 2, 3
 

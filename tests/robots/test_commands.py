@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import ravenjax as rj
+from ravenjax import resources
 from ravenjax.analyses.deadline import finding
-from ravenjax.bundled import resources
 from ravenjax.campaign.plan import make_plan
 from ravenjax.cli import main
 from ravenjax.errors import UserError

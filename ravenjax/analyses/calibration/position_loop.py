@@ -8,7 +8,7 @@ truncates DAC commands to whole numbers. The low-pass filter of a raven2 of 2015
 from collections.abc import Callable
 from typing import NamedTuple
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.numbers.algebra import add, mul
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec, record, replace

@@ -33,7 +33,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.campaign import outcomes, plan
 from ravenjax.campaign.faults import table
 from ravenjax.campaign.file import bounds

@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 import pandas as pd
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.errors import StoreError, UserError, suggest_name
 from ravenjax.outcomes import events
 from ravenjax.report import wording

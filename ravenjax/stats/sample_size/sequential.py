@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BaseModel, BeforeValidator, ConfigDict, PlainSerializer
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.stats.intervals import (
     Estimate,
     Rate,

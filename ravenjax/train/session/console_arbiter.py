@@ -13,7 +13,7 @@ texts, so the page and the terminal show why its pedal does not count.
 from collections import deque
 from collections.abc import Callable, Mapping
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.train.protocol import CONSOLES, STALE_MS, Command, Event, Say
 
 NETWORK = ("itp", "crtk")  # The consoles whose reasons the page and the terminal show

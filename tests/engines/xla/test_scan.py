@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import ravenjax as rj
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.campaign import compile_cache, plan
 from ravenjax.engines.cpu.engine import SimdEngine
 from ravenjax.engines.interface import Block, TickProgram

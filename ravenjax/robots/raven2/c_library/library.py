@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.engines.cpu import transition
 from ravenjax.engines.cpu.memory import stored_size
 from ravenjax.errors import UserError

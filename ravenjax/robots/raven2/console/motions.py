@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.numbers.trigonometry import cos, sin
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.console.motion import NOMINAL_SCALE, TICK_S, Motion
