@@ -234,7 +234,7 @@ class Sequential:
 
 def describe_stop(looks: Sequence[Look]) -> str:
     """Return a sentence that says why a campaign stopped, or did not stop, after these looks."""
-    return resources.render_text(Path(__file__).with_name("stop.j2"), looks=looks)
+    return resources.render_text(Path(__file__).with_suffix(".j2"), looks=looks)
 
 
 def stratified_rate(
