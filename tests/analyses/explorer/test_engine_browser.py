@@ -17,7 +17,7 @@ from chromium import CHROMIUM, NEEDED
 
 import ravenjax as rj
 from ravenjax import resources
-from ravenjax.analyses.deadline.finding import Actor, FaultActions
+from ravenjax.analyses.deadline import Actor, FaultActions
 from ravenjax.analyses.explorer import program
 from ravenjax.analyses.explorer.page import PREFIX, import_map
 from ravenjax.campaign import outcomes
