@@ -8,9 +8,9 @@
 
 Parameters are a dict from path to number, and faults are a record of numbers; both are pytrees.
 `Model.params` and `Model.faults` contain the values of all runs of the campaign, with leaves of
-shape [runs], so that `jax.vmap` computes the campaign. You can also call the functions of a part of
-the robot, such as the nominal model (docs/tutorials/jax.md). Their arguments are `Model.setup` and
-the parameters of the part, which are a field of `Model.record(params)`.
+shape [runs], so that `jax.vmap` computes the campaign. You can also call a part of a robot alone,
+such as the nominal model of the Raven-II (docs/tutorials/jax.md). Give the part `Model.setup` and
+the field of `Model.record(params)` that contains the part's parameters.
 
 For the Raven-II, the derivatives of the nominal model are exact over any number of ticks. Those of
 everything after the DAC are exact only over one tick. Derivatives through the control software are

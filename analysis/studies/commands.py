@@ -20,10 +20,10 @@ def reproduce(name: str | None, out: Path, engine: str, keep: Path | None, as_js
             (one.name, one.title, ", ".join(one.targets), f"{one.minutes:g}")
             for one in map(studies.find, studies.NAMES)
         ]
-        columns = ("name", "what", "targets", "minutes")
+        columns = ("name", "title", "targets", "minutes")
         listed = Listing("studies", "Studies: ravenjax reproduce NAME", columns, rows)
-        columns = ("target", "what", "published", "band", "judged by")
-        words = "Targets: met where every line with a band is inside it"
+        columns = ("target", "title", "published", "band", "judged by")
+        words = "Targets: met if every line with a band is inside its band"
         met = Listing("targets", words, columns, [tuple(one) for one in targets().values()])
         return console.print_tables([listed, met], as_json)
     chosen = [studies.find(one) for one in (studies.NAMES if name == "all" else (name,))]

@@ -151,8 +151,8 @@ def records(folder: Path) -> dict[str, dict[str, Any]]:
     found = {name: read(folder / name) for name in NAMES if (folder / name / JSON).is_file()}
     if not found:
         raise UserError(
-            f"{folder}: no findings of a study there; a checkout has some in results/reference,"
-            f" `ravenjax reproduce NAME --out {folder}` makes them"
+            f"{folder}: no findings of a study there; the repository has some in results/reference,"
+            f" and `ravenjax reproduce NAME --out {folder}` writes them"
         )
     return found
 
@@ -191,7 +191,7 @@ def page(record: Record, with_claims: bool) -> str:
         "standings": standings(record["lines"]),
         "targets": targets(),
         "compared": any(line["published"] for line in record["lines"]),
-        "columns": (*BRIEF_COLUMNS, "likely reason of a difference"),
+        "columns": (*BRIEF_COLUMNS, "likely reason for a difference"),
         "lines": [*map(_line, record["lines"])],
         "claims": claims.section(record) if with_claims else "",
     }

@@ -1,5 +1,5 @@
-"""Study: does the virtual robot's mechanics resemble a real robot's? It compares statics, the load
-of a recorded motor, and the following errors of two arms.
+"""Study: do the mechanics of the virtual robot agree with those of real robots? It compares
+statics, the load on a recorded motor, and the following errors of two arms.
 """
 
 import math
@@ -34,24 +34,24 @@ THREE_JOINTS, SEVEN_JOINTS = recording.FILE, "recording_gold_7joints.parquet"
 SUPPLY_V = 48.0
 SEVEN_PERIOD_MS = 4.94  # 8 144 rows in 40 s, received in bursts
 LOG_SETUP = RavenSetup(software="fork2015", arms=("gold",), tools=("r_grasper",))
-"""Setup for both recordings. Also in the one with seven joints the first jaw follows the insertion
-like its second.
+"""Setup for both recordings. In the recording with seven joints, too, the motors of both jaws have
+the same sign.
 """
 WRIST = (
-    "the recorded wrist lags more as its recording goes on, also at the same speed; no law that was"
-    " tried reproduces both halves (docs/explanation/mechanics.md)"
+    "the recorded following error of the wrist grows with time at equal speed; no friction law that"
+    " was tried reproduces both halves (docs/explanation/mechanics.md)"
 )
 BAND = (0.75, 1.25)
-"""Band of agreement: a following error within a quarter of the recorded one."""
+"""Acceptance band of the following error, relative to the recorded one."""
 ARMS, MODELS = study.read_toml(f"published/{NAME}.toml").values()
 """Recorded arms by the file of the recording, and models of the torque of a motor."""
 COMPARED = tuple(MODELS)[2:5]
-"""Models without the load, with the authors' load, and with the load of statics."""
+"""Models without the load, with that of the published law, and with that of statics."""
 
 
 def logged(name: str, path: Path) -> LoggedRobot:
-    """Return a log: of the authors' arm in teleoperation, 21 s at 1 kHz, or of another arm, driven
-    along circles with today's gains, 40 s.
+    """Return a log: teleoperation of the DSN 2016 authors' arm, 21 s at 1 kHz, or 40 s of another
+    arm on circles, with the gains of raven2.
     """
     authors = name == THREE_JOINTS
     controller = position_loop.FORK2015 if authors else position_loop.RAVEN2
@@ -61,19 +61,19 @@ def logged(name: str, path: Path) -> LoggedRobot:
     return LoggedRobot(log, LOG_SETUP, "gold", controller)
 
 
-# --- the links' load in a recorded motor ---
+# --- load of the links on a recorded motor ---
 
-WINDOW_MS, ORDER, MOVING_RAD_S = 41, 3, 1.0  # of the Savitzky-Golay filter; slowest rows
+WINDOW_MS, ORDER, MOVING_RAD_S = 41, 3, 1.0  # Savitzky-Golay filter; slowest rows
 STRETCHES = 20
-"""Pieces of the recording, about a second each, that the bootstrap resamples."""
+"""Stretches of the recording, about 1 s each, that the bootstrap resamples."""
 
 
 class LoadShare(NamedTuple):
-    """One joint: estimates with their 95 % bands over stretches of the recording."""
+    """Estimates of one joint with 95 % intervals over stretches of the recording."""
 
-    inertia: tuple[float, float, float]  # J, kg m2 in the equation's units: value, low, high
-    scale: tuple[float, float, float]  # rho, 1
-    # Standard deviation of the load's part of the torque divided by that of the torque.
+    inertia: tuple[float, float, float]  # kg m2 in the units of the equation: value, low, high
+    scale: tuple[float, float, float]  # load relative to the published law
+    # Standard deviation of the load divided by that of the torque
     torque_share: float
 
 
@@ -108,7 +108,7 @@ def _load_share(joint: _Joint) -> LoadShare:
 
 
 def held_out(log: JointRecording) -> dict[str, list[np.ndarray]]:
-    """Return errors (N m, [n] of each joint) of MODELS, fitted to the first half, in the second."""
+    """Return errors (N m, [n] for each joint) on the second half of MODELS fitted to the first."""
     errors: dict[str, list[np.ndarray]] = {model: [] for model in MODELS}
     for joint in _moving(log):
         first = joint.place < 0.5
@@ -165,11 +165,11 @@ KP = constants.GAINS["raven2"]["gold"]["kp"][0]  # N m per rad of motor, after t
 
 class Statics(NamedTuple):
     who: str
-    tension: float  # N, pressed against its stop by COUNTS
-    peak: float  # N, on the way to the stop
+    tension: float  # N, of the cable, pressed against the stop by COUNTS
+    peak: float  # N, of the cable on the way to the stop
     torque: float  # N m at the joint
     speed: float  # rad/s, largest of the motor
-    given_way: float  # mm at 0.3 m of arm, pushed by LOAD_NM while its controller holds it
+    given_way: float  # mm at 0.3 m, displacement by LOAD_NM while the controller holds
 
     @property
     def cells(self) -> tuple[str, ...]:
@@ -190,7 +190,7 @@ def of_robot(name: str) -> Statics:
 
 
 def by_hand() -> Statics:
-    """Return motor torque through gear and drum, speed by back EMF, stiffness by KP."""
+    """Return statics: torque through gear and drum, speed from back EMF, stiffness from KP."""
     torque = COUNTS * transmission.TORQUE_PER_COUNT[0]
     stiffness = KP * transmission.TR[0] ** 2 / transmission.GEARBOX[0]
     spring = 2.0 * parameter_sets.parameter_set(AUTHORS).cable_stiffness[0] * PULLEY_M**2
@@ -234,7 +234,7 @@ def compare(context: study.Context) -> study.Findings:
     """Return lines of following errors, and the tables behind them."""
     paths = {name: path for name in ARMS if (path := recording.locate(name)) is not None}
     missing = [name for name in ARMS if name not in paths]
-    absent = (f"Not at hand: {', '.join(missing)}. Set {DATA} to their folder.",) if missing else ()
+    absent = (f"Not found: {', '.join(missing)}. Set {DATA} to their folder.",) if missing else ()
     load = ()
     with jax.enable_x64(True):
         statics = [one.cells for one in (by_hand(), of_robot(OURS), of_robot(AUTHORS))]
@@ -245,7 +245,7 @@ def compare(context: study.Context) -> study.Findings:
             printed.append(read_table(NAME, "load", _load_rows(of_recording(log))))
             load = _load_note(held_out(log))
     lines: list[study.Line] = []
-    # Whether joints 1-3 follow like the recorded ones with the authors' law
+    # Whether joints 1-3 with the published law are inside BAND
     authors: list[bool] = []
     for name, path in paths.items():
         log, arm = logged(name, path), ARMS[name]
@@ -255,11 +255,11 @@ def compare(context: study.Context) -> study.Findings:
         ours, theirs = (row.following / rows[0].following for row in rows[1:3])
         authors += [bool(BAND[0] <= ratio <= BAND[1]) for ratio in theirs[:3]]
         for j in log.log.joints:
-            blind = "" if j in arm["fitted"] else ", with the friction of the other"
-            words = f"following error of {JOINTS[j].replace('_', ' ')}, virtual by recorded"
+            blind = "" if j in arm["fitted"] else ", with the friction of the other arm"
+            words = f"ratio of virtual to recorded: {arm['words']}{blind}"
             reason = WRIST if (name, j) == (SEVEN_JOINTS, 4) else ""
             ratios = study.StudyEstimate(1.0), study.StudyEstimate(float(ours[j]))
-            quantity = f"{words}: {arm['words']}{blind}"
+            quantity = f"following error of {JOINTS[j].replace('_', ' ')}, {words}"
             lines.append(study.Line(quantity, "", *ratios, BAND, reason=reason))
         unknowns = select_unknowns(arm["fitted"], ("friction", "offsets"))
         fit = log.calibrated(sets[OURS], unknowns)
@@ -285,7 +285,7 @@ def _following(rows: Sequence[FollowingError], joints: Sequence[int], name: str)
 
 def _load_rows(found: Sequence[LoadShare]) -> Iterator[tuple[str, ...]]:
     catalogue = parameter_sets.parameter_set(OURS).actuators.inertia
-    laws = {"statics": transmission.GP42, "authors": 1.0}
+    laws = {"statics": transmission.GP42, "published law": 1.0}
     for j, joint in enumerate(found):
         _, low, high = joint.scale
         inside = [law for law, number in laws.items() if low <= number <= high]
@@ -306,7 +306,7 @@ def _band(values: Iterator[float] | Sequence[float]) -> str:
 
 
 def _load_note(errors: Mapping[str, Sequence[np.ndarray]]) -> tuple[str, ...]:
-    """Return where the load of statics predicts better than none, and than the authors'."""
+    """Return where the load of statics predicts better than no load, and than the published."""
     rotor, authors, statics = (list(map(np.mean, errors[model])) for model in COMPARED)
     rotor, authors = (
         " and ".join(JOINTS[j] for j in range(3) if statics[j] < other[j]) or "no joint"

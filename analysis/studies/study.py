@@ -1,5 +1,5 @@
-"""Defines a study: a published experiment as campaigns, and its findings compared with the
-published numbers.
+"""Defines a study: the campaigns that repeat a published experiment, and the comparison of their
+results with published numbers.
 
 Texts and published numbers are in data files: `studies.toml`, `targets.toml`, and the files with
 the study's name in `variants`, `published`, `tables` and `notes`.
@@ -28,12 +28,12 @@ Tables = Mapping[str, Iterable[Sequence[Cell]]]
 
 @dataclasses.dataclass(frozen=True)
 class Variant:
-    """One campaign of a study: the baseline, or one open question answered differently."""
+    """One campaign of a study: the baseline, or one change of it."""
 
     name: str  # also the name of its folder
     campaign: str  # file name of a bundled campaign
     overrides: tuple[str, ...] = ()  # key.path=value, as --set takes them
-    question: str = ""  # what this variant answers differently; "" for the baseline
+    question: str = ""  # what this variant changes; "" for the baseline
 
 
 @dataclasses.dataclass(frozen=True)
@@ -202,7 +202,7 @@ def read_table(study: str, key: str, rows: Iterable[Sequence[Cell]], **values: o
     )
     heads, cells = tuple(columns.split(" | ")), tuple(map(tuple, rows))
     if any(len(row) != len(heads) for row in cells):
-        raise ValueError(f"{study}, table {key}: a row has not {len(heads)} cells")
+        raise ValueError(f"{study}, table {key}: a row does not have {len(heads)} cells")
     return Table(title, heads, cells, *note)
 
 
@@ -279,6 +279,6 @@ def standings(lines: Sequence[Mapping[str, Any]]) -> dict[str, str]:
             met = "met" if all(judged) else "not met"
             found[name] = f"{name} {met}: {sum(judged)} of {len(judged)} {noun}"
         else:
-            why = "with a band has a prediction" if banded else "has a band"
-            found[name] = f"{name} not judged: no line of it {why}"
+            why = "line with a band has a prediction" if banded else "line has a band"
+            found[name] = f"{name} not judged: no {why}"
     return found

@@ -1,8 +1,8 @@
 """Study: which conclusions depend on uncertain properties of the robot?
 
-The same faults are run on robots that differ in properties that are not known exactly. The
-published parameter sets are eight hand-tuned descriptions of the same joints, so their differences
-measure the uncertainty. Where they agree or give no value, a range is an assumption and is marked.
+The same faults run on robots that differ in uncertain parameters. The published parameter sets are
+eight hand-tuned descriptions of the same joints, so their differences measure the uncertainty.
+Where they agree or give no value, the range is an assumption and is marked.
 """
 
 import tomllib
@@ -36,17 +36,17 @@ from studies.study import Cell, read_table
 NAME, KNOWN, KNOWN_ROBOT = "uncertain_robot", "known", "known robot"
 """KNOWN: the variant of KNOWN_ROBOT."""
 SEEDS = (1, 2, 3)
-"""Seeds, each of a separate draw of faults and robots together."""
+"""Seeds of separate draws of faults and robots."""
 SETS = parameter_sets.PUBLISHED
-"""The published sets, with the authors' law of motor and cable."""
+"""The published sets, with the published law of motor and cable."""
 FEWEST_EXPECTED, TABLES_DRAWN = 5, 9999
-"""Expected count that the chi-squared distribution needs (Cochran 1954), and tables drawn below."""
+"""Least expected count for the chi-squared distribution (Cochran 1954), and tables drawn below."""
 DATA = study.read_toml(f"published/{NAME}.toml")
 EVENTS = {name: words.format(limit_mm=LIMIT_MM) for name, words in DATA["events"].items()}
-"""Events of a fault, columns of runs. Each is a rate over the faults that changed a bit."""
+"""Words of the events, by column of runs. Rates are over the faults that changed a bit."""
 LAYER_EVENT = "unintended"
-EVERY_CYCLE = "length of packets 0"
-"""Name of the robot that gets a packet in each control cycle."""
+EVERY_CYCLE = "measured packet lengths 0"
+"""Name of the robot that receives a packet in each control cycle."""
 THIRDS = ("lowest third", "middle third", "highest third")
 
 
@@ -58,7 +58,7 @@ class Uncertain(NamedTuple):
     law: str  # distribution, in the form of a campaign file
     low: float  # ends of the range, at which it is varied alone
     high: float
-    nominal: float  # value of the robot as it is known
+    nominal: float  # value of the known robot
     source: str
 
     @property
@@ -72,14 +72,14 @@ class Uncertain(NamedTuple):
         return f"{self.low:g} to {self.high:g}"
 
     def values(self, frame: pd.DataFrame) -> np.ndarray:
-        """Return its value in each run of a result table."""
+        """Return the value in each run of a result table."""
         varied = frame.get(self.column, pd.Series(self.nominal, frame.index))
         return varied.fillna(self.nominal).to_numpy(float)
 
 
 PARAMETERS = tuple(Uncertain(**row) for row in DATA["parameter"])
 Robots = Mapping[str, pd.DataFrame]
-"""Robots under the same faults, by name: EVENTS of each fault, bool, and its `kind` and `layer`."""
+"""Maps robots with the same faults to EVENTS of each fault, bool, and its `kind` and `layer`."""
 
 
 class Dependence(NamedTuple):
@@ -87,15 +87,15 @@ class Dependence(NamedTuple):
 
     event: str
     parameter: Uncertain
-    # NaN if nothing was seen to vary. Of both ends: exact, exchanged kind by kind. Of drawn robots:
-    # of independence.
+    # NaN without different outcomes. At both ends: exact test that exchanges them kind by kind. Of
+    # drawn robots: test of independence.
     p: float
     levels: Mapping[str, Rate]  # at both ends, or in thirds of the parameter
     difference: Estimate  # rate in the last level minus rate in the first, fraction
 
 
 def rate_of(events: pd.DataFrame, event: str) -> Rate:
-    """Return the share of faults with that event, with its interval over kinds of faults."""
+    """Return the share of faults with an event, with its interval over kinds of faults."""
     return units.rate_band(events[event].to_numpy(), kinds_of(events))
 
 
@@ -155,11 +155,11 @@ def thirds(values: np.ndarray) -> np.ndarray:
 def dependences(
     frame: pd.DataFrame, flags: pd.DataFrame, parameters: Sequence[Uncertain]
 ) -> list[Dependence]:
-    """Return whether each event depends on each parameter, for robots with all parameters drawn;
-    of one event the clearest first.
+    """Return whether each event depends on each parameter, for robots with all parameters drawn.
+    The smallest p of an event comes first.
 
     Mann-Whitney's test detects a rate that rises or falls, and the chi-squared test over thirds
-    another dependence. p is twice the lesser (Bonferroni). Runs are assumed to be independent.
+    any other dependence. p is twice the smaller (Bonferroni). Runs are assumed independent.
     """
     found = []
     for event in EVENTS:
@@ -184,7 +184,7 @@ def dependences(
 
 
 def _p(hit: np.ndarray, code: np.ndarray, values: np.ndarray) -> float:
-    """Return p of independence of hit [n] from its level, a code [n], and from the values [n]."""
+    """Return p of independence of `hit` [n] from its third `code` [n] and from `values` [n]."""
     from scipy.stats import MonteCarloMethod, chi2_contingency, mannwhitneyu
     from scipy.stats.contingency import crosstab, expected_freq
 
@@ -207,14 +207,14 @@ def extremes(robots: Robots, event: str) -> list[tuple[Rate, str]]:
     return [end(rates, key=lambda pair: pair[0].value) for end in (min, max)]
 
 
-# --- what decides how far a fault moves the tip ---
+# --- what determines how far a fault moves the tip ---
 
 SEARCH = f"variants/{NAME}_search.toml"
 SEARCHES = {"morris": {"trajectories": 60, "levels": 8}, "sobol": {"n": 128}}
 
 
 def sensitivity_rows(out: Path, engine: str) -> Iterator[tuple[Cell, ...]]:
-    """Run both searches, and yield the Morris and Sobol indices of every joint and parameter."""
+    """Run both searches, and yield Morris and Sobol indices for each joint and parameter."""
     common, results = study.read_toml(SEARCH), {}
     words = {one.path: one.words for one in PARAMETERS}
     laws = {one.path: tomllib.loads(f"law = {one.law}")["law"] for one in PARAMETERS}
@@ -248,7 +248,7 @@ def sensitivity_rows(out: Path, engine: str) -> Iterator[tuple[Cell, ...]]:
 def conclusion_rows(
     robots: Robots, found: Sequence[Dependence], drawn: Sequence[Dependence]
 ) -> Iterator[tuple[Cell, ...]]:
-    """Yield each conclusion, its range over robots, and what it depends on."""
+    """Yield each event, its range over robots, and the parameters on which it depends."""
     alone, together = (
         [effect for effect, finding in adjusted(part) if finding.rejected]
         for part in (found, drawn)
@@ -264,7 +264,7 @@ def conclusion_rows(
         ]
         others = [effect.parameter.words for effect in together if effect.event == event]
         ends = " to ".join(format_percent(end.value) for end in (low, high))
-        dependent = (", ".join(some) or "none of those tried" for some in (effects, others))
+        dependent = (", ".join(some) or "none detected" for some in (effects, others))
         known = rate(rate_of(robots[KNOWN_ROBOT], event))
         yield words, known, ends, f"{low_robot}; {high_robot}", *dependent
 
@@ -307,7 +307,7 @@ def layer_rows(robots: Robots) -> Iterator[tuple[Cell, ...]]:
 
 
 def compare(context: study.Context) -> study.Findings:
-    """Compare rates on every robot, and find what decides how far a fault moves the tip."""
+    """Compare rates on all robots, and find what determines how far a fault moves the tip."""
     folders, robots, ends = context.folders, {}, {}
     robots[KNOWN_ROBOT] = read(folders[KNOWN])[1]
     for one in PARAMETERS:
@@ -343,15 +343,15 @@ def compare(context: study.Context) -> study.Findings:
 
 def _lines(robots: Robots) -> Iterator[study.Line]:
     known, cycle = robots[KNOWN_ROBOT], robots[EVERY_CYCLE]
-    of = f"faults of this design, {kinds.count(kinds_of(known))}, the known robot"
+    of = f"faults of the campaign, {kinds.count(kinds_of(known))}, known robot"
     for event, words in EVENTS.items():
         share = rate_of(known, event)
         yield study.percent_line(words, share, of)
-        yield study.percent_line(f"{words}, a packet each cycle", rate_of(cycle, event), of)
+        yield study.percent_line(f"{words}, one packet per cycle", rate_of(cycle, event), of)
         (low, _), (high, _) = extremes(robots, event)
         span = Estimate(share.value, low.value, high.value)
-        value = study.in_percent(span, len(robots), "robots, extremes")
-        yield study.own_line(f"{words}, over robots", "%", value)
+        value = study.in_percent(span, len(robots), "robots")
+        yield study.own_line(f"{words}, range over robots", "%", value)
 
 
 STUDY = study.study(NAME, study.read_variants(NAME), compare)

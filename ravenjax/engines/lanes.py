@@ -1,4 +1,4 @@
-"""Defines the inputs of the robots (lanes) that compiled code runs, and snapshots to start from."""
+"""Defines input data for compiled code that simulates robots (lanes), and snapshots of a run."""
 
 import dataclasses
 from collections.abc import Sequence

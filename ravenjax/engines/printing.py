@@ -1,8 +1,8 @@
 """Defines the base class of printers, which write a program in a language such as LLVM IR.
 
-A subclass defines the text of constants, loads, stores, operations and conditional blocks. A number
-is read where an operation first needs it, and a result is written as soon as it is computed. If a
-result overwrites a number, all operations that need the old number read it before.
+A subclass defines the text of constants, loads, stores, operations and conditional blocks. A value
+is loaded where an operation first needs it, and a result is stored as soon as it is computed. If a
+result overwrites a value in memory, the old value is loaded before the store.
 """
 
 from abc import ABC, abstractmethod

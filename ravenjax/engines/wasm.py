@@ -59,7 +59,7 @@ def link_module(code: bytes, defined: Sequence[str], names: Sequence[str]) -> by
     """
     reader = _Reader(code)
     if reader.read(len(MAGIC)) != MAGIC:
-        raise Unlinkable(f"this is no WebAssembly object: it begins with {code[: len(MAGIC)]!r}")
+        raise Unlinkable(f"no WebAssembly object file: it begins with {code[: len(MAGIC)]!r}")
     sections: dict[int, bytes] = {}
     while kind := reader.read(1):
         content = reader.content()
@@ -67,12 +67,12 @@ def link_module(code: bytes, defined: Sequence[str], names: Sequence[str]) -> by
             sections[kind[0]] = content
         elif kind[0] != _CUSTOM:
             expected = "expected only types, imports, functions and code"
-            raise Unlinkable(f"the object has a section {kind[0]}, {expected}")
+            raise Unlinkable(f"the object file has a section {kind[0]}, {expected}")
     imports = _Reader(sections[_IMPORT])
     count, name = imports.number(), (imports.content().decode(), imports.content().decode())
     if count != 1 or name != MEMORY:
         got = f"{count} imports, first {'.'.join(name)}"
-        raise Unlinkable(f"the object has {got}; expected only the import env.__linear_memory")
+        raise Unlinkable(f"the object file has {got}, expected one import: env.__linear_memory")
     exports = [
         encode_leb128(len(name)) + name.encode() + b"\0" + encode_leb128(defined.index(name))
         for name in names

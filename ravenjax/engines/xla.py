@@ -1,11 +1,11 @@
 """Engines `xla` and `mjx`: run the tick under `vmap` in a `lax.scan` over time, compiled by `jit`.
 
-A kernel call advances one block by one *segment* of ticks. One compiled function therefore serves
-runs of any length, and its memory does not grow with the length. The first segment makes the
-initial state. Each segment returns the outcomes so far.
+A *block* is a batch of lanes. A call of the compiled function advances one block by one *segment*
+of ticks. The same function therefore serves runs of any length, and its memory does not grow with
+the length. Each call returns the outcomes so far.
 
-On a CPU a block is small, and each core runs one. On accelerators one large block runs at a time,
-and `jit` divides its lanes among the devices.
+On a CPU a block is small, and each core runs one block. On accelerators one large block runs at a
+time, and `jit` divides its lanes among the devices.
 """
 
 import collections

@@ -13,11 +13,11 @@ All functions are pure. A signal is an array of any shape, of floats, integers o
 NumPy, JAX, torch or another library of the array API standard. Results are arrays of the same
 library. With JAX the functions work under `jit`, `vmap` and `scan`. Each number of a fault may be
 an array that broadcasts against the signal. For a signal [environments, channels], a value
-[channels] differs between channels, and a value [environments, 1] between environments. `tick`,
-`clock` and `done` have the leading axes of the signal, such as [] or [environments].
+[channels] differs between channels, and a value [environments, 1] between environments. The
+arguments `tick`, `clock` and `done` have the leading axes of the signal, such as [environments].
 
-Campaigns compute effects and windows with the same code. As in campaigns, integers and truth values
-are converted to float32 and back, except by bit flips.
+Campaigns compute the effects and times of faults with the same code. As in campaigns, integers and
+truth values are converted to float32 and back, except by bit flips.
 """
 
 import dataclasses

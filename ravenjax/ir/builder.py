@@ -1,9 +1,9 @@
 """Builds straight-line programs: programs of operations on single numbers, without loops.
 
 The builder shares common subexpressions, folds constants and simplifies operations. A simplified
-operation gives the same bits for all operands, except for the payload of a NaN. A rule of
-simplification is included only if it shortens the robot's tick, or if it moves a sign so that
-`contract_to_fma` finds more products. Further rules would save 0.2 % of the operations.
+operation gives the same bits for all operands, except for the payload of a NaN. Each rule of
+simplification shortens the robot's tick, or moves a minus sign out of a product so that
+`contract_to_fma` can fuse the product with a sum.
 """
 
 import math

@@ -1,11 +1,11 @@
 """Computes sine, arc tangent and similar functions in float32, with the same bits on every engine.
 
-The functions use only sums, products, choices and bit operations. Each function gets an
-`Arithmetic`, whose numbers are operations of a straight-line program or NumPy arrays. The
+The functions use only sums, products, choices and bit operations. Their argument `Arithmetic`
+defines these operations, either for NumPy arrays or to build a straight-line program. The
 coefficients are in polynomials.toml. The largest errors, compared with the exact value, in units in
 the last place (ulp) of a float32 near the result:
 
-    sin, cos      2e-7 absolute for |x| <= 1e6 (2 ulp of sin near 0); within [-1, 1] beyond
+    sin, cos      2e-7 absolute (sin near 0: 2 ulp) if |x| <= 1e6; for larger |x| any value in -1..1
     tan           sin / cos
     atan, atan2   3 ulp; every quadrant, zero and infinity as C has them
     asin, acos    4 ulp, 5e-7 absolute; NaN outside [-1, 1]

@@ -1,9 +1,8 @@
 """Finds operations that are needed only in rare cases, so that generated code can skip them.
 
-A `rarely` operation selects one of two values by a condition that is seldom true. Some operations
-are needed only to compute the second value of `rarely` operations with the same condition. These
-operations form the *region* of the condition. Generated code skips the region if the condition is
-false in all lanes.
+A `rarely` operation is a `select` whose condition is seldom true. Operations that are needed only
+if this condition is true form the *region* of the condition. Generated code skips the region if the
+condition is false in all lanes.
 """
 
 from collections.abc import Iterable, Iterator, Sequence

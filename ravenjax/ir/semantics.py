@@ -1,17 +1,17 @@
 """Defines the result of each operation of a program, in NumPy.
 
 The definitions are used to fold constants and to test generated code. Floats follow IEEE 754, with
-one rounding per operation, also of `fma`. Integers wrap. No operation raises an error. Edge cases
+one rounding per operation, including `fma`. Integers wrap. No operation raises an error. Edge cases
 follow XLA where it defines them:
 
 - A conversion from float to integer saturates, and NaN becomes 0. `truncate` instead follows C's
   `(int)x` on x86: a number that does not fit becomes -2147483648.
 - A shift by the width of the number, or by more, shifts all bits out.
 - Division of an integer by 0 gives -1.
-- Of zeros with different signs, `max` and `min` return the second; of NaN and a number, NaN.
+- `max` and `min` of NaN and a number return NaN; of +0 and -0 they return the second operand.
 
-`rarely` equals `select`, and its condition is seldom true (see `regions`). Functions are those of
-the C library, rounded to their type.
+`rarely` gives the same result as `select` (`regions` explains it). Functions such as the sine are
+those of the C library, rounded to their type.
 """
 
 import ctypes

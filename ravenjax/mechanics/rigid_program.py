@@ -3,9 +3,9 @@
 The bias contains Coriolis, centrifugal and gravity torques, with the sign of MuJoCo's qfrc_bias.
 The mass matrix uses the composite-rigid-body algorithm and the bias uses recursive Newton-Euler.
 Both share the kinematics. A body has mass m and, about its origin, first moments of mass h and
-second moments J. With the origin's acceleration a and U = [alpha]x + [omega]x^2, the force and the
-torque on the body are f = U h + m a and n, the sum of dm r x (U r + a) over its mass elements at r.
-U is shared, so this needs fewer operations than Euler's form (W. Khalil's symbolic method).
+second moments J. Its origin has the acceleration a, and U = [alpha]x + [omega]x^2. The force on the
+body is f = U h + m a. The torque n on the body is the integral of r x (U r + a) over its mass. The
+shared U saves operations, compared with Euler's form (W. Khalil's symbolic method).
 """
 
 from __future__ import annotations

@@ -3,10 +3,10 @@
 The result is written for `rigid_program`, which computes the tree's dynamics. Any subtree of any
 model can be read. Three choices reduce the number of operations and leave the dynamics unchanged:
 
-- Each moving link gets its own frame. Its z axis is the joint axis, and its x axis is the common
-  normal to the axis of its first child. Its origin is at the foot of the common normal to its
-  parent's axis (of a slide: at the parent's origin). A transform to the parent is then Rz(beta)
-  Rx(alpha) Rz(angle), and beta is mostly zero (W. Khalil, J. F. Kleinfinger, ICRA 1986).
+- Each moving link gets its own frame. The z axis is the joint axis. The x axis is the common normal
+  to the joint axis of the link's first child. The origin is on the joint axis, at the foot of the
+  common normal to the parent's joint axis (of a slide: at the parent's origin). The rotation to the
+  parent is Rz(beta) Rx(alpha) Rz(angle), often with beta = 0 (Khalil, Kleinfinger, ICRA 1986).
 - Bodies that are fixed to a link become part of the link.
 - Inertia that has no effect on the joint's own motion is moved to the parent. For a hinge about z
   this is the mass, the first moment along z and the second moment along z. For a slide it is all

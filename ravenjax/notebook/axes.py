@@ -1,8 +1,8 @@
 """Functions that declare how a key of a campaign varies, for campaigns in Python.
 
-A key may be drawn from a distribution, or start in a phase of the operation. Each function returns
-the table that a campaign file contains: `uniform(0, 1)` is `{ uniform = [0, 1] }`. The numbers are
-checked with the campaign, by the same rules as in a file. A plain list is a list of values.
+For example, a value is drawn from a distribution, or a fault starts in a phase of the operation.
+Each function returns the table that a campaign file contains: `uniform(0, 1)` returns the table
+`{ uniform = [0, 1] }`. `Campaign` checks the numbers. Several values of a key are a plain list.
 """
 
 from collections.abc import Sequence

@@ -177,7 +177,7 @@ def _compile_truth(node: ast.AST) -> Formula:
         case ast.Compare(ops=ops) if all(type(op) in (ast.Gt, ast.Lt) for op in ops):
             return _compile_comparison(node)
         case ast.Compare():
-            raise _error(node, "comparisons by > and <: instead of n >= 3 write n > 2.5")
+            raise _error(node, "a comparison with > or <. For example, write n > 2.5 for n >= 3")
         case ast.BoolOp(op, values):
             extreme = jnp.minimum if isinstance(op, ast.And) else jnp.maximum
             return _combine(extreme, [_compile_truth(value) for value in values])
@@ -199,8 +199,8 @@ def _compile_truth(node: ast.AST) -> Formula:
             return _over_window(_compile_truth(inner), _IS_MAXIMUM[name], in_future, a, b)
     raise _error(
         node,
-        "one of: a comparison such as 'depth > 2'; 'a and b', 'a or b', 'not a', 'implies(a, b)';"
-        " once[0:100](a), historically, eventually or always in this form, with whole ms",
+        "a comparison such as 'depth > 2', or 'a and b', 'a or b', 'not a', 'implies(a, b)' or"
+        " 'once[0:100](a)' with whole ms (likewise historically, eventually and always)",
     )
 
 

@@ -1,4 +1,4 @@
-"""Explains the words of a verdict in sentences that contain the limits of a campaign."""
+"""Explains the words of a verdict in sentences, with the limits in mm that a campaign sets."""
 
 from typing import NamedTuple
 

@@ -52,7 +52,7 @@ class Reader:
         elif name in self.known:
             self.taken[name] = self.known[name]
         else:
-            raise FileNotFoundError(2, "No such file when the code was first read", name)
+            raise FileNotFoundError(2, "This file was not read when the code first ran", name)
         return self.taken[name]
 
     def _run(self, code: str | bytes, path: Path, name: str) -> types.ModuleType:

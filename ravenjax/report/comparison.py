@@ -101,7 +101,7 @@ def compare_folders(first: Path, second: Path, most: int = 10) -> FolderComparis
     Raises StoreError as `query.open_folder` does, and UserError if the folders share no fault.
     """
     if most < 0:
-        raise UserError(f"--most {most}: expected a number of runs, 0 for none")
+        raise UserError(f"--most {most}: expected a number of runs to list, 0 or more")
     records = manifest.read_manifest(first), manifest.read_manifest(second)
     with query.open_folder(first) as table:
         table.run(f"ALTER VIEW {query.RESULTS} RENAME TO runs_first")
@@ -169,9 +169,9 @@ def _pair_runs(table: ResultTable, folders: tuple[Path, Path]) -> ComparedPairs:
     by_run_id, by_fault = table.row(f"SELECT {counts} FROM pairs")
     if not by_run_id + by_fault:
         raise UserError(
-            f"{folders[0]} and {folders[1]} share no fault: no run has the same run id, or the same"
-            " faults and values of the parameters that both campaigns vary. Compare results of one"
-            " campaign, or of one that was varied by --set."
+            f"{folders[0]} and {folders[1]} share no fault. Two runs are compared if they have the"
+            " same run id, or the same faults and the same values of all parameters that both"
+            " campaigns vary. Compare runs of one campaign, for example with different --set."
         )
     runs = [table.row(f"SELECT count(*) FROM runs_{side}")[0] for side in SIDES]
     first, second = (count - by_run_id - by_fault for count in runs)

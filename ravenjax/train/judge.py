@@ -7,13 +7,13 @@ person at the console can first notice the hazard: the tip is `SEEN_MM` off its 
 has left pedal-down although the pedal is held, or a check has raised an alarm. Reaction times start
 at the *origin*: the start of the cue or `knowable_ms`, whichever is earlier. A person acts at the
 earliest `ACTS_MS` after the origin. The judge scores the first right response within the time
-allowed. If there is none, it scores the first other response. It ignores a slow-down that the
-scenario does not list as right, because hands also slow down near a target. A hazard is decided
-when harm is done, when the operator gives a right response, or when the time is up. A pause, a
-reset or a broken connection before that interrupts it. The score has two parts of up to 50 points.
-A right response gives all 50 points up to `FASTEST_MS`, and half of them at the end of the time
-allowed. The other part measures the patient's safety. It is 50 points times the remaining distance
-to harm at the end, divided by that distance when a person could first act.
+allowed. If there is no right response, the judge scores the first other response. It ignores a
+slow-down unless the scenario lists this response as right, because hands slow down near a target. A
+hazard ends when harm is done, when the operator gives a right response, or when the time is up. If
+a pause, a reset or a broken connection comes first, the hazard counts as interrupted. The score has
+two parts of up to 50 points. A right response gives 50 points if it takes up to `FASTEST_MS`, and
+25 points at the end of the time allowed. The points for safety are 50 times a ratio: the distance
+to harm at the end, divided by the distance to harm at the time when a person could first act.
 """
 
 import dataclasses

@@ -314,9 +314,9 @@ def _connect(
     if not isinstance(stream, int):
         if armables:
             raise UserError(
-                f"scenario {options.scenario.name!r} has {len(armables)} hazards. They cannot be"
-                f" armed in a robot over {stream}: choose a scenario without hazards, or start"
-                " `ravenjax robot` and write --robot HOST:ITP_PORT:JOINT_PORT"
+                f"scenario {options.scenario.name!r} has {len(armables)} hazards, but a robot that"
+                f" is connected over {stream} cannot inject faults: choose a scenario without"
+                " hazards, or start `ravenjax robot` and write --robot HOST:ITP_PORT:JOINT_PORT"
             )
         from ravenjax.train.robot_link.crtk import bridge
         from ravenjax.train.robot_link.crtk.ros_robot import RosRobot

@@ -1,13 +1,13 @@
 """Defines the data that the processes of a training session exchange, and the scene's geometry.
 
 A *frame* is one millisecond of a session as a row of named float32 numbers, for the page, the
-recording and the judge. `channels.toml` lists the names. Whole numbers stay below 2^24, because
-float32 holds these exactly; so a session lasts at most four and a half hours. Lengths are in m and
-angles in rad unless a name's suffix gives another unit. `tip`, `position` and `force` are in the
-arm's frame 0. *Commands* and *events* are plain dicts, sent as JSON;
-docs/how-to/training-messages.md lists them. At the beginning of each tick the session reads the
-commands that have arrived. Its course depends only on a list of (tick, command). The *scene* is
-geometry in plain numbers, for code that runs every millisecond. It contains the point where the
+recording and `train.judge`, which scores the operator. `channels.toml` lists the names. Whole
+numbers stay below 2^24, because float32 is exact up to there. A session therefore lasts at most
+four and a half hours. Lengths are in m and angles in rad unless a name's suffix gives another unit.
+`tip`, `position` and `force` are in the arm's frame 0. *Commands* and *events* are plain dicts,
+sent as JSON (docs/how-to/training-messages.md). At the beginning of each tick the session reads the
+commands that have arrived. The same commands in the same ticks give the same session. The *scene*
+is geometry in plain numbers, for code that runs every millisecond. It contains the point where the
 jaws close, because people see this point as the tip. The control software's tip is the jaws' axis.
 """
 

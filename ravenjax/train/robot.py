@@ -1,4 +1,4 @@
-"""Provides the parts of the Raven-II that sessions use, and its kinematics for single poses.
+"""Provides functions and constants of the simulated Raven-II that training sessions use.
 
 Modules that compile a tick or draw the arms import the robot's modules directly.
 """

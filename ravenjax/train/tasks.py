@@ -1,4 +1,4 @@
-"""Defines the operator's tasks: reach targets (also in levels), transfer an object, follow a line.
+"""Defines the tasks: reach targets (once, or in levels), transfer an object, or follow a line.
 
 All positions are in world coordinates, m. The middle of a task lies between the start positions of
 the tips. Tasks do not affect the robot: targets, pegs and objects exert no force.

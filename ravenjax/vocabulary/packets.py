@@ -2,10 +2,10 @@
 docs/explanation/simulated.md describes the measurements; `analysis/validation/packets.py` repeats
 them on public recordings.
 
-In the file recording_gold_joints123 a repeated desired position is visible, because one DAC count
-is 0.9 mrad of a motor, and a fast motor moves 5 to 20 mrad in a cycle. The file cannot distinguish
-a packet of two cycles from two packets with the same position. The file operator_positions is no
-evidence, because its packets arrive in bursts.
+The file recording_gold_joints123 contains DAC commands, from which the desired position of a motor
+follows to 0.9 mrad. While a motor moves fast, this position changes by 5 to 20 mrad in a cycle. So
+a packet that lasts two cycles is visible as a repeated position. Two packets with equal positions
+look the same. Packets of the file operator_positions arrive in bursts, so this file is no evidence.
 """
 
 from collections.abc import Sequence

@@ -1,7 +1,7 @@
 """Defines the fault sites of a robot: signals with channels into which faults are injected.
 
-A robot declares its sites in its own order. `ravenjax.faults` gets the signal of a site. Each
-channel has a path inside the signal. `ARM` in a path is an index in `setup.arms`.
+A robot declares its sites in its own order. A signal is a record of numbers, and the path of a
+channel leads to one of these numbers. `ARM` in a path stands for an index in `setup.arms`.
 """
 
 import dataclasses

@@ -38,10 +38,10 @@ def test_which_came_first(text):
     both = VALID[(VALID["cue0_first_ms"] >= 0) & (VALID["told_ms"] >= 0)]
     lead = both["told_ms"] - both["cue0_first_ms"]
     first = lead > 0
-    said = f"the cue was first in {first.sum()} of {len(both)} faults ({share(first)}"
-    assert said in text
+    assert f"{len(both)} faults had both a cue and an alarm or stop by a check" in text
+    assert f"The cue came first in {first.sum()} of them ({share(first)}" in text
     when = "before" if lead.median() > 0 else "after"
-    assert f"at the median the cue came {abs(lead.median()):g} ms {when} the check" in text
+    assert f"At the median the cue came {abs(lead.median()):g} ms {when} the check" in text
 
 
 @pytest.mark.slow

@@ -104,10 +104,10 @@ def test_a_target_is_met_where_every_line_with_a_band_is_inside_it():
     assert [*standings(plain(FOUND)["lines"]).values()] == [
         "A6 not met: 1 of 2 lines inside their band",
         "A4 met: 1 of 1 line inside its band",
-        "A5 not judged: no line of it with a band has a prediction",
+        "A5 not judged: no line with a band has a prediction",
     ]
     (bare,) = standings([{"target": "A7", "band": None, "passed": None}]).values()
-    assert bare == "A7 not judged: no line of it has a band"
+    assert bare == "A7 not judged: no line has a band"
 
 
 @pytest.mark.parametrize(

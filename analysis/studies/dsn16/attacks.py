@@ -1,9 +1,8 @@
-"""Counts the runs of both studies of the targeted attacks (DSN 2016), and tests statements of the
-publication.
+"""Counts the runs of the targeted attacks (DSN 2016), and tests the statements of the paper.
 
-A cell is one fault (a value and a duration). Its runs differ in the packet at which the fault
+A cell is one value with one duration of the fault. Its runs differ in the packet at which the fault
 starts. The cells are a fixed grid, so a predicted share has no interval. The length of a packet was
-not published: the baseline uses those of a recorded arm, and variants use others.
+not published: the baseline uses packet lengths of a recorded arm, and variants use others.
 """
 
 import dataclasses
@@ -36,14 +35,14 @@ STATEMENTS = read_toml("published/dsn16.toml")["statements"]
 
 def rate(cells: pd.DataFrame | pd.Series) -> StudyEstimate:
     """Return the mean of the cells' shares, in %."""
-    shares = cells.to_numpy().ravel()
-    return StudyEstimate(100.0 * float(shares.mean()), n=len(shares), of="cells of a fixed grid")
+    shares, of = cells.to_numpy().ravel(), "cells (value, duration) of a fixed grid"
+    return StudyEstimate(100.0 * float(shares.mean()), n=len(shares), of=of)
 
 
 def bias(
     predicted: np.ndarray, published: np.ndarray, reading_error: float = 0.0
 ) -> tuple[int, int, float]:
-    """Return how many predictions are above and below, beyond the reading error, and the sign p."""
+    """Return how many predictions are above and below by more than the reading error, and p."""
     from scipy.stats import binomtest
 
     apart = predicted - published
@@ -79,7 +78,7 @@ class VariantRuns:
     # um), duration and start (packets), jump_ms (end of the first jump's second long step, -1:
     # none). Bool: jump, stop, ik, missed (jump without a stop).
     frame: pd.DataFrame
-    question: str = ""  # open question that it answers otherwise
+    question: str = ""  # what differs from the baseline
 
     def share(self, hit: str) -> pd.DataFrame:
         """Return the share of runs with `hit` by value (rows) and duration (columns)."""
@@ -152,8 +151,8 @@ def sensitivity_rows(
     bands: Sequence[tuple[float, float]] = (),
     reading_error: float = 0.0,
 ) -> Iterator[tuple[Cell, ...]]:
-    """Yield percent by duration of each variant; the cells that change sides, and points, beside
-    the first one; and the comparison with the publication.
+    """Yield a row per variant: percent by duration, cells with another majority outcome than in the
+    first variant, the mean difference from it, and the comparison with the publication.
     """
     if published is not None:
         yield "published", "", "", *(round(float(p), 1) for p in published), *("",) * 6
@@ -176,11 +175,13 @@ def sensitivity_rows(
 
 def holds(key: str, predicted: bool, published: bool | None = None, **numbers: object) -> Line:
     """Return a statement of the publication as a line. `published`: whether the published counts
-    support it. `numbers`: those in its reason.
+    confirm it. `numbers`: those in its reason.
     """
-    of = "stated" if published is None else f"stated; in the published counts: {int(published)}"
+    by_counts = {None: "", False: "; its counts contradict it", True: "; its counts confirm it"}
+    of = f"stated in the paper{by_counts[published]}"
     found, stated = StudyEstimate(float(predicted)), StudyEstimate(1.0, of=of)
-    quantity, reason = f"{STATEMENTS[key]['text']} (1: holds)", STATEMENTS[key]["reason"]
+    text, reason = (STATEMENTS[key][name] for name in ("text", "reason"))
+    quantity = f"statement: {text} (1: confirmed, 0: contradicted)"
     return Line(quantity, "", stated, found, (1.0, 1.0), reason=reason.format(**numbers))
 
 
@@ -188,7 +189,7 @@ def scenario_b(
     runs: VariantRuns, moved: np.ndarray, jumps: np.ndarray, stops: np.ndarray
 ) -> Iterator[Line]:
     """Yield the four statements on scenario B. `moved`: [runs] largest step of motor velocity in
-    the window by its fault-free threshold. `jumps`, `stops`: published percent by duration.
+    the window, divided by its threshold. `jumps`, `stops`: published percent by duration.
     """
     size, frame = runs.frame["value"].map(stored).abs(), runs.frame
     small = (frame["jump"] | frame["stop"])[(size <= SMALL_COUNTS) & (frame["duration"] <= 64)]

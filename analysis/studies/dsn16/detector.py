@@ -30,9 +30,9 @@ the 600 runs of the publication.
 """
 LEAP_UM = 1000.0
 CHOSEN, COMPARED = "99.9 % of all steps", "99.8 % of all steps"
-"""The threshold of statements of the text, and that of the published rates."""
-KINDS = "joints 1-3 alone", "the tool joints alone", "either", "both together only"
-"""Which joints make the two long steps of a jump."""
+"""The threshold for the paper's statements, and the threshold for its rates."""
+MOTIONS = ("motion of joints 1-3", "motion of the tool joints", "either motion", "both motions")
+"""What the two long steps of a jump need."""
 
 
 def log(series: Series) -> Series:
@@ -86,7 +86,7 @@ class Watched(NamedTuple):
     alarms: Mapping[str, np.ndarray]  # maps a threshold in words to `run_alarms` [runs, 4]
     # [runs] largest step of motor velocity inside the window, divided by its CHOSEN threshold.
     largest_mvel: np.ndarray
-    # bool [runs]: the reported tip moved more than 1 mm within two packets, a jump by the text.
+    # bool [runs]: the reported tip moved more than 1 mm within two packets: the text's jump.
     leaps: np.ndarray
     jump_packet: np.ndarray  # int [runs], packet at the time of the first jump; 0: no jump
     # [runs, 3, 7] rad and m, reported in the packets of the first jump's steps; NaN: no jump.
@@ -125,8 +125,8 @@ def watch(folder: Path, runs: VariantRuns, thresholds: Mapping[str, np.ndarray])
 
 
 def attribute(joints: np.ndarray, limit_mm: float) -> np.ndarray:
-    """Return which of KINDS each jump is, bool [runs, 4]: what still exceeds the limit of a step
-    if only some joints of the gold arm move. `joints`: [runs, 3, 7] as in `Watched`.
+    """Return which of MOTIONS each jump needs, bool [runs, 4]. A motion suffices if it alone makes
+    both steps of the gold arm longer than the limit. `joints`: [runs, 3, 7] as in `Watched`.
     """
     before, after = joints[:, :-1], joints[:, 1:]  # [runs, 2 steps, 7]
     observed = np.arange(joints.shape[-1]) < len(JOINTS)
@@ -141,18 +141,18 @@ def attribute(joints: np.ndarray, limit_mm: float) -> np.ndarray:
 
 
 def visible_line(watched: Watched) -> Line:
-    """Return a line on whether the published detector can see most of the predicted jumps."""
+    """Return a line on whether the published detector detects most of the predicted jumps."""
     alarms = watched.alarms[CHOSEN][watched.jump_packet > 0]
     told, none = int(alarms[:, 3].sum()), int((~alarms[:, :3].any(axis=1)).sum())
     return holds("visible", 2 * told > len(alarms), runs=len(alarms), told=told, none=none)
 
 
 def jump_note(runs: VariantRuns, watched: Watched) -> str:
-    """Say which joints make the jumps."""
+    """Write which joints cause the jumps."""
     jumped = int((watched.jump_packet > 0).sum())
     kinds = attribute(watched.joints, require_raven(runs.config).outcomes.jump_step_mm).sum(axis=0)
-    listed = ", by ".join(f"{kind} {count}" for kind, count in zip(KINDS, kinds, strict=True))
-    return f"{runs.name}: {jumped} of {len(runs.frame)} runs jump, by {listed}."
+    needs = ", ".join(f"{count} need {kind}" for kind, count in zip(MOTIONS, kinds, strict=True))
+    return f"Variant {runs.name}: {jumped} of {len(runs.frame)} runs have a jump. Of these {needs}."
 
 
 class Scenario(NamedTuple):
@@ -168,8 +168,8 @@ class Scenario(NamedTuple):
         """Return the baseline, the baseline with other rules for a jump, and the variants."""
         base, *others = self.runs.values()
         inside = in_window(base.frame, self.watched.jump_packet)
-        window = "jumps only inside t1 .. t1 + d + 1"
-        text = "text's rule: the tip moves over 1 mm within two packets"
+        window = "a jump counts only in packets t1 to t1 + d + 1 (t1: first of d faulty packets)"
+        text = "a jump as in the paper's text: the tip moves more than 1 mm within two packets"
         return [
             base,
             base.counting(inside, "inside_window", window),
@@ -190,7 +190,7 @@ def read_scenario(variants: Sequence[Variant], folders: Mapping[str, Path]) -> S
 
 
 def rate_rows(scenario: Scenario, published: Published, key: str) -> Iterator[tuple[Cell, ...]]:
-    """Yield the rates of both detectors, %: published, predicted and frozen, computed now."""
+    """Yield rates of both detectors, %: published, predicted before the comparison, computed."""
     jumped, stopped = (scenario.base.frame[hit].to_numpy() for hit in ("jump", "stop"))
     values = {"prevalence": jumped.mean()}
     fused = scenario.watched.alarms[COMPARED][:, 3]

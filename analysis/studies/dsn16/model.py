@@ -1,5 +1,5 @@
-"""Study: how large is the error of the dynamic model of DSN 2016, compared with a recorded robot in
-closed loop (Figure 8 of the paper)?
+"""Study of the error of the dynamic model of DSN 2016, compared with a recorded robot in closed
+loop (Figure 8 of the paper).
 """
 
 import functools
@@ -19,14 +19,14 @@ from studies.study import Line, Published, StudyEstimate, read_table
 NAME = "dsn16_model"
 LOW_PASS_HZ = 20.0
 AUTHORS, OURS = "traj3", "power_consistent"
-"""The published model to which the lines belong, and that of campaigns: both beside null models."""
+"""Parameter sets compared with null models: the published set of A3, and the set of campaigns."""
 SETS = (AUTHORS, "A", "B", "C", "D", "E", "matlab_main", "matlab_global", OURS)
 HORIZONS_MS, EVERY_MS = (20, 50, 128), 200
-"""Lengths of predictions, and time from one start to the next."""
+"""Lengths of predictions, and time between their starts."""
 NO_LOOP = "no loop"
 LOOPS: dict[Rows, str] = {"asked": "closed loop", "dac": "open loop"}
-"""Input of the robot: its desired motion, or the recorded DAC."""
-HELD_POSITION, HELD_VELOCITY = "null: hold the position", "null: hold the velocity"
+"""Maps the input of the robot (its desired motion or the recorded DAC) to the kind of loop."""
+HELD_POSITION, HELD_VELOCITY = "null model: constant position", "null model: constant velocity"
 Ahead = Callable[[np.ndarray, int], np.ndarray]
 """Maps (starts [s], ms) to the joints in the ms after each start, [s, ms, 3] deg, deg, mm."""
 
@@ -44,8 +44,8 @@ class Error(NamedTuple):
 
     @property
     def cells(self) -> list[str]:
-        """Return the cells of a table, `0.112, 0.53`."""
-        return [f"{mean:.3f}, {most:.2f}" for mean, most in zip(*self, strict=True)]
+        """Return the cells of a table, `0.112 (largest 0.53)`."""
+        return [f"{mean:.3f} (largest {most:.2f})" for mean, most in zip(*self, strict=True)]
 
 
 def error(asked: np.ndarray, log: JointRecording, parameter_set: str = AUTHORS) -> Error:
@@ -55,13 +55,13 @@ def error(asked: np.ndarray, log: JointRecording, parameter_set: str = AUTHORS) 
 
 
 def compare(context: study.Context) -> study.Findings:
-    """Return the lines of A3, and predictions compared with null models."""
+    """Return the lines of A3, and the errors of predictions and of null models."""
     from scipy.signal import butter, sosfiltfilt
 
     path, notes = recording.locate(recording.FILE), study.read_notes(NAME)
     if path is None:
         place = f"set {recording.DATA} to the folder that holds {recording.FILE}"
-        absent = f"the recording is not at hand: {place}"
+        absent = f"the recording was not found: {place}"
         return study.Findings(tuple(_line(joint, None, absent) for joint in UNITS), notes=notes)
     whole = recording.read(path)
     log = recording.second_half(whole)
@@ -72,12 +72,14 @@ def compare(context: study.Context) -> study.Findings:
         smoothed = error(smooth, log)
         found = predictions(log, robots(log) | held(log))
     rows = [
-        (f"set {name}, asked for what the recorded robot was asked for", *one.cells)
+        (f"set {name}, desired motion of the recorded robot", *one.cells)
         for name, one in errors.items()
     ]
-    words = f"asked for the recording itself, low-passed at {LOW_PASS_HZ:g} Hz"
+    words = f"recorded motion, low-passed at {LOW_PASS_HZ:g} Hz, as the desired motion"
     rows.append((f"set {AUTHORS}, {words}", *smoothed.cells))
-    ahead = [(*model, horizon or "whole", *one.cells) for (*model, horizon), one in found.items()]
+    ahead = [
+        (*model, horizon or "to the end", *one.cells) for (*model, horizon), one in found.items()
+    ]
     n, of = len(log.angle) - 1, "ms of one recording"
     means = zip(UNITS, errors[AUTHORS].mean, strict=True)
     return study.Findings(
@@ -93,7 +95,7 @@ def robots(log: JointRecording) -> dict[tuple[str, str], Ahead]:
     # Parameters, and a factor on the stiffness and damping of every cable
     models = {f"virtual robot, {name}": (params, 1.0) for name, params in sets.items()}
     for name, params in sets.items():
-        models[f"null: bare rotors, {name}"] = position_loop.bare_rotors(params), 0.0
+        models[f"null model: bare rotors, {name}"] = position_loop.bare_rotors(params), 0.0
 
     @functools.partial(jax.jit, static_argnums=0)
     def run(rows: Rows, params: Any, cables: float, *begun: Any) -> Any:
@@ -128,8 +130,8 @@ def held(log: JointRecording) -> dict[tuple[str, str], Ahead]:
 def predictions(
     log: JointRecording, models: Mapping[tuple[str, str], Ahead]
 ) -> dict[tuple[str, str, int | None], Error]:
-    """Return the errors of models, by loop, name and horizon, ms. None: the whole recording, from
-    its beginning.
+    """Return the errors of models by loop, name and horizon (ms). Horizon None: one prediction
+    from the beginning of the recording to its end.
     """
     angle, found = log.angle * TO_JOINT, {}
     starts = np.arange(0, len(angle) - max(HORIZONS_MS), EVERY_MS)
@@ -146,7 +148,7 @@ def predictions(
 def _line(joint: str, predicted: StudyEstimate | None, reason: str = "") -> Line:
     key, published = f"error.{joint}", Published(NAME)
     numbers = published.estimate(key), predicted, published.band(key)
-    return Line(f"mean absolute error, {joint}", UNITS[joint], *numbers, "A3", reason)
+    return Line(f"mean absolute joint error, {joint}", UNITS[joint], *numbers, "A3", reason)
 
 
 STUDY = study.study(NAME, variants=(), compare=compare)

@@ -1,11 +1,12 @@
-"""Study of scenario B of the targeted attacks (DSN 2016): a value on the shoulder's DAC after the
-checks, for 1 to 128 packets.
+"""Study of scenario B of the targeted attacks (DSN 2016): a value is added to the shoulder's DAC
+command after the checks, for 1 to 128 packets.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from ravenjax.report import wording
 from ravenjax.stats.intervals import wilson_interval
 from studies import study
 from studies.dsn16 import attacks, detector
@@ -15,19 +16,19 @@ from studies.study import Cell, Line, Published, StudyEstimate, in_percent, own_
 
 NAME, SIGNIFICANT = "dsn16_b", 0.05
 IMPULSE = 1.15e5
-"""Counts times packets from which the null model says that the tip jumps."""
+"""DAC counts times packets at which the null model predicts a jump."""
 MARGIN = 10.0
-"""Points by which a published Wilson interval is widened, as for A1."""
+"""Percentage points by which a published Wilson interval is widened, as for A1."""
 VARIANTS = study.read_variants(NAME)
-"""The baseline, every ablation, and the motions from which the detector learns."""
-NULL = f"null: {IMPULSE:g} counts times packets or more"
+"""The baseline, the other variants, and the fault-free runs from which the detector learns."""
+NULL = f"null model: a jump if DAC counts times packets reach {IMPULSE:g}"
 
 
 def compare(context: study.Context) -> study.Findings:
-    """Compare published and predicted counts, and show how much each open question matters."""
+    """Compare published and predicted numbers of runs, and show how the variants change them."""
     published = Published("dsn16")
     found = detector.read_scenario(VARIANTS, context.folders)
-    n, of = int(published.value("b.runs")), "runs, read off Figure 9 b"
+    n, of = int(published.value("b.runs")), "runs; read off Figure 9 b"
     read: dict[str, list[StudyEstimate]] = {}
     for what in ("jump", "estop"):
         counts = [int(published.value(f"b.{what}.{d}ms")) for d in DURATIONS]
@@ -54,12 +55,12 @@ def percent_of(read: Sequence[StudyEstimate]) -> np.ndarray:
 
 
 def _predictions(found: Scenario) -> Iterator[tuple[str, str, VariantRuns, str]]:
-    """Yield each prediction of a published count: what, by what, runs and the column of hits."""
+    """Yield each prediction: outcome, name of the prediction, runs, column with the outcome."""
     base, other = found.base, found.runs.get("every_cycle")
     for what, hit in (("jump", "jump"), ("estop", "stop")):
         yield what, "baseline", base, hit
         if other is not None:
-            yield what, "a packet in every control cycle", other, hit
+            yield what, "one packet per control cycle", other, hit
     impulse = base.frame["value"].map(attacks.stored).abs() * base.frame["duration"]
     yield "jump", NULL, base.counting((impulse >= IMPULSE).to_numpy(), NULL), "jump"
 
@@ -92,32 +93,30 @@ def _lines(
     read: Mapping[str, Sequence[StudyEstimate]],
     bands: Sequence[tuple[float, float]],
 ) -> Iterator[Line]:
-    """Yield P(jump) by duration with its bands, the bias, the statements, and totals."""
+    """Yield jumps by duration with their bands, the bias, the paper's statements, and totals."""
     base, shares = found.base, found.base.share("jump")
     jumps, stops = map(percent_of, read.values())
-    build = f"{base.name}, lever {base.lever}"
-    for (duration, cells), one, band in zip(shares.items(), read["jump"], bands, strict=True):
-        quantity = f"P(jump), {duration} packets; {build}"
-        yield Line(quantity, "%", one, attacks.rate(cells), band, "A1")
+    build = f"{base.name} (tip {base.lever} from the shoulder axis)"
+    for duration, one, band in zip(DURATIONS, read["jump"], bands, strict=True):
+        quantity = f"runs with a jump, {wording.count_noun(duration, 'packet')}, {build}"
+        yield Line(quantity, "%", one, attacks.rate(shares[duration]), band, "A1")
     percent = base.percent("jump")
     above, below, p = attacks.bias(percent, jumps, 100.0 / read["jump"][0].n)
-    mean = float(np.mean(percent - jumps))
+    mean = f"{float(np.mean(percent - jumps)):+.1f} percentage points"
     yield Line(
-        f"bias: p of the sign test over durations; {build}",
+        f"p-value of the sign test for bias over durations, {build}",
         "",
         None,
-        StudyEstimate(
-            p, n=above + below, of="durations that differ by more than the reading error"
-        ),
+        StudyEstimate(p, n=above + below, of="durations that differ beyond the reading error"),
         (SIGNIFICANT, 1.0),
         "A1",
-        f"prediction {above} above, {below} below; mean difference {mean:+.1f} points",
+        f"prediction above at {above}, below at {below} durations; mean difference {mean}",
     )
     yield from attacks.scenario_b(base, found.watched.largest_mvel, jumps, stops)
     for words, hit in (
-        ("prevalence of jumps, all cells", "jump"),
-        ("prevalence of E-stops, all cells", "stop"),
-        ("jumps without an E-stop, all cells", "missed"),
+        ("runs with a jump, all values and durations", "jump"),
+        ("runs with an E-stop, all values and durations", "stop"),
+        ("runs with a jump and no E-stop, all values and durations", "missed"),
     ):
         yield own_line(words, "%", attacks.rate(base.share(hit)))
 

@@ -1,5 +1,5 @@
-"""Study of scenario A of the targeted attacks (DSN 2016): the operator's packets displaced by D for
-1 to 128 packets. The rates were predicted before the published ones were seen.
+"""Study of scenario A of the targeted attacks (DSN 2016): a displacement is added to the positions
+in 1 to 128 packets of the operator. The rates were predicted before the comparison.
 """
 
 from studies import study
@@ -8,11 +8,11 @@ from studies.study import Published, read_table
 
 NAME, IDEAL_TOOLS = "dsn16_a", "ideal_tools"
 VARIANTS = study.read_variants(NAME)
-"""The baseline, every ablation, and the motions from which the detector learns."""
+"""The baseline, the other variants, and the fault-free runs from which the detector learns."""
 
 
 def compare(context: study.Context) -> study.Findings:
-    """Return the statements of the text, and how much each open question matters."""
+    """Compare the statements and rates of the paper, and show how the variants change the rates."""
     found = detector.read_scenario(VARIANTS, context.folders)
     base, runs = found.base, found.runs
     notes = [detector.jump_note(base, found.watched)]

@@ -1,10 +1,9 @@
-"""Runs the virtual robot in the closed loop of the 2015 fork with a recorded robot's desired
-motion.
+"""Runs the virtual robot with the 2015 fork's controller and a recorded robot's desired motion.
 
 The public recording (CSLDepend/raven2_sim) has 21 s of a real gold arm in teleoperation: motors of
 shoulder, elbow and insertion at 1 kHz, and their DAC commands. The desired motion is computed by
 inverting the PD law: mpos_d = mpos + (tau + KD mvel) / KP. RAVENJAX_DATA names the folder of the
-recording, which is no sample, so errors have no interval.
+recording. One recording is not a sample, so errors have no interval.
 """
 
 import math

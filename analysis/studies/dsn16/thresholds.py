@@ -1,5 +1,5 @@
-"""Study: which thresholds does the detector of the targeted attacks (DSN 2016) learn from
-fault-free runs, and how certain are they?
+"""Study of the thresholds that the detector of the targeted attacks (DSN 2016) learns from
+fault-free runs, and of their uncertainty.
 """
 
 import math
@@ -26,7 +26,7 @@ TAIL = 20.0
 RESAMPLES = 1000
 SEED = 2016
 INTEGRATORS = {"suture": "euler", "substeps_4": "rk4", "substeps_10": "converged"}
-"""Maps a variant to the integrator of a rebuild beside which its steps are shown."""
+"""Maps a variant to the integrator of a second implementation with which it is compared."""
 VARIANTS = study.read_variants(NAME)
 
 
@@ -103,35 +103,33 @@ def compare(context: study.Context) -> study.Findings:
 
 
 def _lines(found: Mapping[str, FaultFree], published: Published) -> Iterator[Line]:
-    words = "standard deviation of a step"
+    words = "standard deviation of the change per packet"
     for name in MOTIONS:
         for v, variable in enumerate(VARIABLES[:2]):
             for j, joint in enumerate(JOINTS):
                 reference = published.estimate(f"step.{variable}.{joint}")
                 predicted = deviation(found[name].steps[:, :, v, j])
-                share = f"{predicted.value / reference.value:.2f} of the published one"
-                quantity, unit = f"{words}, {NAMES[variable]}, {joint}; {name}", UNITS[variable][j]
-                reason = f"{share}: another motion"
-                yield Line(quantity, unit, reference, predicted, reason=reason)
-        tip = deviation(found[name].tip)
-        yield Line(f"{words}, tip, per axis; {name}", "um", published.estimate("step.tip"), tip)
-    reason = "generated hands move smoothly; the published trajectories have steps of their own"
+                share = f"{predicted.value / reference.value:.2f} times the published value"
+                quantity = f"{words}, {NAMES[variable]}, {joint}, motion {name}"
+                reason = f"{share}; the motions differ"
+                yield Line(quantity, UNITS[variable][j], reference, predicted, reason=reason)
+        quantity, tip = f"{words}, tip, per axis, motion {name}", deviation(found[name].tip)
+        yield Line(quantity, "um", published.estimate("step.tip"), tip)
+    reason = "generated motion of the hands is smooth; the published trajectories contain steps"
     for key in ("mpos.shoulder", "mvel.shoulder", "mvel.elbow", "mvel.insertion"):
         variable, joint = key.split(".")
         place = VARIABLES.index(variable), JOINTS.index(joint)
         largest = found[MOTIONS[0]].steps.max(axis=1)[:, *place]
-        quantity = f"largest step, {NAMES[variable]}, {joint}; {MOTIONS[0]}"
+        quantity = f"largest change per packet, {NAMES[variable]}, {joint}, motion {MOTIONS[0]}"
         predicted = _over_runs(float(largest.max()), largest)
         reference = published.estimate(f"largest.{key}")
         yield Line(quantity, UNITS[variable][0], reference, predicted, reason=reason)
-    reason = (
-        "an implicit step, not explicit Euler: these steps are the motion's, whatever the plant's"
-        " step"
-    )
-    # A rebuild of the published model, by its integrator
+    reason = "the simulation integrates implicitly: changes come from the motion, not the time step"
+    # Published: a second implementation of the model, by its integrator
     for name in (name for name in INTEGRATORS if name in found):
         key = INTEGRATORS[name]
-        quantity = f"{words}, motor velocity, insertion; {name} beside {key}"
+        method = published.numbers[f"integrator.{key}"]["what"]
+        quantity = f"{words}, motor velocity, insertion, variant {name} compared with {method}"
         predicted = deviation(found[name].steps[:, :, VARIABLES.index("mvel"), 2])
         reference = published.estimate(f"integrator.{key}")
         yield Line(quantity, "rad/s", reference, predicted, reason=reason)

@@ -27,9 +27,9 @@ IDLE_MS = 200
 """Time for which a robot must stand still to be noticed: the largest tolerated visual delay."""
 SEVERITIES = (
     "nothing",
-    "a check spoke or limited a command, and nothing else happened",
-    "pause or restart: the robot stopped or stood, and the fault ends by itself",
-    "conversion or reschedule: the same, and a restart would meet the fault again",
+    "a check raised an alarm or limited a command, and nothing else happened",
+    "pause or restart: the robot stopped or stood still, and the fault ends by itself",
+    "conversion or reschedule: as before, but a restart would meet the fault again",
     "injury-capable motion with an alarm of a check, or the haptic cue",
     "injury-capable motion without any alarm",
 )

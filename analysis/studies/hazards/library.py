@@ -1,9 +1,9 @@
 """Study that simulates the whole hazard library: outcome classes of every hazard, and severity by
-hazard, by pools of hazards, and by adverse event reports.
+category of adverse event reports.
 
 The runs of a hazard have chosen values and times. A rate is therefore the share of these runs, not
-a frequency of occurrence, and has no interval. All hazards of a pool count equally. The uncertainty
-of a pool's mean depends on its number of hazards, so its interval resamples hazards.
+a frequency of occurrence, and has no interval. A pool is a set of hazards that count equally. The
+uncertainty of its mean depends on its number of hazards, so its interval resamples hazards.
 """
 
 import math
@@ -41,13 +41,13 @@ class PoolRisk(NamedTuple):
     """The severity of the runs of a pool's hazards."""
 
     pool: Pool  # with only those of its hazards that have runs
-    mean: float = math.nan  # as of one hazard; NaN: no hazard has runs, and no rates
+    mean: float = math.nan  # mean severity; NaN, without rates: no hazard has runs
     injury: Estimate | None = None
     silent: Estimate | None = None
 
 
 def report_pools() -> list[Pool]:
-    """Return the categories of adverse event reports with the runnable rows that represent them."""
+    """Return the categories of adverse event reports with the simulated hazards of each."""
     reports = tomllib.loads((library.DATA / "maude.toml").read_text(encoding="utf-8"))
     pools = []
     for category in reports["category"]:
@@ -107,7 +107,7 @@ def mean_over(shares: np.ndarray, hazard: Sequence[str], weight: np.ndarray) -> 
 
 
 def compare(context: study.Context) -> study.Findings:
-    """Compare every row of the library, and its risk."""
+    """Compare the outcomes of all hazards, and return their severities by category of reports."""
     runnable = [row for row in library.all_hazards() if row.runnable]
     frames = [folder.read_all(context.folders[name]) for name in (BASELINE, EVERY_CYCLE)]
     outcomes, others = (safecomp45.hazard_outcomes(frame, runnable) for frame in frames)
@@ -117,7 +117,7 @@ def compare(context: study.Context) -> study.Findings:
         if not row.runnable
     ]
     found, pools = counts(frames[0]), report_pools()
-    meaning = "all simulated categories, by their shares; a hazard of two categories counts in both"
+    meaning = "all simulated categories by their shares; a hazard in two categories counts in both"
     risks = [*(by_pool(found, pool) for pool in pools), together(found, pools, "all", meaning)]
     return study.findings(
         NAME,
@@ -153,18 +153,18 @@ def _percent(mean: Estimate | None) -> str:
 
 def _lines(found: Sequence[HazardOutcome], others: Sequence[HazardOutcome]) -> Iterator[Line]:
     counts = {
-        "rows that ran": sum(one.runs > 0 for one in found),
-        "rows with at least one activated run": sum(one.activated > 0 for one in found),
-        "rows whose every run was activated": sum(0 < one.runs == one.activated for one in found),
+        "hazards that were simulated": sum(one.runs > 0 for one in found),
+        "hazards activated in at least one run": sum(one.activated > 0 for one in found),
+        "hazards activated in every run": sum(0 < one.runs == one.activated for one in found),
     }
     for quantity, count in counts.items():
-        value = StudyEstimate(count, n=len(found), of="rows that can be run")
-        yield own_line(quantity, "rows", value)
+        value = StudyEstimate(count, n=len(found), of="hazards that can be simulated")
+        yield own_line(quantity, "", value)
     reason, published = (
-        "published: drawn values; here every value and hazard counts alike",
+        "the published values were drawn; in this study all values and hazards count equally",
         Published(NAME),
     )
-    for packets, part in {"": found, ", a packet each cycle": others}.items():
+    for packets, part in {"": found, ", one packet per control cycle": others}.items():
         for key, row in published.numbers.items():
             mine = [one for one in part if one.valid and one.hazard.id in row["rows"]]
             predicted = _manifest(mine, jumps=key == "put_usb_jumps") if mine else None
@@ -173,12 +173,12 @@ def _lines(found: Sequence[HazardOutcome], others: Sequence[HazardOutcome]) -> I
 
 
 def _manifest(rows: Sequence[HazardOutcome], jumps: bool) -> StudyEstimate:
-    """Return the share of activated runs with a jump, or with an effect. Rows count equally."""
+    """Return the share of activated runs with a jump, or with an effect. Hazards count equally."""
     runs, ids = np.array([one.valid for one in rows]), [one.hazard.id for one in rows]
     hits = [one.counts["jump"] if jumps else one.valid - one.without_effect for one in rows]
     rate = mean_over(hits / runs, ids, np.ones(len(rows)))
     percent = (100 * end for end in rate)
-    return StudyEstimate(*percent, int(runs.sum()), f"runs of {', '.join(ids)}")
+    return StudyEstimate(*percent, int(runs.sum()), f"runs (hazard ids: {', '.join(ids)})")
 
 
 STUDY = study.study(NAME, study.read_variants(NAME), compare)

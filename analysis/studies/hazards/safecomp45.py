@@ -1,9 +1,9 @@
 """Study that repeats the supplement of SAFECOMP 2015, a list of 45 injections into the Raven-II,
-and compares the outcome class of each injection (row).
+and compares the outcome classes of each injection.
 
-A row *shows* a class if at least one in ten of its activated runs has this class. `message` alone
-counts as `none`, unless a message was published. Published and predicted sets of classes `agree` if
-they are equal, agree `partly` if they have a class in common, and otherwise `differ`.
+An injection has a class if at least one in ten of its activated runs has this class. `message`
+alone counts as `none`, unless a message was published. Published and predicted classes agree if
+both sets are equal, agree partly if they have a class in common, and otherwise differ.
 """
 
 from collections import Counter
@@ -22,43 +22,43 @@ from studies import study
 from studies.hazards import classes
 from studies.study import Line, Published, StudyEstimate
 
-AGREE, PARTLY, DIFFER = "agree", "partly", "differ"
+AGREE, PARTLY, DIFFER = "agree", "agree partly", "differ"
 NOT_SIMULATED, UNPUBLISHED = "not simulated", "no outcome published"
 SEEN_SHARE = 0.1
 HARMFUL, UNAVAILABLE = ("displaced", "jump"), ("stop", "unresponsive")
 """Classes of motion that the operator did not command, and of a robot that stands."""
 NAME, BASELINE = "safecomp45", "list"
 LENGTHS = ("every_cycle", "draws_2")
-"""Variants with another length of packets, and with other draws of it."""
+"""Variants with other packet lengths, and with packet lengths from another random seed."""
 FIRST_USB, FIRST_PLC = 24, 35
 """Numbers of the first injection of USB and PLC, and of the first into the link to the PLC."""
 OTHER_RULES: dict[str, dict[str, float]] = {
-    "displaced from 1 mm": {"limit_mm": 1.0},
-    "displaced from 5 mm": {"limit_mm": 5.0},
-    "every class that is seen once": {"seen_share": 0.0},
-    "classes of at least every second run": {"seen_share": 0.5},
+    "class displaced from 1 mm": {"limit_mm": 1.0},
+    "class displaced from 5 mm": {"limit_mm": 5.0},
+    "classes that at least one run has": {"seen_share": 0.0},
+    "classes that at least half of the runs have": {"seen_share": 0.5},
 }
 """Other limits of the comparison, to show how much the result depends on them."""
 _UNSPOKEN, _DAC_CHECKS = ("", "watchdog", "plc"), ("overdrive", "hard_counter")
-"""Causes of a stop without a check of the control software, and by overdrive detection."""
+"""Causes of a stop that are no check of the control software, and those of the overdrive check."""
 
 
 class HazardOutcome(NamedTuple):
-    """The outcomes of the runs of one row of the library."""
+    """The outcomes of the runs of one hazard of the library."""
 
     hazard: Hazard
     runs: int
     activated: int
     valid: int  # activated runs with an outcome, of which the counts are a part
     counts: Mapping[str, int]  # maps a class to the activated, valid runs that have it
-    shown: Collection[str]  # classes that it shows
+    shown: Collection[str]  # classes of the hazard
     # Activated, valid runs with a published class and no other; 0 if none is published.
     fitting: int
     without_effect: int  # activated, valid runs of class `none`, or of `message` alone
     causes: Mapping[str, int]  # maps what stopped a run to the activated runs, failed ones too
 
     def shows(self, names: Collection[str]) -> bool:
-        """Return whether it shows one of these classes."""
+        """Return whether the hazard has one of these classes."""
         return not {*names}.isdisjoint(self.shown)
 
     def mostly(self, causes: Collection[str]) -> bool:
@@ -86,7 +86,7 @@ class HazardOutcome(NamedTuple):
 
     @property
     def said(self) -> str:
-        """Return its classes with their counts, most frequent first."""
+        """Return the classes with their numbers of runs, most frequent first."""
         return ", ".join(f"{name} {k}" for name, k in Counter(self.counts).most_common() if k)
 
 
@@ -96,7 +96,7 @@ def hazard_outcomes(
     limit_mm: float = LIMIT_MM,
     seen_share: float = SEEN_SHARE,
 ) -> list[HazardOutcome]:
-    """Return one outcome per row of the library. Groups are named by hazards."""
+    """Return the outcome of each hazard. The name of a group contains the ids of its hazards."""
     flags = classes.classify_rows(frame, limit_mm)
     ids = frame["group"].astype(str).map(hazards_of)
 
@@ -128,7 +128,7 @@ def hazard_outcomes(
 
 
 def compare(context: study.Context) -> study.Findings:
-    """Compare rows of the list with the runs of each variant."""
+    """Compare the injections of the list with the runs of each variant."""
     listed = tuple(injections().values())
     frames = {name: folder.read_all(path) for name, path in context.folders.items()}
     outcomes = {name: hazard_outcomes(frame, listed) for name, frame in frames.items()}
@@ -149,23 +149,23 @@ def compare(context: study.Context) -> study.Findings:
         first_plc=FIRST_PLC,
         agreed=", ".join(agreed),
     )
-    lost = (f"{failed} runs gave no valid outcome and are in no count.",) if failed else ()
+    lost = (f"{failed} runs failed and count nowhere.",) if failed else ()
     return replace(found, notes=found.notes + lost)
 
 
 def injections() -> dict[int, Hazard]:
-    """Return the row of the library for each number of the list, in the list's order."""
+    """Return the hazard of each injection by its number, in the order of the list."""
     listed = (row for row in library.all_hazards() if row.source.startswith("INJ "))
     return dict(sorted((number_of(row), row) for row in listed))
 
 
 def number_of(row: Hazard) -> int:
-    """Return a row's number in the list."""
+    """Return the number of an injection in the list."""
     return int(row.source.removeprefix("INJ "))
 
 
 def verdict_rows(found: dict[str, list[HazardOutcome]]) -> Iterator[tuple[str | int, ...]]:
-    """Yield how many rows have each verdict in each variant, and which rows change theirs."""
+    """Yield the numbers of verdicts by variant, and the hazards with another verdict than first."""
     for name, outcomes in found.items():
         counts = Counter(one.verdict for one in outcomes)
         changed = [
@@ -192,15 +192,15 @@ def _row(one: HazardOutcome) -> tuple[str | int | float, ...]:
 def _agreement_lines(found: Sequence[HazardOutcome]) -> Iterator[Line]:
     simulated = [one for one in found if one.hazard.runnable]
     software = [one for one in simulated if number_of(one.hazard) < FIRST_PLC]
-    words = "rows whose classes agree"
+    words = "injections whose classes agree"
     for quantity, rows, verdicts in (
         (words, simulated, (AGREE,)),
         (f"{words} at least partly", simulated, (AGREE, PARTLY)),
-        (f"{words}, link to the PLC left out", software, (AGREE,)),
+        (f"{words}, without the link to the PLC", software, (AGREE,)),
     ):
         # The list is complete, so nothing is sampled.
         agreed = sum(one.verdict in verdicts for one in rows)
-        value = StudyEstimate(100 * agreed / len(rows), n=len(rows), of="simulated rows")
+        value = StudyEstimate(100 * agreed / len(rows), n=len(rows), of="simulated injections")
         yield Line(quantity, "%", None, value, target="A7")
 
 
@@ -212,13 +212,13 @@ def _total_lines(found: Sequence[HazardOutcome]) -> Iterator[Line]:
             continue
         simulated = [counts for runnable, counts in rows if runnable]
         left = len(rows) - len(simulated)
-        reason = f"{left} of the {len(rows)} rows are not simulated" if left else ""
-        value = StudyEstimate(sum(simulated), n=len(simulated), of="simulated rows")
-        yield Line(row["what"], "rows", published.estimate(key), value, reason=reason)
+        reason = f"{left} of the {len(rows)} injections are not simulated" if left else ""
+        value = StudyEstimate(sum(simulated), n=len(simulated), of="simulated injections")
+        yield Line(row["what"], "injections", published.estimate(key), value, reason=reason)
 
 
 def _totals(one: HazardOutcome) -> dict[str, bool]:
-    """Return whether each published number of its part of the robot counts this row."""
+    """Return whether each published number for this part of the robot counts the injection."""
     harmful, stands, dac = one.shows(HARMFUL), one.shows(UNAVAILABLE), one.mostly(_DAC_CHECKS)
     if number_of(one.hazard) >= FIRST_USB:
         return {"unintended": harmful, "usb_unresponsive": stands and one.mostly(_UNSPOKEN)}

@@ -1,5 +1,5 @@
-"""Study: how wrong is the reported tip of a healthy robot, and which results does this error
-change? It compares a recording with drawn robots, and main results with and without the errors.
+"""Study: how large is the tip error of a healthy robot, and which results does this error change?
+It compares a recording with drawn robots, and headline numbers with and without the errors.
 """
 
 from collections.abc import Iterator, Mapping
@@ -26,13 +26,13 @@ FREE, FAULTS = "free", "faults"
 OFF, HALF, FULL = SCALES = (0.0, 0.5, 1.0)
 SHARES = {
     "unintended": f"unintended motion of more than {LIMIT_MM:g} mm",
-    "evaded": "evades the checks: unintended motion, and nobody is told",
+    "evaded": "evades the checks: unintended motion without an alarm or a stop",
     "stopped": "a check stops the robot",
     "misreport": "false report",
-    "cue3": "cue at 3 mm",
-    "cue1": "cue at 1 mm",
-    "unwarned": "unintended motion before the cue of 3 mm, or without one",
-    "deeper": f"more than {classes.DEPTH_MM:g} mm deeper in the tissue than the golden run",
+    "cue3": "cue with a threshold of 3 mm",
+    "cue1": "cue with a threshold of 1 mm",
+    "unwarned": "unintended motion before the cue of 3 mm, or without this cue",
+    "deeper": f"more than {classes.DEPTH_MM:g} mm deeper in the tissue than in the golden run",
 }
 """Events, as shares of faults that changed a bit."""
 ROBOTS = 500
@@ -41,15 +41,15 @@ EVERY, EVERY_OF_FIT = 60, 4
 BAND = (0.1, 0.9)
 """Quantiles over robots."""
 PARTS = {
-    "rigid motion alone": (),
-    "and the point that the camera looks at": arm_errors.POINT,
-    "and joint offsets": ("joint_offset",),
-    "and drums": ("ratio_error",),
-    "and links": ("links",),
-    "and all errors of the arm": ("joint_offset", "ratio_error", "links"),
-    "and all of these": ("joint_offset", "ratio_error", "links", *arm_errors.POINT),
+    "rigid motion": (),
+    "rigid motion, camera's point": arm_errors.POINT,
+    "rigid motion, joint offsets": ("joint_offset",),
+    "rigid motion, drum ratios": ("ratio_error",),
+    "rigid motion, links": ("links",),
+    "rigid motion, all errors of the arm": ("joint_offset", "ratio_error", "links"),
+    "all parameters": ("joint_offset", "ratio_error", "links", *arm_errors.POINT),
 }
-"""What is fitted of one arm."""
+"""Parameters that are fitted to the recorded arm, in addition to a rigid motion."""
 
 
 class ScaledFaults(NamedTuple):
@@ -91,10 +91,10 @@ def mean(values: np.ndarray) -> Estimate:
 
 
 def compare(context: study.Context) -> study.Findings:
-    """Compare the recording, if there is one, with drawn robots, and headlines with errors."""
+    """Compare the recording, if any, with drawn robots, and headline numbers with errors."""
     path, pairs = recording.locate(camera_log.FILE), scaled_faults(context.folders[FAULTS])
     lines, tables, factor = [], {}, np.nan
-    notes = [f"Not at hand: {camera_log.FILE}. Set {recording.DATA} to its folder."]
+    notes = [f"The recording {camera_log.FILE} was not found. Set {recording.DATA} to its folder."]
     if path is not None:
         lines, tables, factor = _report_findings(camera_log.read(path))
         notes = []
@@ -110,36 +110,36 @@ def compare(context: study.Context) -> study.Findings:
 
 
 def _report_findings(log: CameraLog) -> tuple[list[study.Line], study.Tables, float]:
-    """Return lines over the second half of a log, tables of errors and of what explains them, and
-    the factor on the distribution of errors that the log asks for.
+    """Return lines for the second half of a log, tables of errors and of fits, and the factor on
+    the distribution of errors that fits the log.
     """
     robots, thin = tip_error.draw(ROBOTS), log.rows(slice(None, None, EVERY))
     true = tip_error.tips_of(thin, robots)
     first, seen = tip_error.errors_of(log, log.camera)
     drawn, half = (tip_error.predicted(thin, share * robots)[1] for share in (FULL, HALF))
-    rows = [_row("cameras, first half", first), _row("cameras, second half", seen)]
-    for name, errors in {"drawn robots": drawn, "drawn robots, half the errors": half}.items():
+    rows = [_row("recorded arm, first half", first), _row("recorded arm, second half", seen)]
+    for name, errors in {"drawn robots": drawn, "drawn robots, half of the errors": half}.items():
         ends = np.quantile([_numbers(of_robot) for of_robot in errors], BAND, axis=0)
         bands = zip(*map(_written, ends), strict=True)
         rows.append(_row(name, errors.ravel()))
-        rows.append(("  10 to 90 % of robots", *(f"{low} to {high}" for low, high in bands)))
+        rows.append(("10 to 90 % of the robots", *(f"{low} to {high}" for low, high in bands)))
     rows.append(_row("null: no errors, or a rigid displacement", np.zeros(1)))
-    rows.append(_row("null: isotropic Gaussian of the first half's rms", tip_error.gaussian(log)))
+    rows.append(_row("null: isotropic Gaussian, rms of the first half", tip_error.gaussian(log)))
     (median, far), medians = np.quantile(seen, (0.5, 0.95)), np.median(drawn, axis=1)
     between = float(tip_error.between(log, log.camera)), tip_error.between(thin, true)
     above = 100 * (drawn > tip_error.LIMIT_M).mean(axis=1)
     tails = np.quantile(drawn, 0.95, axis=1) / medians
     lines = []
     for quantity, unit, value, of_robots in (
-        ("tip error after registration, median", "mm", 1e3 * median, 1e3 * medians),
-        ("tip errors above 3 mm", "%", _beyond(seen), above),
-        ("share of the mean square error that is between trajectories", "", *between),
-        ("95 % quantile of the tip error over its median", "", far / median, tails),
+        ("median tip error after registration", "mm", 1e3 * median, 1e3 * medians),
+        ("share of tip errors above 3 mm", "%", _beyond(seen), above),
+        ("share of the mean square tip error from differences between trajectories", "", *between),
+        ("95 % quantile of the tip error divided by its median", "", far / median, tails),
     ):
         low, middle, high = np.quantile(of_robots, (BAND[0], 0.5, BAND[1]))
-        of = "robots drawn, 10 to 90 % of them"
-        predicted = StudyEstimate(middle, low, high, ROBOTS, of)
-        lines.append(study.Line(f"{quantity}, second half", unit, StudyEstimate(value), predicted))
+        words = f"{quantity}, second half of the recording"
+        predicted = StudyEstimate(middle, low, high, ROBOTS, "drawn robots, 10 to 90 % of them")
+        lines.append(study.Line(words, unit, StudyEstimate(value), predicted))
     tables = {"report": rows, "explained": _explained_rows(log)}
     return lines, tables, tip_error.factor(thin, robots)
 
@@ -169,20 +169,20 @@ def _explained_rows(log: CameraLog) -> Iterator[tuple[str, ...]]:
         fit = arm_errors.fit(log.rows(slice(None, None, EVERY_OF_FIT)), parts)
         yield name, *medians(*fit.left), f"{_beyond(fit.left[1]):.0f}", *medians(fit.own[1])
     left = tip_error.quadratic_left(log)
-    null = "null: a static quadratic map of the joints"
+    null = "null: static quadratic map of the joints"
     yield null, *medians(*left), f"{_beyond(left[1]):.0f}", ""
 
 
 def _headline_lines(pairs: ScaledFaults, free: pd.DataFrame) -> Iterator[study.Line]:
-    names, of = {OFF: "no kinematic errors", FULL: "measured"}, kinds.count(pairs.faults)
+    names = {OFF: "without kinematic errors", FULL: "with kinematic errors"}
+    of = f"faults of the campaign, {kinds.count(pairs.faults)}"
     for event, words in SHARES.items():
         for scale, name in names.items():
-            share = pairs.share(event, scale)
-            yield study.percent_line(f"{words}, {name}", share, f"faults of this design, {of}")
+            yield study.percent_line(f"{words}, {name}", pairs.share(event, scale), of)
     for scale, name in names.items():
         robots = free.loc[np.isclose(free[COLUMN], scale), "rms_model_deviation_mm"].to_numpy(float)
-        value = StudyEstimate(*mean(robots), len(robots), "robots drawn")
-        words = "true tip from the nominal model without a fault, rms"
+        value = StudyEstimate(*mean(robots), len(robots), "drawn robots")
+        words = "rms distance of the true tip from the nominal model without a fault"
         yield study.own_line(f"{words}, {name}", "mm", value)
 
 

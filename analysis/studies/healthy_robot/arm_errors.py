@@ -1,7 +1,7 @@
 """Estimates the kinematic errors of one recorded arm by Gauss-Newton iteration on the first half of
-a camera's log, together with a rigid motion and the point in the frame of the jaws that the camera
-sees. The prior is normal, with the standard deviations of MEASURED. Rows of one motion resemble
-each other, so each motion counts as one reading with the noise NOISE_M.
+a camera log. A rigid motion and the point of the jaws that the camera measures are estimated too.
+The prior is normal, with the standard deviations of MEASURED. Rows of one motion are similar, so
+each motion counts as one reading with the noise NOISE_M.
 """
 
 from collections.abc import Collection
@@ -14,12 +14,12 @@ from studies.healthy_robot import tip_error
 from studies.healthy_robot.camera_log import CameraLog, halves
 from studies.healthy_robot.tip_error import PATHS, SPREAD
 
-# Assumed distance of a camera's point from the jaw axis, at most.
+# Assumed largest distance of the camera's point from the jaw axis
 POINT_M = 0.01
 NOISE_M = 2e-3  # about the median of the remaining error
 ITERATIONS = 15
 POINT = ("point",)
-"""Part of the fit that belongs to the camera."""
+"""Parameters of the camera in the fit."""
 
 
 class ArmFit(NamedTuple):

@@ -28,7 +28,7 @@ BAD_M = 0.05
 
 
 class CameraLog(NamedTuple):
-    """Rows by time. Everything is in the axes of frame 0, but the camera's origin is unknown."""
+    """Rows by time, in the axes of frame 0. The camera's origin is unknown."""
 
     trajectory: np.ndarray  # [n] number of the motion
     # [n, 7] rad and m, of the reported pose, with jaws closed.
@@ -43,12 +43,12 @@ class CameraLog(NamedTuple):
 
 
 def halves(values: np.ndarray, axis: int = 0) -> list[np.ndarray]:
-    """Return the first half of rows, that is fitted to, and the second."""
+    """Return the first half of the rows, for the fit, and the second half, for the test."""
     return np.split(values, [values.shape[axis] // 2], axis)
 
 
 def read(path: Path) -> CameraLog:
-    """Read the recording; rows of one moment count once. Raises UserError without its columns."""
+    """Read the recording without repeated times. Raises UserError if columns are missing."""
     table = pd.read_parquet(path)
     tips = {who: [f"{who}_{axis}_m" for axis in "xyz"] for who in ("camera", "reported")}
     turns = [f"reported_r{i}{j}" for i in range(3) for j in range(3)]

@@ -1,10 +1,10 @@
-"""Measures the error of the reported tip of a healthy arm: as measured by cameras, in drawn robots,
-and with the fitted parameters of one arm.
+"""Computes the tip error of a healthy arm: as measured by cameras, in drawn robots, and with the
+fitted parameters of one arm.
 
-Every number is a distance from the reported tip after registration by a rigid motion, fitted to the
-first half of the log alone. One number is fitted: a common factor on the distribution of the
-kinematic errors, so that half of the drawn robots have a larger median error on the first half than
-the cameras measured. It attributes the whole measured error to the arm: an upper bound.
+The tip error is the distance from the reported tip after registration by a rigid motion, which is
+fitted to the first half of the log. The distribution of kinematic errors has one fitted factor:
+half of the drawn robots have a larger median error on the first half than the cameras measured. The
+factor is an upper bound, because it attributes the whole measured error to the arm.
 """
 
 from typing import NamedTuple
@@ -75,7 +75,7 @@ def vectors_of(log: CameraLog, true: np.ndarray) -> np.ndarray:
 
 
 def between(log: CameraLog, true: np.ndarray) -> np.ndarray:
-    """Return the share of the second half's mean square error between trajectories, [...]."""
+    """Return the share of the second half's mean square error from trajectories, [...]."""
     vectors, trajectory = halves(vectors_of(log, true), axis=-2)[1], halves(log.trajectory)[1]
     means = np.empty_like(vectors)
     for number in np.unique(trajectory):
@@ -86,8 +86,8 @@ def between(log: CameraLog, true: np.ndarray) -> np.ndarray:
 
 
 def quadratic_left(log: CameraLog) -> list[np.ndarray]:
-    """Return what a null model leaves of the tip errors seen by cameras on both halves, m: a static
-    quadratic map of the six joints, fitted to the first half.
+    """Return the measured tip errors, m, that a null model leaves on both halves. The null model is
+    a static quadratic map of six joints, fitted to the first half.
     """
     joints = log.joints[:, :6]
     first, seen = halves(joints)[0], vectors_of(log, log.camera)
@@ -99,7 +99,7 @@ def quadratic_left(log: CameraLog) -> list[np.ndarray]:
 
 
 def with_values(values: jax.Array) -> KinematicErrors:
-    """Return the record that has `values` [16] at PATHS."""
+    """Return kinematic errors with `values` [16] at PATHS."""
     exact, entries = kinematic_errors.no_errors(), {path: values[k] for k, path in enumerate(PATHS)}
     leaves = paths.path_leaves(exact, RavenSetup())
     return tree.fill_tree(exact, [entries.get(path, number) for path, number in leaves])
@@ -132,7 +132,7 @@ def tips_of(log: CameraLog, robots: np.ndarray) -> np.ndarray:
 
 
 def factor(log: CameraLog, robots: np.ndarray) -> float:
-    """Return the factor on MEASURED with which the middle robot equals the cameras' median."""
+    """Return the factor on MEASURED with which the median robot has the cameras' median error."""
     goal = float(np.median(errors_of(log, log.camera)[0]))
     low, high = 0.05, 4.0
     for _ in range(12):

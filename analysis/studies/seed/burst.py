@@ -1,8 +1,8 @@
 """Study of bursts of a constant on the shoulder's DAC (IROS 2016, Figures 4 and 5; targets A4, A5).
 
-The constant is not published, so no constant is chosen: results are for every constant, or for all
-bursts of the published size. A burst is evaluated from the start of the fault for EVENT_TICKS, or
-until the robot stops. After a stop the nominal model continues, so the tip error has no meaning.
+The constant is not published. Results are therefore for every constant, or for all bursts of the
+published size. A burst is evaluated from the start of the fault for EVENT_TICKS, or until the robot
+stops. After a stop the nominal model continues, so the tip error has no meaning.
 """
 
 import functools
@@ -22,23 +22,23 @@ NAME, BURST = "seed_burst", "burst"
 """BURST: group of the campaign whose runs are compared."""
 VARIANTS = study.read_variants(NAME)
 SHOULDER, EVENTS = 0, 4
-"""EVENTS: bursts that the paper shows. The last one stops the robot."""
+"""EVENTS: number of bursts that the paper shows. The robot stops in the last burst."""
 STOP, SMALL = "overdrive", 1500.0
-"""Cause of a stop by the magnitude of the computed DAC command, and counts above which a constant
-stops the robot in the first burst.
+"""Cause of a stop by the overdrive check, and counts above which a constant stops the robot in the
+first burst.
 """
 EVENT_TICKS, FAULT_TICKS, REBOUND_TICKS = 600, 300, 300
 REACH_TICKS = FAULT_TICKS + 50
 """Ticks after the onset in which the shoulder's farthest point is searched."""
 JUMP_UM = 100.0
-"""Limit of a step of the measured tip, exceeded twice in a row by a jump (DSN 2016)."""
+"""Limit of a step of the reported tip. A jump exceeds it twice in a row (DSN 2016)."""
 A4, A5 = study.read_toml("published/seed.toml")["criteria"].values()
-"""Columns of `criteria`, in words: what holds in a run."""
+"""Words of the conditions of a run, by column of `criteria`."""
 ALL = "all of A4"
 
 
 def criteria(runs: pd.DataFrame, events: pd.DataFrame, published: Published) -> pd.DataFrame:
-    """Return which bands of the targets each run meets with all four bursts, bool [runs, ...].
+    """Return which conditions each run meets with all four bursts, bool [runs, ...].
     `events`: of these runs, each with the index of its run.
     """
     four, cut = runs["number"] == EVENTS, events["cut"]
@@ -153,37 +153,37 @@ def _measured(context: study.Context) -> Iterator[dict[str, Any]]:
 def _lines(
     runs: pd.DataFrame, events: pd.DataFrame, met: pd.DataFrame, published: Published
 ) -> Iterator[Line]:
-    """Yield in how many runs each band is met, and what accompanies a peak of the published size.
-    As the constant is unknown, one run is required, and peaks are of any constant and motion.
+    """Yield in how many runs each condition is met, and rebounds and cues of bursts with a peak of
+    the published size. The constant is unknown, so one run with any constant is required.
     """
     published_run = StudyEstimate(1, n=1, of="run, Figures 4 and 5")
     met = met.loc[runs.index]
     of = f"runs ({runs['value'].nunique()} constants, {len(MOTIONS)} motions)"
-    for name, words in ({ALL: "all of A4 holds at once"} | A4 | A5).items():
+    for name, words in ({ALL: "all conditions of A4 hold"} | A4 | A5).items():
         constants = runs.loc[met[name], "value"].nunique()
         found = StudyEstimate(int(met[name].sum()), n=len(runs), of=of)
-        target, where = "A5" if name in A5 else "A4", f"with {constants} constants"
+        target, where = "A5" if name in A5 else "A4", f"met with {constants} constants"
         quantity = f"runs in which {words}"
         yield Line(quantity, "", published_run, found, (1, math.inf), target, where)
-    of = "runs, jumps by the published code's rule"
+    of = "runs (jumps by the rule of the published code)"
     jumps = StudyEstimate(int(met["jumps"].sum()), n=len(runs), of=of)
-    quantity = "runs with four jumps, of which the last ends in the stop"
+    quantity = "runs with four jumps, the last of which ends in a stop"
     yield Line(quantity, "", published_run, jumps)
 
     low, high = published.band("a4.peak")
     sized = events.loc[events["peak_mm"].between(low, high)]
     rebounds = [published.value(f"burst.{k}.rebound") for k in (1, 2, 3)]
     ends = float(np.mean(rebounds)), min(rebounds), max(rebounds)
-    shown = StudyEstimate(*ends, 3, "events read off Figure 4")
+    shown = StudyEstimate(*ends, 3, "bursts read from Figure 4")
     took, onset = map(published.estimate, ("burst.3.rebound_ms", "cue.onset"))
     for band, field, what, unit, read in (
         ("a4.rebound", "rebound_deg", "rebound of the shoulder", "deg", shown),
         ("a4.rebound_ms", "rebound_ms", "time of the rebound", "ms", took),
-        ("a5.onset", "cue_s", "cue after the fault's onset", "s", onset),
+        ("a5.onset", "cue_s", "cue after the onset of the fault", "s", onset),
     ):
         values = sized.dropna(subset=field).groupby(["kind", "seed"], sort=False)[field]
         means = over_kinds(values.apply(lambda of_motion: of_motion.to_numpy().mean()))
-        quantity = f"{what}, events with a peak of {low:g} to {high:g} mm"
+        quantity = f"{what}, bursts with a peak of {low:g} to {high:g} mm"
         target = band.partition(".")[0].upper()
         yield Line(quantity, unit, read, means, published.band(band), target)
 
@@ -219,7 +219,7 @@ def _bands(
 
 
 def span(values: pd.Series, form: str) -> str:
-    """Write the least and largest of the values, without NaN."""
+    """Write the smallest and largest of the values, without NaN."""
     if values.isna().all():
         return "–"
     ends = (format(end, form) for end in (values.min(), values.max()))

@@ -35,7 +35,7 @@ def segment(row: Row, series: Series) -> dict[str, Any]:
     zeroed = np.linalg.norm(apart - apart[REST_TICKS - 1], axis=1)
     true = np.linalg.norm(series["tip"] - series["model_position"], axis=1) * 1e3
     return {
-        # What differs from the modelled robot
+        # Setting that differs from the robot as modelled
         "group": str(row["group"]),
         "scale": float(row[SCALE]),
         "peak_mm": float(error[moving].max()),
@@ -51,8 +51,8 @@ def segment(row: Row, series: Series) -> dict[str, Any]:
 
 
 def growth(values: pd.Series) -> pd.Series:
-    """Return the straight line through a quantity by scale: `slope`, mm per unit of scale,
-    `at_zero`, mm, and `explained`, the share of the variance (R2). Needs at least three scales.
+    """Return the straight line through a quantity over the scale: `slope`, mm per unit of scale,
+    `at_zero`, mm, and `explained`, its share of the variance (R2). Needs at least three scales.
     """
     x, y = np.asarray(values.index, float), np.asarray(values, float)
     slope, at_zero = np.polyfit(x, y, 1)
@@ -109,7 +109,7 @@ def _measured(context: study.Context) -> pd.DataFrame:
 def _lines(
     modelled: pd.DataFrame, noisy_cue: pd.DataFrame, read: pd.DataFrame, published: Published
 ) -> Iterator[Line]:
-    """Yield the lines. `noisy_cue`: whether the cue fires in a segment with noise, by motion and
+    """Yield the lines. `noisy_cue`: whether a cue comes in a segment with noise, by motion and
     scale. `read`: published tip errors by kind and scale.
     """
     yield Line(
@@ -122,14 +122,14 @@ def _lines(
         "the nominal model's gains, the latency of packets and the motion are not published",
     )
     offset = modelled["rest_mm"].iloc[0, 0]
-    reasons = {"at_zero": f"the model begins at the true tip, encoders see it {offset:.2f} mm away"}
+    reasons = {"at_zero": f"the model starts at the true tip, {offset:.2f} mm off the reported tip"}
     for of, words in WORDS["line"].items():
         for kind, readings in read.iterrows():
             figure = StudyEstimate(float(growth(readings)[of]), of="four readings of Figure 3")
             lines = modelled[f"{kind}_mm"].apply(growth, axis=1)[of]
             mean, quantity = over_kinds(lines), words.format(kind)
             if of == "explained":
-                over = f"{mean.of}, least and largest of a motion"
+                over = f"{mean.of}, smallest to largest of a motion"
                 mean = dataclasses.replace(mean, low=lines.min(), high=lines.max(), of=over)
                 band = published.band("a6.explained")
                 yield Line(quantity, "", figure, mean, band, "A6", WORDS["curved"][kind])
@@ -137,12 +137,11 @@ def _lines(
                 yield Line(quantity, "mm", figure, mean, reason=reasons.get(of, ""))
     scales = ", ".join(f"{scale:g}" for scale in noisy_cue if noisy_cue[scale].any()) or "none"
     yield Line(
-        "fault-free segments with noise in which the cue fires",
+        "fault-free segments with noise and a cue",
         "",
         published.estimate("fault_free.segments_over_threshold"),
-        StudyEstimate(int(noisy_cue.sum(axis=None)), n=noisy_cue.size, of="segments, noise on"),
-        reason=f"at scale {scales}; without noise {_cues(modelled)}:"
-        " compare the two before calling it the noise's doing",
+        StudyEstimate(int(noisy_cue.sum(axis=None)), n=noisy_cue.size, of="segments with noise"),
+        reason=f"scales with a cue: {scales}; without noise {_cues(modelled)} segments have a cue",
     )
     for kind in read.index:
         for scale, values in modelled[f"{kind}_mm"].items():
@@ -181,7 +180,7 @@ def _with_interval(mean: StudyEstimate, sign: str = "") -> str:
 
 
 def _cues(setting: pd.DataFrame) -> str:
-    """Write in how many segments the cue fires: `17 of 36`."""
+    """Write how many segments have a cue: `17 of 36`."""
     pulses = setting["pulses"]
     return f"{(pulses > 0).sum(axis=None)} of {pulses.size}"
 

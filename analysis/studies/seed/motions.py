@@ -1,5 +1,5 @@
-"""Defines the generated motions of the studies of the training simulator (IROS 2016). The motion of
-the hand in the paper is not available.
+"""Defines the generated motions of the studies of the training simulator (IROS 2016). The recorded
+motion of the paper is not available.
 """
 
 import re
@@ -14,14 +14,14 @@ MOTIONS = (
     *((kind, seed) for kind in ("suture", "peg_transfer", "palpate", "reach") for seed in (1, 2)),
     ("circle", 1),
 )
-"""Kind and seed of every generated motion with the pedal down throughout and the hand moving."""
+"""Kind and seed of each generated motion in which the pedal is always down and the hand moves."""
 MODELLED = "as modelled"
-"""The setting of variants that answer no open question differently."""
+"""The setting of variants that change only the motion."""
 
 
 def settings_of(variants: Iterable[Variant]) -> Iterator[tuple[str, dict[str, str | int]]]:
     """Yield the name of each variant with its setting and the kind and seed of its motion. A name
-    is KIND_SEED, or KIND_SEED_SETTING with underscores for spaces, but in the names of the sets
+    is KIND_SEED, or KIND_SEED_SETTING with underscores for spaces, except in names of the sets
     matlab_*.
     """
     for one in variants:

@@ -1,7 +1,7 @@
 """Generates the functions that run a time loop on the CPU, as one LLVM module.
 
-Lanes are robots that run side by side. Lanes with equal varied parameters form a group, and the
-numbers that are equal in a group are computed once for the group. The module has these functions:
+Lanes are robots that run side by side. Lanes whose robots have the same parameters form a group.
+Numbers that are equal in a group are computed once. The functions are:
 
     shared_begin  computes the first state of a group from the group's inputs
     shared_run    advances a group by some ticks and writes one row of numbers per tick
@@ -10,7 +10,7 @@ numbers that are equal in a group are computed once for the group. The module ha
     lane_finish   writes the results of the lanes
 
 `make_calls` makes a list of calls of these functions. This file also defines the layout of their
-buffers. A buffer of lanes has `width` consecutive values of each number, one of groups one value.
+buffers. For each number, a buffer of lanes has `width` values, and a buffer of groups one value.
 """
 
 import bisect

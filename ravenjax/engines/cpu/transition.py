@@ -1,9 +1,9 @@
 """Runs a program that computes the next state of one robot and its outputs, step by step.
 
-The program is a function (fixed, state, step_inputs, tables) -> (state, step_outputs) of single
-numbers. Each argument is a row of bytes in memory. `step_inputs` and `step_outputs` have one row
-per step. No operations are fused. `Compiled` runs the program as machine code. `Interpreted` runs
-each operation in NumPy (`ir.semantics`), to check `Compiled`. Both give the same bits.
+The program is a function (fixed, state, step_inputs, tables) -> (state, step_outputs). Each of
+these is a record of single numbers, stored as a row of bytes. `step_inputs` and `step_outputs` have
+one row per step. No operations are fused. `Compiled` runs the program as machine code, and
+`Interpreted` runs each operation in NumPy (`ir.semantics`). Both give the same bits.
 """
 
 import ctypes

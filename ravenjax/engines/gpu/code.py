@@ -1,7 +1,7 @@
 """Runs a compiled time loop on one GPU, chunk by chunk of ticks, and copies inputs and results.
 
-Robots (lanes) with equal varied parameters form a group, and a row of numbers per tick is computed
-once for the group. While lanes run through a chunk, the GPU computes the next chunk's rows.
+Robots (lanes) with the same parameters form a group, and the numbers that are equal in a group are
+computed once. While the lanes run one chunk, the GPU computes these numbers for the next chunk.
 """
 
 import dataclasses

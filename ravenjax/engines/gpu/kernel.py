@@ -1,7 +1,7 @@
 """Generates the kernels that run a time loop on a GPU, as one CUDA C module.
 
-Lanes are robots that run side by side, one per thread. Lanes with equal varied parameters form a
-group, and the numbers that are equal in a group are computed once for the group. The kernels are:
+Lanes are robots that run side by side, one per thread. Lanes whose robots have the same parameters
+form a group. Numbers that are equal in a group are computed once. The kernels are:
 
     shared_begin    computes the first state of each group from its inputs; one thread per group
     shared_run      advances each group by some ticks and writes one row of numbers per tick
@@ -14,14 +14,14 @@ group, and the numbers that are equal in a group are computed once for the group
 
 For example, 100 faults of one golden run may be 100 lanes of one group. `shared_run` computes 500
 ticks of what they share and writes 500 rows. `lane_run` then computes the 100 lanes and reads these
-rows. A lane may end before the last of these ticks, while its group continues. The results of the
-lane also need the group's numbers of that tick, so `lane_run` copies them to the buffer `saved`.
+rows. A lane may end before its group. Its results need the group's numbers of the tick in which the
+lane ends, so `lane_run` copies these numbers to the buffer `saved`.
 
 This file also defines the layout of the buffers. Every number takes a 32-bit word. Lanes fill whole
 blocks of threads, and the lanes of a warp belong to one group. Inputs, `saved` and results of lanes
-are [number, lane]; their state is [block, number, thread]. Buffers of groups are [group, number],
-rows [group, tick, number]. Inputs and outputs of each tick are [tick, number, lane], or [group,
-tick, number] if they are equal in a group.
+have the shape [number, lane], and the state of lanes [block, number, thread]. Buffers of groups
+have the shape [group, number], and rows [group, tick, number]. Inputs and outputs of each tick have
+the shape [tick, number, lane], or [group, tick, number] if they are equal in a group.
 """
 
 import collections

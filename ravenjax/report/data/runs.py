@@ -1,4 +1,4 @@
-"""Queries all runs of a campaign: the result table, joined with the facts of each run.
+"""Queries all runs of a campaign: the result table, joined with facts that follow from its columns.
 
 Counts in the report use all rows. Computations that need the rows in memory use at most a given
 number of rows. These rows are chosen by a hash of the row number, so the same table always gives

@@ -1,7 +1,7 @@
 """Collects the sections of the report.
 
-Each section is a module of this package and a template. The module computes the numbers and
-figures, and has the contents of its sections in SECTIONS, by name. sections.toml: titles and order.
+Modules of this package compute the numbers and figures of sections (SECTIONS: name to content).
+Each section also has a template. sections.toml contains the titles in the order of the page.
 """
 
 import importlib

@@ -1,8 +1,8 @@
 """Section "Haptic sweep": missed hazards and false cues of haptic sets, and the best threshold.
 
-In this section a hazard is an unintended motion. A cue missed the hazard if it did not come, or if
-it also came in the golden run by then. Each fault counts with one run. Of each fault-free motion
-only the first cue counts, as a false cue.
+In this section a hazard is an unintended motion. A hazard is missed if no cue came, or if the cue
+came no sooner than in the golden run. Of each fault one run counts. A fault-free motion with a cue
+counts as one false cue, although the cue may come again.
 
 If the confidence intervals of missed hazards and false cues leave only one best threshold
 (`stats.alarms.choice`), the report names it. Otherwise the report names all thresholds that may be

@@ -1,9 +1,9 @@
 """Sections "Reaction" and "Crossed parameters": compare runs of the same faults with and without
 the operator's reaction, and with each value of a crossed parameter.
 
-A pair is two runs that differ in one crossed parameter, or in the reaction. One of them is the
+A pair is two runs that differ in one crossed parameter, or in the reaction. One run is the
 reference: the parameter has its first value, or the operator does not react. All other crossed
-parameters are equal in both. If they have several values, a fault has a pair per combination.
+parameters are equal in both runs. A fault has one pair for each combination of their values.
 """
 
 import math

@@ -1,7 +1,7 @@
-"""Section "Robots": the rate that a further robot may have, if robots are drawn from a file.
+"""Section "Robots": prediction intervals for the rates of outcomes on one further robot.
 
-All parameters of a robot are drawn together. The interval is a prediction interval for the rate of
-a robot that was not drawn. More faults per robot narrow it little, because robots differ.
+The section appears if the campaign draws whole robots from a file, each with all its parameters.
+More faults per robot hardly narrow the intervals, because robots differ.
 """
 
 from collections.abc import Mapping

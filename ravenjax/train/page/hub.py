@@ -111,7 +111,7 @@ class Inbox:
         if name == "instructor cue" and self.blinded:
             raise RefusedMessage("the session is blinded, so instructors cannot set its cue")
         if content.get("hazard", -1) >= self.hazards:
-            raise RefusedMessage(f"no hazard {content['hazard']}: there are {self.hazards}, from 0")
+            raise RefusedMessage(f"got hazard {content['hazard']}, expected < {self.hazards}")
         if "scenario" in content:
             # The scenario models are needed only once a session is over.
             from ravenjax.train.scenario import loading

@@ -1,5 +1,5 @@
-"""Runs the process that serves the training page: reads the session's rings, draws the scene, and
-sends frames and events to the browser windows.
+"""Runs the process that serves the training page: reads frames and events of the session from
+shared memory, sends these to the browser windows, and draws the scene there.
 """
 
 import asyncio

@@ -1,9 +1,9 @@
 """Runs `ravenjax play`: sends a recorded stream of a console's packets to a robot, byte for byte.
 
-A robot accepts a new console only two seconds after the last packet of the console before. So the
+A robot accepts a new console only two seconds after the last packet of the previous console. So the
 player first repeats one packet until a force packet shows that the robot accepts it. A real Raven
-sends no force packets, so this phase ends after `REPEAT_S`. A robot accepts a pedal only after the
-pedal was up. So the player then sends packets with the pedal up for `LEAD_S`.
+sends no force packets, so this phase ends after `REPEAT_S`. A robot reacts to a pressed pedal only
+after the pedal was up. So the player then sends packets with the pedal up for `LEAD_S`.
 """
 
 import contextlib
@@ -88,8 +88,8 @@ def play_packets(
             port.connect(address)
         port.setblocking(False)
         say(
-            f"sending packets with the pedal up to {address[0]}:{address[1]}, then"
-            f" {len(datagrams)} recorded packets of {arrival_s[-1]:.3f} s"
+            f"sending to {address[0]}:{address[1]}: first packets in which the pedal is up, then"
+            f" {len(datagrams)} recorded packets, for {arrival_s[-1]:.3f} s"
         )
         _await_force(port, first_packet, stop)
         begin = time.monotonic()

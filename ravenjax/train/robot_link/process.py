@@ -1,10 +1,9 @@
 """Runs `ravenjax robot`: control software and simulated robot in a process that ITP consoles drive.
 
-Faults act in this process, so a console cannot detect them in its own packets. If a console stops
-sending, the robot's time-out of 5 s treats the pedal as up, as on the real robot. The sum of all
-increments that arrive within one millisecond is one packet for the robot; raven2's network thread
-sums them in the same way. This packet has a new number, because `itp` has already checked the
-numbers of the console's packets. Unlike in a session, only the pedals decide which console drives.
+Faults act in this process, so a console cannot detect them in its own packets. If a console sends
+nothing for 5 s, the robot treats the pedal as up, as the real robot does. Increments that arrive
+within one millisecond are summed to one packet, as in raven2's network thread. This packet gets its
+own sequence number. Unlike in a session, only the pedals decide which console drives.
 """
 
 import contextlib

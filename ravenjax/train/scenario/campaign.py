@@ -3,8 +3,8 @@
 The last row of the table is the operator's E-stop button. A hazard of the library has many rows:
 one for each case, published value, start and duration. A session draws one row of each case, or N
 rows if the scenario writes `times = N`. The draw depends only on the session's seed and the case's
-name. Every hazard starts at time 0. The trigger "pedal" becomes "time", because a session arms a
-hazard only while the pedal is down.
+name. Time 0 of a fault is the moment at which its hazard is armed. A fault with the trigger "pedal"
+gets the trigger "time" instead, because a session arms a hazard only while the pedal is down.
 """
 
 import dataclasses

@@ -262,7 +262,7 @@ class Entry(Section):
         # Refuses keys that exclude each other, and a fault window of unknown time.
         if bool(self.hazards) == bool(self.fault):
             raise ValueError(
-                'expected either hazards = ["B27"] (ids, layers), or a table [[hazard.fault]]'
+                'expected either hazards = ["B27"] (ids or layers), or a table [[hazard.fault]]'
             )
         if any(fault.start_ms.phases for fault in self.fault):
             raise ValueError(
@@ -271,7 +271,7 @@ class Entry(Section):
             )
         if self.fault and (self.arm is not None or self.value is not None):
             raise ValueError(
-                "arm and value belong to hazards of the library: write them in [[hazard.fault]]"
+                "got [[hazard.fault]] and arm or value: write arm and value in [[hazard.fault]]"
             )
         right = self.right_response or ()
         if "continue" in right and len(right) > 1:

@@ -1,1 +1,1 @@
-"""Runs one training session: compiles the tick, reads the hands, arms hazards and fills frames."""
+"""Runs one training session: compiles the tick, moves the hands, starts hazards, fills frames."""

@@ -1,13 +1,12 @@
-"""Decides which console drives the robot, and whether its pedal counts. Only one console drives at
-a time: it has the *seat*.
+"""Decides which console drives the robot (has the *seat*), and whether its pedal counts.
 
 The first console whose pedal goes down gets the seat. It loses the seat when it leaves or sends
 nothing for `GONE_MS`. While its pedal is up, the operator at another console may take the seat. The
 console may give the seat away, and the instructor may give the seat to any console. In `ravenjax
 robot` only the pedals decide: a console whose pedal is up loses the seat when another pedal is
-pressed. An operator may not notice that the session began or was interrupted. After such an event a
-pedal that is down does not count until it was lifted. A network console receives forces but no
-texts, so the page and the terminal show why its pedal does not count.
+pressed. An operator could miss that a session begins, or that it continues after an interruption.
+If the pedal is already down at this moment, the operator must lift it before it counts. A network
+console receives forces but no texts, so the page and the terminal show the reason.
 """
 
 from collections import deque

@@ -1,11 +1,11 @@
 """Converts the messages of consoles into the motion of the operator's hands, one row for each tick.
 
 Speeds of "input" messages are along the axes of the view. The hands change their speed smoothly:
-critically damped, with 90 % of the change after `SMOOTHING_MS`. Positions are in the ITP frame of
-the arm, in micrometres of the hand, which the robot's tick multiplies by the scale. A console that
-sends "increments" has already scaled them, so they are divided by the scale. Orientations are
-relative to the start. The tick scales in float32 and truncates to whole micrometres. To make the
-result exact, every position here is half a micrometre farther from zero than the intended number.
+critically damped, with 90 % of the change after `SMOOTHING_MS`. Positions are positions of the
+hand, in micrometres, in the ITP frame of the arm. The robot's tick multiplies them by the scale. A
+console that sends "increments" has already scaled them, so they are divided by the scale here.
+Orientations are relative to the start. The tick truncates to whole micrometres. Every position is
+moved half a micrometre away from zero here, so that the tick yields the nearest whole micrometre.
 """
 
 from __future__ import annotations

@@ -69,9 +69,9 @@ def test_scenario_b_end_to_end(reproduced) -> None:
     )
     lines = {line.quantity: line for line in found.lines}
     assert sum(line.target == "A1" for line in found.lines) == 9
-    short = next(line for name, line in lines.items() if name.startswith("P(jump), 2 packets"))
+    short = next(line for name, line in lines.items() if name.startswith("runs with a jump, 2"))
     assert short.predicted is not None and short.passed == (short.predicted.value == 0.0)
-    rows = next(t for t in found.tables if t.title.startswith("P(jump)")).rows
+    rows = next(t for t in found.tables if t.title.startswith("Runs with a jump")).rows
     assert {row[0] for row in rows} == {
         "published",
         "baseline",
@@ -92,9 +92,5 @@ def test_scenario_a_and_thresholds_end_to_end(reproduced) -> None:
     few = ("group.fault_free.repeats=3",)
     found = reproduced(studies.find("dsn16_thresholds"), {"suture": few, "peg_transfer": few})
     assert len(found.tables[0].rows) == 18
-    steps = [
-        line
-        for line in found.lines
-        if line.quantity.startswith("standard deviation of a step, motor position")
-    ]
+    steps = [line for line in found.lines if ", motor position, " in line.quantity]
     assert all(line.predicted is not None and line.predicted.value > 0 for line in steps)

@@ -17,8 +17,8 @@ def titled(found: Findings, begins: str) -> Table:
 def test_the_study_runs(reproduced) -> None:
     few = {hazard_library.EVERY_CYCLE: ("campaign.limit=20",)}
     found = reproduced(hazard_library.STUDY, {hazard_library.BASELINE: (), **few})
-    run = titled(found, "Every hazard")
+    run = titled(found, "Outcome of every")
     assert len(run.rows) == len(RUNNABLE)
-    runs, activated = (run.columns.index(name) for name in ("runs", "activated"))
+    runs, activated = (run.columns.index(name) for name in ("runs", "runs with an activated fault"))
     for row in run.rows:
         assert row[runs] and row[activated], f"{row[0]}: never activated"

@@ -29,7 +29,7 @@ def test_the_study_runs(reproduced) -> None:
     few = dict.fromkeys(safecomp45.LENGTHS, ("campaign.limit=20",))
     found = reproduced(safecomp45.STUDY, {safecomp45.BASELINE: (), **few})
     rows = found.tables[0]
-    activated = rows.columns.index("activated, of")
+    activated = rows.columns.index("simulated runs with an activated fault")
     for row in rows.rows:
         if row[0] not in NOT_SIMULATED:
             k, _, n = str(row[activated]).partition(" of ")

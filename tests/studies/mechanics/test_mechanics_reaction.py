@@ -50,7 +50,7 @@ def test_a_load_that_is_there_is_predicted_by_the_model_that_has_it(monkeypatch)
         for model, errors in mechanics.held_out(log).items()
     }
     rotor, authors, statics = mechanics.COMPARED
-    exact = {statics, "the same and the load, fitted"}
+    exact = {statics, "rotor with friction and a fitted load"}
     assert set(largest) == set(mechanics.MODELS) and rotor in largest and authors in largest
     for model, error in largest.items():
         assert (error < 1e-9).all() == (model in exact), model

@@ -82,15 +82,15 @@ def compared(monkeypatch, whole_at):
 def test_a_run_as_published_meets_a4_and_a5(monkeypatch):
     findings = compared(monkeypatch, (750.0, 800.0))
     lines = {line.quantity: line for line in findings.lines}
-    together = lines["runs in which all of A4 holds at once"]
+    together = lines["runs in which all conditions of A4 hold"]
     assert (
         together.predicted.value == 2
         and together.predicted.n == 3 * len(MOTIONS)
         and together.passed
     )
-    assert together.reason == "with 2 constants"
+    assert together.reason == "met with 2 constants"
     assert all(line.passed for line in findings.lines if line.target)
-    rebound = lines["rebound of the shoulder, events with a peak of 3 to 7 mm"]
+    rebound = lines["rebound of the shoulder, bursts with a peak of 3 to 7 mm"]
     assert rebound.predicted.value == pytest.approx(
         5.0
     ) and rebound.published.value == pytest.approx(5.2)

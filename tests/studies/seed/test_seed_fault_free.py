@@ -55,11 +55,11 @@ def test_findings_follow_from_the_segments(monkeypatch, segments):
     assert slope.predicted.value == pytest.approx(8.0) and slope.published.value == pytest.approx(
         7.2
     )
-    straight = lines["variance of the means that a straight line over the scale explains"]
+    straight = lines["share of the variance of the means that a line over the scale explains"]
     assert straight.predicted.value == pytest.approx(
         1.0
     ) and straight.published.value == pytest.approx(0.982, abs=1e-3)
-    cues = lines["fault-free segments with noise in which the cue fires"]
+    cues = lines["fault-free segments with noise and a cue"]
     assert cues.predicted.value == 4 * len(MOTIONS) and cues.band is None
     assert lines["peak tip error, scale 0.2"].predicted.value == pytest.approx(3.0)
     rows = {row[0]: row for row in findings.tables[0].rows}

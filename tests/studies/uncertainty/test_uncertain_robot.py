@@ -66,5 +66,5 @@ def test_the_study_runs(reproduced) -> None:
         if line.quantity.endswith("over robots"):
             assert line.predicted
             assert line.predicted.low <= line.predicted.value <= line.predicted.high
-    decided = next(one for one in found.tables if one.title.startswith("What decides"))
+    decided = next(one for one in found.tables if one.title.startswith("What determines"))
     assert len(decided.rows) == 3 * len(PARAMETERS)

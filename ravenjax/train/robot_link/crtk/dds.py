@@ -3,7 +3,7 @@
 Names and qualities of service follow ROS 2. For example, the topic `arm1/measured_js` is
 `rt/arm1/measured_js` in DDS, `sensor_msgs/msg/JointState` is `sensor_msgs::msg::dds_::JointState_`,
 and bytes are CDR. Published topics are reliable, so that both reliable and best-effort readers
-match. Servo commands are read with best effort, so that DDS repeats no lost command too late.
+match. Servo commands are read with best effort, because a command that DDS resends comes too late.
 """
 
 import contextlib
