@@ -26,7 +26,6 @@ import numpy as np
 
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2.arms import ARMS, ArmName
-from ravenjax.robots.raven2.console import arrivals as packet_lengths
 from ravenjax.robots.raven2.console.choice import UNDECIDED, ProfileChoice, matching_profile
 from ravenjax.robots.raven2.console.packet import UDP_PORT
 from ravenjax.robots.raven2.console.profile import ConsoleProfile
@@ -36,7 +35,13 @@ from ravenjax.robots.raven2.stages.network import RESET_GAP
 from ravenjax.store import consoles, files
 from ravenjax.store.motion import resampling, stamps
 from ravenjax.store.motion.track import ArmTrack, Home, Track
-from ravenjax.vocabulary.packets import MOST_CYCLES, QUIET_MS, RELEASE_MS
+from ravenjax.vocabulary.packets import (
+    MOST_CYCLES,
+    QUIET_MS,
+    RELEASE_MS,
+    packet_lengths,
+    rounded_shares,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -238,8 +243,8 @@ def read_track(
             _accumulated(home[arm].quat, turns),
             home[arm].opening_mrad - np.cumsum(read.grasp_mrad[:, i]),
         )
-    cycles = packet_lengths.packet_lengths(read.packets.time * 1e3)
-    shares = ", ".join(f"{share:g}" for share in packet_lengths.rounded_shares(cycles))
+    cycles = packet_lengths(read.packets.time * 1e3)
+    shares = ", ".join(f"{share:g}" for share in rounded_shares(cycles))
     notes = (
         *read.packets.notes,
         f"packets are those of console {read.profile.name}; the robot would drop"
