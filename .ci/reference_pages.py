@@ -473,6 +473,7 @@ def _parameters() -> Iterator[str]:
 def _columns() -> Iterator[str]:
     from ravenjax.outcomes import events
     from ravenjax.robots.raven2 import ROBOT
+    from ravenjax.robots.raven2.loop.optional import STAGES
     from ravenjax.store import schema
 
     shape = schema.Shape(
@@ -480,10 +481,7 @@ def _columns() -> Iterator[str]:
         joints=("<joint>",),
         checks=("<check>",),
         parameters=("<path>",),
-        reacts=True,
-        hand_yields=True,
-        cables=True,
-        contact=True,
+        stages=tuple(STAGES),
         detectors=(1,),
         harms=("<name>",),
         observes=True,

@@ -28,17 +28,17 @@ from studies.cells import BY_DEFINITION, hourly, percent, plain
 from studies.runs import AS_MODELLED, MOVED, SCALE, UNCERTAIN, Runs, of_robot, share, unclutched
 
 NAME = "detectors"
-CHECKS, STOPS, CUE = "built-in checks, flag or stop", "built-in checks, stop", "haptic cue, 3 mm"
+CHECKS, STOPS, CUE = "built-in checks, alarm or stop", "built-in checks, stop", "haptic cue, 3 mm"
 OTHERS = {CHECKS: "told_ms", STOPS: "stop_ms", CUE: "warned_ms"}
 """Other sources of alarms, and the columns of their times. Each has one threshold."""
 NOISE, MORE_NOISE = "noise", "more noise"
 NOISY = {AS_MODELLED: NOISE, UNCERTAIN: f"{UNCERTAIN}, {NOISE}"}
 """Names of the groups without faults in a campaign with noise."""
-PER_HOUR = 1.0
-"""False alarms per hour that an operating point may have."""
+PER_HOUR, NO_THRESHOLD = 1.0, "no threshold meets the limit"
+"""Limit of false alarms per hour for a threshold, and the words if no threshold meets it."""
 PUBLISHED, FORK, CLIP = ("steps/all/1", 1.0), ("derivative_sum", 55.0), ("overdrive", 1.0)
-"""The published rule (each step over its 99.8 to 99.9 percentile, all three together, for one
-millisecond), the disabled second detector of raven2_sim, and the control software's clip limit.
+"""The published rule (all three steps over their 99.8 to 99.9 percentiles in one millisecond), the
+disabled second detector of raven2_sim, and the limit of the control software's overdrive check.
 """
 TIP_ERROR = "tip_error"
 """The detector whose score is the distance in mm of the reported tip from the model."""
@@ -59,7 +59,7 @@ def place(some: Runs, name: str, threshold: float) -> str:
 
 
 def spoke_ms(faulty: Runs, name: str, threshold: float) -> np.ndarray:
-    """Return when a detector, or one of OTHERS, first told of the fault, ms [runs]; -1: never."""
+    """Return the first alarm of a detector, or of OTHERS, after the fault, ms [runs]; -1: never."""
     if name == STOPS:
         times = np.where(faulty["response"] == "stopped", faulty["response_ms"], -1)
     else:
@@ -68,7 +68,7 @@ def spoke_ms(faulty: Runs, name: str, threshold: float) -> np.ndarray:
 
 
 def alarms(free: Runs, name: str, threshold: float) -> np.ndarray:
-    """Return the number of separate false alarms of each run; of checks at most 1."""
+    """Return the number of separate false alarms of each run. For checks this is at most 1."""
     if name == CUE:
         return free[f"cue{free.made.verdict_cue}_count"]
     if name not in OTHERS:
@@ -185,7 +185,7 @@ def caught(faulty: Runs, name: str, threshold: float) -> study.StudyEstimate:
 
 
 def layer_rows(faulty: Runs, chosen: Sequence[Point]) -> Iterator[tuple[str | int, ...]]:
-    """Yield the share of unintended motion detected, by layer of the fault."""
+    """Yield the recall of unintended motions, by layer of the fault."""
     moved = faulty.where(faulty["unintended"])
     layers = moved["layer"].astype(str)
     for layer in (*LAYERS.values(), OTHER_LAYER):
@@ -197,7 +197,7 @@ def layer_rows(faulty: Runs, chosen: Sequence[Point]) -> Iterator[tuple[str | in
 
 
 def robot_rows(faulty: Runs, free: Runs, main: Sequence[str]) -> Iterator[tuple[str | float, ...]]:
-    """Yield false alarms of uncertain robots and with noise, and the threshold they need."""
+    """Yield false alarms of uncertain robots and with noise, and the thresholds chosen on them."""
     modelled = of_robot(free, AS_MODELLED)
     for robot in dict.fromkeys(free["robot"].tolist()):
         if robot == AS_MODELLED:
@@ -210,7 +210,7 @@ def robot_rows(faulty: Runs, free: Runs, main: Sequence[str]) -> Iterator[tuple[
             if chosen[0] is not None:
                 rates = [hourly(false_alarms(part, name, chosen[0])) for part in (same, mine)]
             shares = ("" if at is None else percent(caught(faulty, name, at)) for at in chosen)
-            told = ["none is quiet" if at is None else at for at in chosen]
+            told = [NO_THRESHOLD if at is None else at for at in chosen]
             yield robot, name, told[0], *rates, told[1], *shares
         for name in (CUE, CHECKS):
             rates = (hourly(false_alarms(part, name)) for part in (same, mine))
@@ -220,24 +220,24 @@ def robot_rows(faulty: Runs, free: Runs, main: Sequence[str]) -> Iterator[tuple[
 def condition_rows(
     folders: Mapping[str, Path], faulty: Runs, modelled: Runs, main: Sequence[str]
 ) -> Iterator[tuple[str | float, ...]]:
-    """Yield what a threshold detects by the motion on which it must be quiet, and by the length of
-    packets in faulty runs of the first motion.
+    """Yield threshold and recall by the fault-free motion on which the threshold is chosen, and by
+    the length of packets in faulty runs of the first motion.
     """
     every, still_down = "every motion and scale", unclutched(modelled)
     fast, suture = runs.pooled(folders, [FAST]), runs.MOTIONS[0]
-    each_cycle = f"{suture}, a packet each cycle"
+    each_cycle = f"{suture}, one packet per cycle"
     for words, free, some, scale in (
         (every, modelled, faulty, 0.1),
         ("every motion, scale 0.1", at_scale(modelled, 0.1), faulty, 0.1),
         ("no clutching, scale 0.1", at_scale(still_down, 0.1), faulty, 0.1),
         (every, modelled, fast, 0.2),
         ("no clutching, scale 0.2", at_scale(still_down, 0.2), fast, 0.2),
-        (f"every; faults: {suture}", modelled, runs.pooled(folders, [suture]), 0.1),
-        (f"every; faults: {each_cycle}", modelled, runs.pooled(folders, [EVERY_CYCLE]), 0.1),
+        (f"{every}; faulty runs: {suture}", modelled, runs.pooled(folders, [suture]), 0.1),
+        (f"{every}; faulty runs: {each_cycle}", modelled, runs.pooled(folders, [EVERY_CYCLE]), 0.1),
     ):
         for name in main if free["hours"].sum() > 0 else ():
             threshold = threshold_for(free, name)
-            cells: tuple[str | float, ...] = ("none is quiet", "", "", "", "")
+            cells: tuple[str | float, ...] = (NO_THRESHOLD, "", "", "", "")
             if threshold is not None:
                 found, spoke = point(some, free, name, threshold), spoke_ms(some, name, threshold)
                 others = share(spoke >= 0, ~some["unintended"], some.faults, "")
@@ -253,11 +253,11 @@ def no_hazard(faulty: Runs) -> np.ndarray:
 
 
 def hazard_rows(faulty: Runs, main: Sequence[str]) -> Iterator[tuple[str | int, ...]]:
-    """Yield how areas depend on what a detector is to detect."""
+    """Yield the areas by the event that a detector is to detect."""
     hazard, leapt = faulty["hazard"], faulty["jump_tip"].astype(bool)
     jumped = faulty[faulty.made.verdict_jump].astype(bool)
-    told = {f"{word}, the run's hazard": hazard == word for word in HAZARDS if word != "none"}
-    told |= {"jump of the true tip": leapt, "jump of the reported tip alone": jumped & ~leapt}
+    told = {f"{word} as the run's hazard": hazard == word for word in HAZARDS if word != "none"}
+    told |= {"jump of the true tip": leapt, "jump of the reported tip only": jumped & ~leapt}
     for words, hit in told.items():
         mine = hit | no_hazard(faulty)
         auc = area_estimates(faulty.where(mine), hit[mine])
@@ -314,17 +314,17 @@ def _lines(
     auc = area_estimates(faulty, faulty["unintended"], MOVED)
     for at in quiet:
         yield study.own_line(f"AUC, {at.name}", "", auc[at.name])
-        yield study.percent_line(f"{at.words}: unintended motion caught", at.caught)
-        yield study.percent_line(f"{at.words}: caught before it began", at.before)
+        yield study.percent_line(f"{at.words}: recall of unintended motions", at.caught)
+        yield study.percent_line(f"{at.words}: alarm before the unintended motion", at.before)
     fixed = [point(faulty, modelled, *published) for published in (PUBLISHED, FORK, CLIP)]
     for at in (*fixed, *others):
-        yield study.percent_line(f"{at.words}: unintended motion caught", at.caught)
+        yield study.percent_line(f"{at.words}: recall of unintended motions", at.caught)
         if at in others and at.before is not BY_DEFINITION:
-            yield study.percent_line(f"{at.words}: caught before it began", at.before)
+            yield study.percent_line(f"{at.words}: alarm before the unintended motion", at.before)
         quantity = f"{at.words}: false alarms, recorded hands, scale {runs.DEFAULT_SCALE:g}"
         if len(hands.frame):
             yield study.own_line(quantity, "1/h", false_alarms(hands, at.name, at.threshold))
-        yield study.own_line(f"{at.words}: false alarms", "1/h", at.false)
+        yield study.own_line(f"{at.words}: false alarms, generated motion", "1/h", at.false)
 
 
 STUDY = study.study(NAME, study.read_variants(NAME), compare)

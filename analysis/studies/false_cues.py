@@ -27,7 +27,7 @@ THRESHOLDS_MM, AWAY_MS, REST_MS = (2.0, 3.0), 250, 500
 
 
 def onsets(active: np.ndarray) -> int:
-    """Return how many cues `active` (bool [ticks]) is, if pauses of less than AWAY_MS are none."""
+    """Return the number of cues in `active`, bool [ticks]. Pauses up to AWAY_MS do not count."""
     ticks = np.flatnonzero(active)
     return int(len(ticks) > 0) + int((np.diff(ticks) > AWAY_MS).sum())
 
@@ -49,7 +49,7 @@ def measure(row: Row, series: Series) -> dict[str, Any]:
 
 
 def rate(runs: pd.DataFrame, mm: float) -> StudyEstimate:
-    """Return cues an hour: over recordings, or exact Poisson for a count of 0 or few recordings."""
+    """Return cues per hour. The interval is exact Poisson for a count of 0 or few recordings."""
     counts, hours = runs[f"cues of {mm:g} mm"], runs["hours"].to_numpy()
     exact, among = alarm_rate(int(counts.sum()), float(hours.sum())), group_units(runs["recording"])
     low, high = exact.low, exact.high

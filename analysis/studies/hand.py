@@ -29,8 +29,8 @@ GRIPS = RELAXED, MIDDLE, FIRM = (0.0, 0.5, 1.0)
 STRONG = 66.0
 FORCES = {
     3.3: "one device unit is 3.3 N",
-    STRONG: "the cap is 3.3 N",
-    -STRONG: "null: the same, away from the model",
+    STRONG: "the cap of 0.05 units is 3.3 N",
+    -STRONG: "null model: cap 3.3 N, force away from the model",
 }
 """N per device unit -> words."""
 SIZES_MM = (5.0, 10.0, 20.0)
@@ -39,7 +39,7 @@ CHANGED = ("rms_model_deviation_mm", "rms_golden_deviation_mm", "cue0_ms", "cue0
 
 
 class HandEffect(NamedTuple):
-    """What a force changed, over the faults in which it moved a hand, with intervals over kinds."""
+    """Effect of a force over the faults in which it moved a hand, with intervals over kinds."""
 
     pairs: int  # number of faults
     pulled: int  # of these: faults in which the hand moved
@@ -50,15 +50,15 @@ class HandEffect(NamedTuple):
     # Mean absolute changes of these distances, as fractions of the commanded motion of the tip.
     model_share: Estimate
     golden_share: Estimate
-    cue_ms: Estimate  # mean change of the cue's time
-    pulses: Estimate  # mean change of the number of separate pulls
+    cue_ms: Estimate  # mean change of the time with force
+    pulses: Estimate  # mean change of the number of separate pulses
     path: Estimate  # mean change of the tip's path, as a share of the path
     unintended: tuple[int, int]  # faults with an unintended motion: without and with the force
     difference: Estimate  # difference of their shares of all pairs
 
 
 def paired(frame: pd.DataFrame, newtons: float, grip: float) -> Pairs:
-    """Return every fault that changed a bit, with and without that force per unit, at that grip."""
+    """Return every fault that changed a bit, with and without this force per unit, at this grip."""
     at_grip = frame.loc[np.isclose(frame[GRIP_COLUMN], grip)]
     return acting_pairs(
         *(at_grip.loc[np.isclose(at_grip[NEWTONS_COLUMN], value)] for value in (newtons, 0.0))
@@ -66,7 +66,7 @@ def paired(frame: pd.DataFrame, newtons: float, grip: float) -> Pairs:
 
 
 def effect(pairs: Pairs) -> HandEffect:
-    """Return what the force changed."""
+    """Return the effect of the force."""
     pulled = pairs.where((pairs.with_["hand_mm"] > 0).to_numpy())
     among, hand_mm = kinds.of(pulled.without["group"]), pulled.with_["hand_mm"].to_numpy(float)
     on, off = (part[[*CHANGED, "tip_path_mm"]].to_numpy(float).T for part in pulled)
@@ -98,12 +98,12 @@ def compare(context: study.Context) -> study.Findings:
     force, grip, turned, cycle = (
         read(context.folders[name]).frame for name in ("force", "grip", "turned", "every_cycle")
     )
-    drawn = "null: the cap is 3.3 N, at a drawn direction"
+    drawn = "null model: cap 3.3 N, force in a random direction"
     pairs = {
         **{(words, MIDDLE): paired(force, one, MIDDLE) for one, words in FORCES.items()},
         **{(FORCES[STRONG], end): paired(grip, STRONG, end) for end in (RELAXED, FIRM)},
         (drawn, MIDDLE): paired(turned, STRONG, MIDDLE),
-        (f"{FORCES[STRONG]}, a packet each cycle", MIDDLE): paired(cycle, STRONG, MIDDLE),
+        (f"{FORCES[STRONG]}, one packet per cycle", MIDDLE): paired(cycle, STRONG, MIDDLE),
     }
     followed, changed = [], []
     for (words, at), some in pairs.items():
@@ -128,8 +128,8 @@ def compare(context: study.Context) -> study.Findings:
         contrasts = [reacting_operator.contrast_of(part, size) for size in SIZES_MM]
         shares = map(reacting_operator.avoided, contrasts)
         avoided.append((f"{delay:g}", contrasts[0].n, *shares))
-        words = f"lifting the pedal after {delay:g} ms avoids, of motions of more than 20 mm"
-        of = f"faults that make it where nobody reacts, {kinds.count(contrasts[-1].affected)}"
+        words = f"unintended motions over 20 mm that a pedal lifted after {delay:g} ms avoids"
+        of = f"faults with such a motion if nobody reacts, {kinds.count(contrasts[-1].affected)}"
         lines.append(percent_line(words, contrasts[-1].avoided, of))
     times = (study.HERE / "published" / "reaction_times.md").read_text(encoding="utf-8")
     tables = {
@@ -144,7 +144,7 @@ def compare(context: study.Context) -> study.Findings:
 
 
 def loop_rows() -> Iterator[tuple[str | float, ...]]:
-    """Yield the gain of the loop from the model through cue and hand back, for a robot at rest."""
+    """Yield the gain of the loop of model, cue and hand, for a robot at rest."""
     for newtons, words in FORCES.items():
         for grip in GRIPS if newtons > 0 else ():
             params = HandParams(grip, newtons, 0.554, 6.45, 135.0, 5.0, 0.0)

@@ -1,5 +1,5 @@
-"""Study of the haptic cue: for which faults it comes, when and how strongly, how many false cues
-come, and which threshold is best.
+"""Study of the haptic cue: for which faults does it come, when and how strongly, how many false
+cues come, and which threshold is best?
 
 A cue of a faulty run counts from the fault's first effect on, and only if it had not come in the
 golden run by that time. The cost of a threshold is weight x (share of hazards missed) + false cues
@@ -34,7 +34,7 @@ HAZARDS = {
 }
 """What a cue is to announce, and its column."""
 UNINTENDED = next(iter(HAZARDS))
-NEVER, LATE = "never felt", "not felt before it"
+NEVER, LATE = "no cue comes", "no cue comes before the motion"
 """Meanings of a missed hazard."""
 AT_CAP = 0.999
 """Share of the cap from which a force counts as capped, because forces are stored as float32."""
@@ -102,7 +102,7 @@ def _by(among: Units, values: np.ndarray) -> np.ndarray:
 
 
 def first_ms(faulty: Runs, k: int) -> np.ndarray:
-    """Return when set number k was felt because of the fault, ms [runs]; -1: never."""
+    """Return the first cue of set number k because of the fault, ms [runs]; -1: none."""
     times = runs.warning_times(faulty, k)
     return np.where(times >= faulty["active_ms"], times, -1)
 
@@ -125,8 +125,8 @@ def choices(
 
 
 def felt(faulty: Runs, k: int) -> dict[str, Any]:
-    """Return what set number k announces of faults that cause an unintended motion: rates as
-    fractions, medians in ms, and words for what has quartiles.
+    """Return how set number k announces faults that cause an unintended motion: rates as fractions,
+    medians in ms, and texts for values with quartiles.
     """
     moved, first = faulty["unintended"], first_ms(faulty, k)
     came = first >= 0
@@ -137,15 +137,15 @@ def felt(faulty: Runs, k: int) -> dict[str, Any]:
     delay, lead = runs.median_times(once, first_ms(once, k))
     early = came & (first < faulty["unintended_ms"])
     return {
-        # Of runs with unintended motion: never felt, and felt before it began
+        # Of runs with an unintended motion: without a cue, and with a cue before the motion began
         "missed": share(~came, moved, faulty.faults, MOVED),
         "before": share(early, moved, faulty.faults, MOVED),
         "others": share(came, ~moved, faulty.faults, "other faulty runs"),
         "delay_ms": delay,
         "lead_ms": lead,
-        # Of unintended motions that are felt: largest force, those at the cap, time with force
+        # Of unintended motions with a cue: largest force, those at the cap, time with force
         "force": quartiles(force),
-        "at_cap": share(at_cap, np.ones(len(at_cap), bool), mine.faults, "felt runs"),
+        "at_cap": share(at_cap, np.ones(len(at_cap), bool), mine.faults, "runs with a cue"),
         "felt_ms": quartiles(mine[f"cue{k}_ms"]),
     }
 
@@ -190,7 +190,7 @@ def choice_rows(thresholds: Sequence[float], published: int, chosen: Sequence[Ch
             if k != winner and wins[k] >= 0.01
         ]
         mm = thresholds[winner]
-        named = mm if sure else f"cannot be said; {mm:g} costs least"
+        named = mm if sure else f"undecided, lowest cost at {mm:g}"
         costs = [float(f"{cost[k]:.3g}") for k in (winner, published)]
         won = [f"{100 * wins[k]:.0f} %" for k in (winner, published)]
         yield f"{weight:,.0f}", named, won[0], ", ".join(others), *costs, won[1]
@@ -268,9 +268,9 @@ def compare(context: study.Context) -> study.Findings:
 
 def _lines(mm: float, published: bool, found: Mapping[str, Any]) -> Iterator[study.Line]:
     """Yield the lines of the haptic set with the threshold `mm`."""
-    words = f"{mm:g} mm (published): " if published else f"{mm:g} mm: "
-    yield study.percent_line(f"{words}unintended motion missed", found["missed"])
-    yield study.percent_line(f"{words}unintended motion felt before it began", found["before"])
+    words = f"cue of {mm:g} mm (published): " if published else f"cue of {mm:g} mm: "
+    yield study.percent_line(f"{words}unintended motions without a cue", found["missed"])
+    yield study.percent_line(f"{words}unintended motions with an earlier cue", found["before"])
     yield study.own_line(f"{words}median lead over the motion", "ms", found["lead_ms"])
     yield study.own_line(f"{words}false cues", "1/h", found["false"])
 

@@ -18,10 +18,11 @@ from ravenjax.stats.paired import difference_of_counts
 from ravenjax.stats.units import ENOUGH_UNITS, MIN_UNITS, Units, group_units, ratio_band
 
 NOTE = (
-    "Intervals, 95 %: bootstrap over kinds of faults (a hazard of the library with all its cases,"
-    f" or a group), families of groups apart; none with fewer than {MIN_UNITS} kinds, and too"
-    f" narrow with fewer than {ENOUGH_UNITS}. A share is of this design's faults. It is no"
-    " probability, and another mix of faults has another share."
+    "Intervals are 95 % confidence intervals from a bootstrap over kinds of faults. A kind is a"
+    " hazard of the library with all its cases, or a group of the campaign. Families of groups are"
+    f" resampled separately. With fewer than {MIN_UNITS} kinds there is no interval, and with fewer"
+    f" than {ENOUGH_UNITS} kinds (marked *few*) the interval is too narrow. A share describes the"
+    " faults of this design. It is not a probability, and other faults would give another share."
 )
 
 
@@ -46,7 +47,7 @@ def of(group: ArrayLike) -> Units:
 
 def difference(first: np.ndarray, second: np.ndarray, among: Units) -> Estimate:
     """Return the rate of `first` minus the rate of `second` (bool [pairs]) with its interval over
-    kinds; if no pair differs, Bonett and Price's with as many pairs as kinds.
+    kinds. If no pair differs, the interval is that of Bonett and Price with a pair for each kind.
     """
     if not len(first):
         return Estimate(math.nan, math.nan, math.nan)

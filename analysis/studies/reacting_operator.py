@@ -31,13 +31,13 @@ from studies.study import Cell, Line, StudyEstimate, own_line, percent_line, rea
 
 NAME = "reacting_operator"
 SIZES_MM = (LIMIT_MM, 5.0, 10.0, 20.0)
-"""Sizes of motion. At the first the published cue fires too."""
+"""Sizes of motion. The first is also the published threshold of the cue."""
 DRAWN_SIZES, SPARED_MM = (5.0, 10.0), 10.0
 THRESHOLDS_MM, HEADLINE_CUES_MM = (3.0, 1.0, 2.0, 5.0), (1.0, 3.0)
 """Thresholds of the campaign's haptic sets, in their order, and those of lines."""
 DELAYS_MS = (150, 250, 400)
-BASELINE, PUBLISHED = "pairs", "threshold: threshold 3 mm, published"
-EARLY = {1.0: "threshold: threshold 1 mm", 2.0: "threshold: threshold 2 mm"}
+BASELINE, PUBLISHED = "pairs", "threshold 3 mm, published"
+EARLY = {1.0: "threshold 1 mm", 2.0: "threshold 2 mm"}
 """Thresholds below the smallest motion, and the words of their variants."""
 VARIANTS = study.read_variants(NAME)
 """The baseline, other cues and operators, and the baseline with other limits. A parameter that is
@@ -48,8 +48,8 @@ Row = tuple[Cell, ...]
 
 
 def excursion(size_mm: float) -> str:
-    """Return the words for an unintended motion of more than a size, live or not."""
-    return f"unintended motion of more than {size_mm:g} mm, live or not"
+    """Return the words for unintended motions of more than a size, live or not."""
+    return f"unintended motions over {size_mm:g} mm (live or not)"
 
 
 class Contrast(NamedTuple):
@@ -57,15 +57,15 @@ class Contrast(NamedTuple):
 
     n: int  # distinct faults, each one pair
     kinds: Units  # of these faults
-    without: int  # faults that have it if nobody reacts
-    with_: int  # faults that have it with the reaction
-    avoided: Rate  # of the faults that have it if nobody reacts: those without it with the reaction
-    affected: Units  # kinds of the faults that have it if nobody reacts
-    caused: int  # faults that have it only with the reaction
+    without: int  # faults with an excursion if nobody reacts
+    with_: int  # faults with an excursion if the operator reacts
+    avoided: Rate  # of the faults with an excursion if nobody reacts: those without if reacting
+    affected: Units  # kinds of the faults with an excursion if nobody reacts
+    caused: int  # faults with an excursion only if the operator reacts
     p: float  # exact, labels exchanged kind by kind; NaN if no pair differs
     acted: int  # pairs in which the operator acted
     reacted: Units  # kinds of faults of these pairs
-    needed: Estimate  # number of reactions for each one avoided; infinite if none is avoided
+    needed: Estimate  # number of reactions per avoided excursion; infinite if none is avoided
 
 
 def paired(runs: Runs, action: int) -> Pairs:
@@ -183,12 +183,12 @@ def kind_rows(pairs: Pairs, size_mm: float, drawn_groups: Iterable[str]) -> Iter
         is_drawn, spared = bool(drawn[mine].all()), found.avoided
         if is_drawn and spared.n:
             spared = wilson_interval(spared.k, spared.n)
-        cells = f"{found.n} {'faults drawn' if is_drawn else 'cells of the design'}"
+        cells = f"{found.n} {'drawn faults' if is_drawn else 'enumerated faults'}"
         yield name, str(layers[mine][0]), cells, found.without, rate(spared), found.caused
 
 
 def avoided(found: Contrast) -> str:
-    """Write 52 of 230, 22.6 % (7.1–45.7 %); 31 kinds. It is a dash if no fault has it."""
+    """Write 52 of 230, 22.6 % (7.1–45.7 %); 31 kinds. It is a dash without excursions."""
     words = f"{rate(found.avoided)}; {kinds.count(found.affected)}"
     return words if found.avoided.n else wording.DASH
 
@@ -218,14 +218,14 @@ def compare(context: study.Context) -> study.Findings:
     released, cycle = paired(base, RELEASE), paired(runs["every_cycle"], RELEASE)
     others = {}
     for variant in VARIANTS:
-        block, _, sampled_only = variant.question.removeprefix("Another ").partition("; ")
+        block, _, sampled_only = variant.question.partition("; ")
         if sampled_only:
             others[block] = _sampled(paired(runs[variant.name], RELEASE))
         if block == EARLY[2.0]:
             others[PUBLISHED] = _sampled(released)
     timed = [base, *(runs[f"timed_{size:g}"] for size in SIZES_MM[1:])]
     alone = [some.where(some["activated"] & (some["action"] == 0)) for some in timed]
-    # A cue of the size of a motion or above is not earlier, by the definitions alone.
+    # Cue and motion measure distances from the nominal model. Only a lower threshold warns early.
     advances = [
         advance(some, cue, threshold)
         for cue, threshold in sorted(enumerate(THRESHOLDS_MM), key=lambda item: item[1])
@@ -262,28 +262,28 @@ def _lines(
     """Yield what a lifted pedal changes, and which motions come too soon. `others`: pairs with
     other cues, by their words. `cycle`: pairs with a packet in each control cycle.
     """
-    yield from _avoided(released, "lifting the pedal avoids, of {}")
+    yield from _avoided(released, "{} that a lifted pedal avoids")
     for threshold, words in EARLY.items():
-        quantity = f"lifting the pedal at a cue of {threshold:g} mm avoids, of {{}}"
+        quantity = f"{{}} that a pedal lifted at a cue of {threshold:g} mm avoids"
         yield from _avoided(others[words], quantity, SIZES_MM[:1])
     for size in DRAWN_SIZES:
         found = contrast_of(released, size)
         of = f"reactions to faults of {kinds.count(found.reacted)}"
         value = StudyEstimate(*found.needed, found.acted, of)
-        yield own_line(f"lifted pedals for each one avoided: {excursion(size)}", "", value)
+        yield own_line(f"lifted pedals per avoided motion: {excursion(size)}", "", value)
     for at in advances:
         if at.threshold_mm in HEADLINE_CUES_MM:
-            words = f"{at.words}: came too soon for any reaction of 250 ms"
-            of = f"faults that make it, {kinds.count(at.kinds)}"
-            yield percent_line(f"{words}, cue at {at.threshold_mm:g} mm", at.late[250], of)
-    yield from _avoided(cycle, "lifting the pedal avoids, of {}, a packet each cycle")
+            words = f"{at.words} too soon for a reaction of 250 ms"
+            of = f"faults with the motion, {kinds.count(at.kinds)}"
+            yield percent_line(f"{words} to a cue of {at.threshold_mm:g} mm", at.late[250], of)
+    yield from _avoided(cycle, "{} that a lifted pedal avoids, one packet per cycle")
 
 
 def _avoided(pairs: Pairs, words: str, sizes: Sequence[float] = SIZES_MM[1:]) -> Iterator[Line]:
     """Yield the share of motions of each size that a lifted pedal avoids. `words`: {} for these."""
     for size in sizes:
         found = contrast_of(pairs, size)
-        of = f"faults that make it where nobody reacts, {kinds.count(found.affected)}"
+        of = f"faults with such a motion if nobody reacts, {kinds.count(found.affected)}"
         yield percent_line(words.format(excursion(size)), found.avoided, of)
 
 

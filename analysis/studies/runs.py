@@ -33,7 +33,7 @@ RECORDED, CLUTCHED = "recorded", "clutched"
 """Prefixes of people's recorded hands, and of recordings in which the pedal goes up and down."""
 MOTIONS = ("suture", "reach", "peg_transfer", "palpate")
 """Variants with faults whose runs are pooled."""
-MOVED = "runs with unintended motion"
+MOVED = "runs with an unintended motion"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class Runs:
 
 def read(path: Path) -> Runs:
     """Read a result folder. Facts replace columns of the same name. Added are EXCURSION, `injury`
-    (-capable), `stopped` (by a check), `unwarned` (an unintended motion without an earlier cue).
+    (-capable), `stopped` (by a check) and `unwarned` (unintended motion without an earlier cue).
     """
     frame, made = folder.read_all(path), manifest.read_manifest(path)
     with query.open_empty() as table:
@@ -164,7 +164,7 @@ def median_times(runs: Runs, first_ms: np.ndarray) -> tuple[StudyEstimate, Study
     spoke = np.where(came, first_ms, float(runs.made.duration_ms))
     delay = latency.delay_quantile(spoke - runs["active_ms"], came, 0.5, faults)
     value, low, high = latency.delay_quantile(spoke - runs["unintended_ms"], came, 0.5, faults)
-    over = len(came), "faults with unintended motion"
+    over = len(came), "faults with an unintended motion"
     return StudyEstimate(*delay, *over), StudyEstimate(-value, -high, -low, *over)
 
 
@@ -194,8 +194,8 @@ def design_lines(faulty: Runs, modelled: Runs) -> Iterator[Line]:
     moved = faulty["unintended"]
     of = f"{kinds.count(faulty.faults)}, {len(np.unique(faulty['motion']))} motions"
     cells = StudyEstimate(len(np.unique(faulty["cell"])), of=of)
-    hit = StudyEstimate(int(moved.sum()), n=len(moved), of="activated runs of this design")
+    hit = StudyEstimate(int(moved.sum()), n=len(moved), of="runs in which the fault changed a bit")
     hours = StudyEstimate(round(float(modelled["hours"].sum()), 2))
-    yield own_line("faults, distinct", "", cells)
-    yield own_line("faulty runs with unintended motion", "runs", hit)
-    yield own_line("motion without a fault, robot as modelled", "h", hours)
+    yield own_line("distinct faults", "", cells)
+    yield own_line("faulty runs with an unintended motion", "runs", hit)
+    yield own_line("fault-free motion, robot as modelled", "h", hours)

@@ -21,6 +21,7 @@ from ravenjax.campaign.inspection.explain import Explainer
 from ravenjax.campaign.inspection.replay import PlannedCampaign
 from ravenjax.campaign.progress import Progress
 from ravenjax.errors import UserError
+from ravenjax.numbers import paths
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import UNINTENDED, Runs
 from ravenjax.report.run import chain
@@ -68,9 +69,8 @@ class Actor(PlannedCampaign):
         self._acting_plan = dataclasses.replace(
             self.plan, program=dataclasses.replace(program, ends=True)
         )
-        reaction = getattr(program.params, "reaction", None)
-        delay_ms = REACTION_MS if reaction is None else reaction.delay_ms
-        default_delays = np.full(self.plan.runs, delay_ms)
+        numbers = dict(paths.path_leaves(program.params, program.setup))
+        default_delays = np.full(self.plan.runs, numbers.get("reaction.delay_ms", REACTION_MS))
         self.delay_ms = self.plan.varied.get("reaction.delay_ms", default_delays)
         """Time from the cue to the operator's action, ms, for each run."""
         self._computation: Computation | None = None

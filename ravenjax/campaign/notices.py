@@ -328,10 +328,11 @@ def _pedal_values(plan: Plan, up: float, down: float) -> np.ndarray:
     during the fault, or if the times of the pedal are unknown.
     """
     faults, clocks, ticks = plan.faults, plan.any_clocks, plan.program.ticks
+    setup = plan.program.setup
     numbers = np.full(faults["code"].shape, np.nan)
     # An operator who reacts may lift the pedal at any time. In the software of 2015, the run level
     # is pedal-down before the foot presses the pedal.
-    if clocks is None or plan.program.setup.reacts or plan.program.setup.software != "raven2":
+    if clocks is None or "reaction" in setup.stages or setup.software != "raven2":
         return numbers
     starts, closes = faults["start"], span.last_window_ends(faults, ticks, clocks)
     by_time = (faults["trigger"] == TRIGGER_CODES["time"]) & (closes > 0)

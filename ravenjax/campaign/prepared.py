@@ -64,6 +64,7 @@ def shared_choices(config: Any, injection: Injection, precision: Precision) -> d
         "cues": len(config.haptics.cues()),
         "detectors": tuple(use for _, use, _ in config.detectors),
         "harms": tuple(harm.use for harm in config.harm),
+        "stages": config.stages,
     }
 
 

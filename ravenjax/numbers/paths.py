@@ -34,8 +34,12 @@ def _entries(node, setup: Setup) -> tuple[dict[str, Any], bool] | None:
     if dataclasses.is_dataclass(node):
         fields = vars(node)
     if fields:
+        entries = {}
+        for name, item in fields.items():
+            # Entries of a dict are named as if they were fields, in the order of `tree_leaves`.
+            entries |= dict(sorted(item.items())) if isinstance(item, dict) else {name: item}
         # A field that this setup does not have is None.
-        return {name: item for name, item in fields.items() if item is not None}, False
+        return {name: item for name, item in entries.items() if item is not None}, False
     if not isinstance(node, tuple):
         return None
     return dict(zip(_entry_names(node, setup), node, strict=True)), True

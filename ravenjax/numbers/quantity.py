@@ -12,7 +12,6 @@ describe even a very bad robot.
 import dataclasses
 import functools
 import sys
-import types
 import typing
 from collections.abc import Iterator
 from typing import Annotated, Any, TypeVar
@@ -116,8 +115,8 @@ def _fields(params: type, above: str = "") -> Iterator[tuple[str, list[Any]]]:
 
 
 def _unwrap_type(hint) -> tuple[Any, list[Any]]:
-    """Remove Annotated, tuple and Optional from a type, and return the inner type and the
-    annotations. For example, `Annotated[tuple[Vec, ...], note]` gives `Vec` and `[note]`.
+    """Remove Annotated and tuple from a type, and return the inner type and the annotations. For
+    example, `Annotated[tuple[Vec, ...], note]` gives `Vec` and `[note]`.
     """
     notes = []
     while True:
@@ -129,7 +128,5 @@ def _unwrap_type(hint) -> tuple[Any, list[Any]]:
                 notes += note if isinstance(note, tuple) else (note,)
         elif kind is tuple:
             hint = parts[0]
-        elif kind in (typing.Union, types.UnionType):
-            hint = next(part for part in parts if part is not type(None))
         else:
             return hint, notes

@@ -91,8 +91,7 @@ class Setup:
     detectors: tuple[DetectorUse, ...] = ()
     checks: tuple[CheckUse, ...] = ()  # users' checks
     harms: tuple[Any, ...] = ()  # `ravenjax.numbers.harm.HarmUse`, harms that the campaign defines
-    reacts: bool = False  # the operator may react to the haptic cue
-    hand_yields: bool = False  # the force of the cue moves the operator's hand
+    stages: tuple[str, ...] = ()  # optional stages of the tick that the campaign asks for
     noise: bool = False  # noise is drawn for each run
     explained: Explained | None = None  # settings of `ravenjax.stages.explained`
     # Dotted name of the module with the robot's loop, for a loop that adds something to that loop.

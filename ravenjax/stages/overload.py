@@ -36,7 +36,7 @@ def step(state: OverloadState, loads: tuple[Vec, ...], tick: Scalar) -> Overload
     )
 
 
-def outcomes(state: OverloadState) -> dict[str, Scalar]:
+def outcomes(setup: Setup, state: OverloadState) -> dict[str, Scalar]:
     """Return the outcome columns of a run: a share, a time in ms, and the index of a cable."""
     return {
         "cable_load": state.peak,

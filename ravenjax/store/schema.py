@@ -54,10 +54,7 @@ class Shape:
     cues: int = 1  # number of haptic sets
     checks: tuple[str, ...] = tuple(_USUAL.checks)
     parameters: tuple[str, ...] = ()  # paths of the varied parameters
-    reacts: bool = False  # the operator may react to the cue
-    hand_yields: bool = False  # the cue's force moves the operator's hand
-    cables: bool = False  # the table has columns of the load of the robot's cables
-    contact: bool = False  # the table has columns of the contact force of instruments
+    stages: tuple[str, ...] = ()  # optional stages of the robot's tick, which have columns
     detectors: tuple[int, ...] = ()  # number of thresholds of each detector
     harms: tuple[str, ...] = ()  # names of harms that the campaign defines
     observes: bool = False  # runs end some time after their last fault

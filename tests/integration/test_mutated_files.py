@@ -59,7 +59,7 @@ def folder(tmp_path_factory):
         ("config.group.1.name", "\ud800"),
         ("config.outcomes.jump_step_mm", []),
         ("config.campaign.robot", "../../x"),
-        ("shape.contact", True),
+        ("shape.stages", ["contact"]),
         ("shape.checks.0", ""),
         ("rows", [[0, 10**30]]),
     ],

@@ -6,7 +6,8 @@ import jax
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ravenjax.numbers import tree
+from ravenjax.numbers import paths, tree
+from ravenjax.numbers.setup import Setup
 from ravenjax.numbers.vec import Vec, record
 
 
@@ -49,3 +50,11 @@ def test_leaves_and_maps_are_those_of_jax(value):
     assert tree.map_leaves(lambda x, y: (x, y), value, value) == jax.tree.map(
         lambda x, y: (x, y), value, value
     )
+
+
+@given(st.dictionaries(st.sampled_from("abcdef"), st.integers(0, 9), min_size=1), st.data())
+def test_a_path_names_an_entry_of_a_dict_like_a_field(numbers, data):
+    name = data.draw(st.sampled_from(sorted(numbers)))
+    whole = Pair({key: Pair(number, -number) for key, number in numbers.items()}, 5)
+    assigned = paths.assign_numbers(whole, Setup(), f"{name}.second", 10)
+    assert assigned == Pair({**whole.first, name: Pair(numbers[name], 10)}, 5)

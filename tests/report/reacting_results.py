@@ -16,7 +16,7 @@ SHAPE = schema.Shape(
     cues=len(synthetic.CUES),
     checks=synthetic.CHECKS,
     parameters=("plant.friction_scale", "reaction.action"),
-    reacts=True,
+    stages=("reaction",),
     detectors=tuple(len(detector.thresholds) for detector in synthetic.DETECTORS),
 )
 

@@ -28,7 +28,7 @@ def table(arms=("gold", "green")):
         frame[name] = np.where(harder, golden + more, golden).astype(np.float32)
     frame["contact_impulse_n_s"] = random.gamma(2, 0.2, RUNS).astype(np.float32)
     manifest = synthetic.manifest(RUNS)
-    shape = dataclasses.replace(manifest.shape, contact=True, arms=arms)
+    shape = dataclasses.replace(manifest.shape, stages=("contact",), arms=arms)
     return synthetic.judged(frame), manifest.model_copy(update={"shape": shape})
 
 

@@ -9,7 +9,7 @@ from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import tables
 
 RUNS = 1200
-SHAPE = dataclasses.replace(synthetic.shape(), cables=True)
+SHAPE = dataclasses.replace(synthetic.shape(), stages=("overload",))
 MANIFEST = synthetic.manifest(RUNS, shape=SHAPE)
 PLAIN = synthetic.frame(RUNS)
 OVER = (PLAIN["fault0_site"].to_numpy() != "") & (np.arange(RUNS) % 3 == 0)

@@ -29,7 +29,8 @@ def watched(loads):
         return overload.step(state, arms, tick), None
 
     ticks = jnp.arange(len(loads), dtype=jnp.int32)
-    return overload.outcomes(jax.lax.scan(one, overload.init(Setup()), (ticks, loads))[0])
+    state, _ = jax.lax.scan(one, overload.init(Setup()), (ticks, loads))
+    return overload.outcomes(Setup(), state)
 
 
 @settings(deadline=None, max_examples=60)

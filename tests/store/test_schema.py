@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 from ravenjax.robots.raven2.declaration import CHECKS
+from ravenjax.robots.raven2.loop.optional import STAGES
 from ravenjax.store import schema
 from ravenjax.vocabulary import checks
 
@@ -23,13 +24,7 @@ def test_results_readme_describes_each_column():
     }
     own = (checks.of_own("mine", "usb_out", "stop"),)
     form = schema.Shape(
-        **names,
-        reacts=True,
-        hand_yields=True,
-        cables=True,
-        detectors=(1,),
-        observes=True,
-        own_checks=own,
+        **names, stages=tuple(STAGES), detectors=(1,), observes=True, own_checks=own
     )
     for column in schema.table_columns(form):
         name = re.sub("(fault|cue|applied|threshold)0", r"\1<k>", column.name).replace(

@@ -13,6 +13,7 @@ from synthetic_results import write_part
 from ravenjax.errors import StoreError
 from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.robots.raven2.declaration import CHECKS
+from ravenjax.robots.raven2.loop.optional import STAGES
 from ravenjax.store import parts, schema
 
 names = st.text("abcdefghijklmnopqrstuvwxyz_.0123456789", min_size=1, max_size=12)
@@ -24,8 +25,7 @@ SHAPES = st.builds(
     cues=st.integers(0, 3),
     checks=st.lists(st.sampled_from([*CHECKS, "a_new_one"]), unique=True, max_size=3).map(tuple),
     parameters=st.lists(names, unique=True, max_size=3).map(tuple),
-    reacts=st.booleans(),
-    hand_yields=st.booleans(),
+    stages=st.lists(st.sampled_from(list(STAGES)), unique=True).map(tuple),
     detectors=st.lists(st.integers(1, 3), max_size=2).map(tuple),
 )
 FEW = settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])

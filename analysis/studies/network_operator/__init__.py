@@ -33,7 +33,8 @@ WORDS = ("time", "path of the robot", "path of the hands", "presses of the pedal
 SIZES_MM = (10.0, 20.0)
 GRID = "grid_"
 """Prefix of the variants with the grid of operators."""
-OPEN, CLOSED, OTHERS = "open loop", "closed loop", "closed loop, drawn operators"
+OPEN, CLOSED = "hands follow their plan", "hands correct by sight"
+OTHERS = f"{CLOSED}, drawn operators"
 HANDS = "param:operator.own.hands."
 Judged = dict[str, dict[str, np.ndarray]]
 """Residuals in standard errors, [QUANTITIES], by condition and model."""
@@ -65,8 +66,8 @@ def measure(row: Row, series: Series) -> dict[str, float | str]:
 def predictions(
     every: fit.Operators, people: fit.People
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Return the ratios to NORMAL that other 15 people would have, and the operator's numbers with
-    the reach, over resampled people: [RESAMPLES, ...] by condition. The first row is the fit.
+    """Return the ratios to NORMAL of 15 other people, by condition, and the operator's numbers with
+    the reach, over resampled people: [RESAMPLES, ...]. The first row is the fit.
     """
     random = np.random.default_rng(1)
     found: dict[str, list[np.ndarray]] = {one: [] for one in (*LOWEST, *WORSE)}
@@ -83,16 +84,14 @@ def predictions(
 
 
 def judged(every: fit.Operators, people: fit.People) -> Judged:
-    """Return how well the mild faults are met by the fit, with and without this condition, and by
-    the null models that do not see it.
-    """
+    """Return residuals under mild faults: of the fit, of a fit to the others, of null models."""
     best, found = fit.fit(every, people), {}
     for condition in LOWEST:
         ratios = every.ratios(people, condition)
         without = fit.fit(every, people, [one for one in LOWEST if one != condition])
-        beside = fit.nulls(condition, people)
-        del beside[fit.PROPORTION]
-        of = {"fit": ratios[best], "fit without it": ratios[without], **beside}
+        beside = {f"null model: {name}": one for name, one in fit.nulls(condition, people).items()}
+        del beside[f"null model: {fit.PROPORTION}"]
+        of = {"fit": ratios[best], "fit to the other networks": ratios[without], **beside}
         found[condition] = {
             name: fit.residuals(value, people, condition) for name, value in of.items()
         }
@@ -100,8 +99,8 @@ def judged(every: fit.Operators, people: fit.People) -> Judged:
 
 
 def network_findings(folders: Sequence[Path], table: Path) -> tuple[list[Line], study.Tables]:
-    """Return what the fitted operator predicts for the worse networks beside null models, and how
-    well every model meets the mild networks. `folders`: of the grid; `table`: of people.
+    """Return the predictions of the fitted operator and of null models for the worse networks, and
+    their residuals for the mild networks. `folders`: of the grid; `table`: of people.
     """
     recorder = Recorder(["tip", *map(own_operator, COUNTED)])
     runs = [pd.DataFrame(recorder.measure(folder, measure)) for folder in folders]
@@ -113,14 +112,14 @@ def network_findings(folders: Sequence[Path], table: Path) -> tuple[list[Line], 
         for k, words in enumerate(WORDS):
             mine = _estimate(found[condition][:, k])
             value = StudyEstimate(*mine, of="means of 15 people")
-            lines.append(own_line(f"{condition}: {words}, by that without a fault", "", value))
+            lines.append(own_line(f"{condition}: {words}, relative to no network fault", "", value))
             rows.append((condition, words, number(mine), *(f"{null[k]:.2f}" for null in nulls)))
     residuals = judged(every, people)
     for words, part in {"": slice(None), ", without presses": slice(3)}.items():
         for name in residuals[LOWEST[0]]:
             of = np.array([models[name][part] for models in residuals.values()])
             value = StudyEstimate(float(np.sqrt((of**2).mean())), n=of.size, of="ratios")
-            quantity = f"rms residual under mild faults{words}: {name}"
+            quantity = f"rms residual for mild networks{words}, {name}"
             lines.append(own_line(quantity, "standard errors", value))
     beside = (
         (condition, words, *(f"{of[k]:+.2f}" for of in models.values()))
@@ -139,7 +138,7 @@ def _estimate(samples: np.ndarray) -> Estimate:
 
 
 def cue_pairs(runs: dict[str, Runs]) -> dict[str, Pairs]:
-    """Return what is compared, in words -> pairs. `runs`: of OPEN, CLOSED and OTHERS."""
+    """Return the compared pairs of runs, by the words of the measure. `runs`: of OPEN and so on."""
     sides = {}
     for name, some in runs.items():
         frame, column = some.frame, "param:reaction.action"
@@ -150,8 +149,8 @@ def cue_pairs(runs: dict[str, Runs]) -> dict[str, Pairs]:
             frame = frame.assign(reaction_ms=np.where(felt, acts, -1))
         sides |= {(name, action): frame.loc[frame[column] == action] for action in (0, 1)}
     words = {f"lifted pedal, {name}": ((name, 1), (name, 0)) for name in runs}
-    words[f"{CLOSED} instead of {OPEN}, nobody feels the cue"] = (CLOSED, 0), (OPEN, 0)
-    words[f"{CLOSED} and lifted pedal instead of {OPEN}"] = (CLOSED, 1), (OPEN, 0)
+    words["correction by sight, nobody reacts to the cue"] = (CLOSED, 0), (OPEN, 0)
+    words["correction by sight and lifted pedal"] = (CLOSED, 1), (OPEN, 0)
     return {name: acting_pairs(sides[one], sides[other]) for name, (one, other) in words.items()}
 
 
@@ -167,7 +166,7 @@ def compare(context: study.Context) -> study.Findings:
     for name, pairs in cue_pairs({one: read(folders[of]) for one, of in variants.items()}).items():
         for size in SIZES_MM:
             one = reacting_operator.contrast_of(pairs, size)
-            of = f"faults that make it otherwise, {kinds.count(one.affected)}"
+            of = f"faults with the excursion without this measure, {kinds.count(one.affected)}"
             words = f"{name}: avoided excursions of more than {size:g} mm"
             lines.append(study.percent_line(words, one.avoided, of))
             avoided = reacting_operator.avoided(one)

@@ -30,12 +30,12 @@ PEOPLE, TRANSFERS = 15, 6
 """Participants, and transfers of a trial, over which presses are counted."""
 QUANTITIES = ("transfer_s", "robot_path_m", "console_path_m", "pedal_presses")
 ROUNDED_UP = 0.5
-"""Mean presses are published as the next whole number: half of one less on average."""
+"""Mean presses are published rounded up to a whole number, so on average half a press too high."""
 NUMBERS = ("pace", "wait_mm", "correct_per_s", "patience_ms")
 FINE = (9, 16, 16, 7)
 """Number of values of each number among which the fit chooses."""
 RESAMPLES = 1000
-PROPORTION = "in proportion to the severity"
+PROPORTION = "proportional to the mildest fault"
 SIMULATED = ("time", "robot", "hand", "tests")
 
 
@@ -68,7 +68,7 @@ def read_people(path: Path) -> People:
 
 
 class Operators(NamedTuple):
-    """What every operator of a fine grid does, by condition."""
+    """Results of each operator of a fine grid, by condition."""
 
     numbers: np.ndarray  # [operators, NUMBERS]
     # [operators, SIMULATED]: s, mm of the tip, mm of the hand (times the scale) and clutches
@@ -94,7 +94,7 @@ class Operators(NamedTuple):
         return TRANSFERS * people.at(NORMAL)[1] / 2 * 1e3 / self.rates[NORMAL][:, 1]
 
     def ratios(self, people: People, condition: str) -> np.ndarray:
-        """Return the QUANTITIES by those without a fault, [operators, QUANTITIES]."""
+        """Return the ratios of QUANTITIES to those without a fault, [operators, QUANTITIES]."""
         here, normal = self.rates[condition], self.rates[NORMAL]
         presses = (here[:, 2] / self.reach(people) + here[:, 3]) * self._progress(people)
         return np.column_stack([here[:, :3] / normal[:, :3], presses / people.at(NORMAL)[3]])
@@ -137,7 +137,7 @@ def errors(people: People, condition: str) -> np.ndarray:
 
 
 def residuals(found: np.ndarray, people: People, condition: str) -> np.ndarray:
-    """Return how far ratios are from the published ones, in standard errors."""
+    """Return the residuals of ratios against the published ratios, in standard errors."""
     wanted = people.at(condition) / people.at(NORMAL)
     return (np.log(found) - np.log(wanted)) / errors(people, condition)
 

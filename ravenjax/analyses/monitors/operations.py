@@ -33,8 +33,6 @@ CALIBRATION_STREAM, NEW_STREAM = 0, 1
 MS_PER_HOUR = 3.6e6
 MAX_PARALLEL_OPERATORS = 32
 """Largest number of operators whose operations are computed in parallel."""
-_ARMED_AFTER = "detectors.armed_after"
-"""Parameter of a robot: the tick from which detectors are active."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -181,8 +179,7 @@ class OperationRunner:
         scores = np.stack(columns, axis=1).astype(np.float32)
         scores[outcomes["failed_ms"] >= 0] = np.nan
         # Robots may differ in this parameter. The largest value gives the fewest active hours.
-        armed_after = ready.varied.get(_ARMED_AFTER, ready.program.params.detectors.armed_after)
-        active_ms = outcomes["pedal_down_ms"] - int(np.max(np.asarray(armed_after)))
+        active_ms = outcomes["pedal_down_ms"] - int(ready.numbers("detectors.armed_after").max())
         return scores, np.maximum(active_ms, 0) / MS_PER_HOUR
 
     def _kernel(self, ready: Plan) -> Kernel:

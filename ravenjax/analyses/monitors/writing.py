@@ -187,7 +187,7 @@ def compute_test_vector(config: CampaignConfig, monitor: Monitor, seed: int) -> 
     detector_state = detectors.own[0][0]
     (last_score,) = detectors.detectors[0].recent
     score = np.asarray(last_score, np.float32)
-    armed_after = program.params.detectors.armed_after
+    armed_after = planned.plan.numbers("detectors.armed_after")[0]
     live = np.asarray(signals["live"]).astype(bool) & (np.arange(len(score)) >= armed_after)
     inputs = {
         name: np.asarray(getattr(detector_state, f"read_{name}"), np.float32)

@@ -149,8 +149,8 @@ class CampaignConfig(Section):
         """Whether a detector may stop the robot."""
         return any(detector.acts == "stop" for detector in self.detector)
 
-    watches_cables: ClassVar[bool] = False
-    """Whether overload of the robot's cables is an outcome."""
+    stages: ClassVar[tuple[str, ...]] = ()
+    """Names of the optional stages of the robot's tick that the file asks for."""
 
     @property
     def slots(self) -> int:

@@ -41,7 +41,7 @@ def find_errors(config: CampaignConfig) -> Iterator[Complaint]:
     if cue >= sets:
         yield ("outcomes", "cue"), f"got {cue}, expected 0..{sets - 1}: [haptics] has {sets} sets"
     if config.stop is not None:
-        if "cable_overload" in config.stop.rates and not config.watches_cables:
+        if "cable_overload" in config.stop.rates and "overload" not in config.stages:
             yield ("stop", "rates"), f"got 'cable_overload', {events.UNWATCHED}"
         if not any(group.fault for group in config.group):
             yield ("stop",), "has no effect, because no group has a fault; remove [stop]"

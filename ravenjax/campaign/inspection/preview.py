@@ -62,7 +62,7 @@ def preview_campaign(
         cues=len(record.cues),
         thresholds=sum(record.shape.detectors),
         substeps=getattr(plan.program.setup, "substeps", 1),
-        reacts=plan.program.setup.reacts,
+        reacts="reaction" in record.shape.stages,
     )
     cost = estimate.estimate_cost(work, backend.name, estimate.measure_speed())
     cost, basis, content = _of_folder(folder, config, backend.name, cost, due)

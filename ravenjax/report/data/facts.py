@@ -49,7 +49,7 @@ def recorded_choices(manifest: Manifest) -> Choices:
     reaction = manifest.config.get("reaction") or {}
     return Choices(
         manifest.rules,
-        ACTIONS.index(reaction.get("action", "release")) if manifest.shape.reacts else 0,
+        ACTIONS.index(reaction.get("action", "none")),
         manifest.robot,
         manifest.duration_ms,
     )

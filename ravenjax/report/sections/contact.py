@@ -28,7 +28,7 @@ class ContactRow(NamedTuple):
 
 def contact_rows(runs: Runs) -> list[ContactRow]:
     """Return a row for all faults, then one for each group; none without contact or faults."""
-    if not runs.manifest.shape.contact:
+    if "contact" not in runs.manifest.shape.stages:
         return []
     groups = _rows_by(runs, f'{FACTS}."group"::VARCHAR')
     if len(groups) == 1:

@@ -281,11 +281,12 @@ def _mean(pairs: Pairs, column: str, faults: Units | None) -> Estimate:
 
 def compare_actions(runs: Runs) -> list[Difference]:
     """Return the comparisons of a campaign; none if it has no pairs."""
-    return compare_pairs(runs.once(sample_runs), runs.sampled) if runs.manifest.shape.reacts else []
+    reacts = "reaction" in runs.manifest.shape.stages
+    return compare_pairs(runs.once(sample_runs), runs.sampled) if reacts else []
 
 
 def _content(runs: Runs, _: Path):
-    if not runs.manifest.shape.reacts:
+    if "reaction" not in runs.manifest.shape.stages:
         return None
     sample, comparisons = runs.once(sample_runs), runs.once(compare_actions)
     return {

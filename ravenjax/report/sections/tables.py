@@ -319,7 +319,7 @@ def overload_rows(runs: Runs) -> list[OverloadRow]:
     The first row is for all sites. Then come the sites with an overload, most frequent first. There
     are no rows if no tension is known.
     """
-    if not runs.manifest.shape.cables:
+    if "overload" not in runs.manifest.shape.stages:
         return []
     over = events.event_sql("cable_overload", runs.manifest.rules)
     columns = (
@@ -366,7 +366,7 @@ def _verdicts(runs: Runs, folder: Path):
         "definitions": [
             definition
             for definition in definitions.definition_rows(manifest.rules, manifest.robot)
-            if definition.word != definitions.OVERLOADED or manifest.shape.cables
+            if definition.word != definitions.OVERLOADED or "overload" in manifest.shape.stages
         ],
     }
 

@@ -31,9 +31,7 @@ class RavenSetup(setup.Setup):
     # shares of packets that last 1, 2, .. cycles, by choice; (): all packets last equally long
     packets: tuple[tuple[float, ...], ...] = ()
     packet_history: int = 0  # ms; age of the oldest packet that faults may send again
-    # whether cable load is an outcome, and whether an overload breaks the cable
-    cables: Literal["unwatched", "unbreakable", "break"] = "unwatched"
-    contact: bool = False  # instruments touch tissue, vessel and each other
+    cables: Literal["unbreakable", "break"] = "unbreakable"  # what an overload does to a cable
     command_delay: int = 0  # ms, longest delay of a DAC command from USB write to motor
     controller: tuple[tuple[str, OwnSource], ...] = ()  # (stage, user's file that replaces it)
     hands: OwnSource | None = None  # a user's file that replaces the operator

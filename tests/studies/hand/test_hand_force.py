@@ -60,7 +60,7 @@ def test_an_effect_is_over_the_hands_that_moved() -> None:
 
 def test_statics_are_those_of_a_spring() -> None:
     rows = {(row[0], row[1]): row[2:] for row in hand.loop_rows()}
-    relaxed = rows["the cap is 3.3 N", 0.0]
+    relaxed = rows["the cap of 0.05 units is 3.3 N", 0.0]
     assert float(relaxed[0]) == pytest.approx(3.3 / 135.0 * 1e3, rel=0.02)
     assert float(relaxed[2]) == pytest.approx(0.1 * 4.5 * 66.0 / 135.0, rel=0.02)
     assert float(rows["one device unit is 3.3 N", 1.0][1]) == pytest.approx(

@@ -81,9 +81,9 @@ def test_the_study_runs(reproduced, tmp_path: Path) -> None:
     found = reproduced(haptic_cue.STUDY, faulty | free)
     shown = next(table for table in found.tables if table.title.startswith("Thresholds"))
     assert len(shown.rows) >= 12
-    by_kind = next(table for table in found.tables if table.title.startswith("What the choice"))
+    by_kind = next(table for table in found.tables if table.title.startswith("What the chosen"))
     assert {row[0] for row in by_kind.rows} == set(HAZARDS)
     lines = {line.quantity: line.predicted for line in found.lines}
-    published = lines["3 mm (published): unintended motion missed"]
+    published = lines["cue of 3 mm (published): unintended motions without a cue"]
     assert published and 0 <= published.low <= published.value <= published.high < 50
     assert (tmp_path / "haptic_cue" / "findings.md").is_file()

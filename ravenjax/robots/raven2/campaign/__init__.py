@@ -10,7 +10,7 @@ from typing import Any
 # Name in this module -> module and name of its definition
 _DEFINITIONS = {
     "Config": "campaign.config:RavenConfig",
-    "Params": "loop.records:TickParams",
+    "Params": "loop.optional:Params",
     "acted": "campaign.program:add_action",
     "bases": "campaign.trace:arm_bases",
     "clocks": "campaign.pedal:trigger_clocks",

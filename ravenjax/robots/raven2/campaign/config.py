@@ -110,9 +110,16 @@ class RavenConfig(CampaignConfig):
         return self.operator.label
 
     @property
-    def watches_cables(self) -> bool:
-        """Whether the mechanics have tensions that can be compared with a cable's strength."""
-        return parameter_sets.has_realistic_tension(self.campaign.parameter_set)
+    def stages(self) -> tuple[str, ...]:
+        """See `CampaignConfig.stages`."""
+        asked_for = {
+            "reaction": self.reaction,
+            "hand": self.hand,
+            # Only realistic tensions can be compared with a cable's strength
+            "overload": parameter_sets.has_realistic_tension(self.campaign.parameter_set),
+            "contact": self.campaign.contact,
+        }
+        return tuple(name for name, wanted in asked_for.items() if wanted)
 
     def lines(self) -> Iterator[tuple[str, str]]:
         """Yield (heading, text) for each line that describes the settings of the campaign."""

@@ -12,7 +12,6 @@ pedal can be down only at times when it is down in the planned motion.
 """
 
 import dataclasses
-import operator
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
@@ -20,7 +19,7 @@ import numpy as np
 from ravenjax.engines.interface import TickProgram
 from ravenjax.faults.clocks import Clocks, PedalPhases
 from ravenjax.faults.injection import channel_keys
-from ravenjax.numbers import run_eagerly
+from ravenjax.numbers import paths, run_eagerly
 from ravenjax.robots.raven2.loop.injector import may_restart
 from ravenjax.robots.raven2.run_levels import PEDAL_DOWN, PEDAL_UP
 from ravenjax.robots.raven2.stages.state_machine import MISMATCHES
@@ -41,11 +40,12 @@ def trigger_clocks(
     """Return the times of packets and of pedal-down in all runs; see `ravenjax.campaign.prepared`.
     columns: the operator's motion, pedal last. varied: path of a parameter -> its values [runs].
     """
-    setup, params, ticks = program.setup, program.params, program.ticks
+    setup, ticks = program.setup, program.ticks
+    numbers = dict(paths.path_leaves(program.params, setup))
 
     def parameter_values(path: str) -> np.ndarray:
         # Returns the values of a parameter in all runs [runs].
-        return np.asarray(varied.get(path, np.full(runs, operator.attrgetter(path)(params))))
+        return np.asarray(varied.get(path, np.full(runs, numbers[path])))
 
     shortest = np.maximum(parameter_values("network.cycles_per_packet").astype(np.int64), 1)
     longest = shortest
@@ -56,9 +56,7 @@ def trigger_clocks(
         longest = np.array([lengths[-1] for lengths in occurring])[choice]
     timeout = parameter_values("control.teleoperation.timeout_ticks")
     obeys_plc = parameter_values("control.state_machine.plc_obeyed") != 0
-    slows = np.zeros(runs, bool)
-    if params.reaction is not None:
-        slows = parameter_values("reaction.action") == SLOW
+    slows = "reaction" in setup.stages and parameter_values("reaction.action") == SLOW
     unknown = slows | (longest - 1 > timeout) | (setup.hands is not None)
     # Runs with equal rows of these numbers have the same times of pedal-down
     cases = np.stack([shortest, longest, obeys_plc, unknown], axis=1)

@@ -13,7 +13,7 @@ from ravenjax.robots.raven2.campaign import hands
 from ravenjax.robots.raven2.campaign.config import RavenConfig
 from ravenjax.robots.raven2.console import reaction
 from ravenjax.robots.raven2.console.motion import Motion
-from ravenjax.robots.raven2.loop import run, user_files
+from ravenjax.robots.raven2.loop import run
 from ravenjax.robots.raven2.loop.records import TickParams
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import overdrive
@@ -28,7 +28,7 @@ PACKETS, PACKET_KEY = "network.packets", "network.packet_key"
 """
 DELAY, LONGEST_DELAY = "usb.command_delay", 16
 """Parameter that delays commands, and the longest delay for which the tick stores commands, ms."""
-SETUP_KEYS = ("software", "build", "console", "substeps", "contact", "noise")
+SETUP_KEYS = ("software", "build", "console", "substeps", "cables", "noise")
 """Keys of [campaign] that are fields of `RavenSetup`."""
 SCALE = "operator.scale"
 """Parameter of the teleoperation scale."""
@@ -48,15 +48,12 @@ def prepare_campaign(
         **shared_choices(config, injection, precision),
         tools=config.tools,
         dac_words=config.campaign.dac_words or "wrap",
-        cables=config.campaign.cables if config.watches_cables else "unwatched",
         controller=() if config.controller is None else tuple(config.controller.parts()),
         hands=config.operator.own,
         packets=_packet_shares(config, varied.get(PACKETS)),
         packet_history=config.packet_history,
         command_delay=int(np.nan_to_num(varied.get(DELAY, 0)).clip(0, LONGEST_DELAY).max()),
         checks=tuple(check.use for check in config.check),
-        reacts=config.reaction is not None,
-        hand_yields=config.hand is not None,
     )
     return Prepared(
         loop=run,
@@ -89,13 +86,11 @@ def _params(config: RavenConfig, setup: RavenSetup, motion: Motion) -> TickParam
     policy = overdrive.POLICIES.index(config.campaign.policy)
     limits = overdrive.params(setup, config.campaign.level, policy)
     control = replace(params.control, overdrive=limits)
-    params = replace(params, control=control, **shared_parameters(config))
-    if params.detectors is not None:
+    stages = dict(params.stages)
+    if setup.detectors:
         thresholds = tuple(thresholds for _, _, thresholds in config.detectors)
-        params = replace(params, detectors=replace(params.detectors, thresholds=thresholds))
-    if params.checks is not None:
-        thresholds = [check.threshold for check in config.check]
-        params = replace(params, checks=user_files.check_params(setup, thresholds))
+        stages["detectors"] = replace(stages["detectors"], thresholds=thresholds)
+    params = replace(params, control=control, stages=stages, **shared_parameters(config))
     for path, value in _file_values(config).items():
         params = paths.assign_numbers(params, setup, path, value)
     return params
@@ -106,6 +101,7 @@ def _file_values(config: RavenConfig) -> dict[str, Any]:
     values: dict[str, Any] = {
         SCALE: config.operator.scale,
         PACKETS: np.int32(config.campaign.packet_choice),
+        **{f"checks.threshold.{check.name}": check.threshold for check in config.check},
     }
     if config.campaign.kinematic_errors == "measured":
         values["plant.kinematic_errors.registered"] = np.int32(1)
@@ -131,8 +127,9 @@ def add_action(program: TickProgram) -> tuple[TickProgram, dict[str, int]]:
     """
     setup, params = program.setup, program.params
     # An action needs the code of an operator who reacts, and of commands that are delayed
-    setup = replace(setup, reacts=True, command_delay=max(1, setup.command_delay))
-    params = replace(params, reaction=params.reaction or reaction.ReactionParams())
+    stages = tuple(dict.fromkeys((*setup.stages, "reaction")))
+    setup = replace(setup, stages=stages, command_delay=max(1, setup.command_delay))
+    params = replace(params, stages={"reaction": reaction.ReactionParams(), **params.stages})
     program, actions = acted.add_action(replace(program, setup=setup, params=params))
     # `hands` is the user's file
     if setup.hands is not None:

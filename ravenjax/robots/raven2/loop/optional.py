@@ -1,10 +1,12 @@
-"""Defines the optional stages of the tick in STAGES. A tick contains a stage if the stage's
-function `present` returns true.
+"""Defines the optional stages of the tick in STAGES. A tick contains a stage if `Setup.stages` has
+its name, or if the stage's function `needed` returns true.
 
-To add a stage, add an entry to STAGES. `TickState.stages` then holds the stage's state, and the
-result table holds its outcomes. A run fails if one of the stage's `numbers` is not finite.
+To add a stage, add an entry to STAGES. `TickParams.stages` then holds the stage's parameters, which
+a campaign varies as `NAME.parameter`. `TickState.stages` holds the stage's state, and the result
+table holds its outcomes. A run fails if one of the stage's `numbers` is not finite.
 """
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -14,9 +16,10 @@ from ravenjax.numbers.vec import Scalar, Vec, as_int, first_tick, record, replac
 from ravenjax.robots.raven2.console import operator, reaction
 from ravenjax.robots.raven2.console.operator import PacketTiming
 from ravenjax.robots.raven2.geometry.mapping import position_to_itp
-from ravenjax.robots.raven2.loop import control, own_operator
+from ravenjax.robots.raven2.loop import control, own_operator, records
 from ravenjax.robots.raven2.loop.injector import may_restart, seeds_network
 from ravenjax.robots.raven2.loop.records import Console, Network, PlanMoment, Sight, Start
+from ravenjax.robots.raven2.plant import contact
 from ravenjax.robots.raven2.run_levels import E_STOP
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import channel, detectors, hand, overload, packet_clock, packet_history, touch
@@ -29,8 +32,10 @@ def _keep_state(state, seen) -> Any:
 class Stage(NamedTuple):
     """One optional stage. `act`, `transmit` and `watch` run at three moments of the tick."""
 
-    present: Callable[[RavenSetup], bool]
     init: Callable[[Start], Any]
+    # Whether other settings need the stage, although `Setup.stages` does not have its name
+    needed: Callable[[RavenSetup], bool] = lambda setup: False
+    params: Callable[[RavenSetup], Any] = lambda setup: None  # record of parameters, or None
     act: Callable[[Any, Console], Any] = _keep_state  # Before the console makes its packet
     # Between console and robot
     transmit: Callable[[Any, Console, Network], tuple[Any, Network]] = (
@@ -45,7 +50,9 @@ class Stage(NamedTuple):
 
 def find_stages(setup: RavenSetup) -> dict[str, Stage]:
     """Return the stages that are in the tick, by name."""
-    return {name: stage for name, stage in STAGES.items() if stage.present(setup)}
+    return {
+        name: stage for name, stage in STAGES.items() if name in setup.stages or stage.needed(setup)
+    }
 
 
 def _time_packets(clock: packet_clock.PacketClock, console: Console) -> packet_clock.PacketClock:
@@ -88,8 +95,7 @@ def _remember_packet_times(history: Vec, console: Console) -> Vec:
 
 def _react(state: reaction.ReactionState, console: Console) -> reaction.ReactionState:
     # Decides whether the reaction to the cue begins; sets how packets then deviate from the plan.
-    setup, params = console.setup, console.params.reaction
-    assert params is not None
+    setup, params = console.setup, console.params.stages["reaction"]
     reacted = reaction.react_to_cue(setup, params, state, console.signal.tick, console.timing.row)
     console.deviate = lambda timing: reaction.packet_deviation(
         setup, params, reacted, timing.row, timing.before
@@ -108,7 +114,6 @@ def _lose_bursts(
 def _feel_cue(state, sight: Sight) -> Any:
     # Computes what the operator feels, and the motion of the hands that corrects the tip.
     setup, params, signals = sight.setup, sight.params, sight.signals
-    assert params.reaction is not None
     senses = reaction.OperatorSenses(
         # The operator feels the first haptic set.
         force=tuple(cue.force[0] for cue in signals.haptics),
@@ -118,15 +123,14 @@ def _feel_cue(state, sight: Sight) -> Any:
         pedal_down=sight.pedal_down,
         tick=sight.tick,
     )
-    state, correction = reaction.feel_cue(params.reaction, state, senses)
+    state, correction = reaction.feel_cue(params.stages["reaction"], state, senses)
     sight.hands = operator.add_tip_motion(setup, params.operator, sight.hands, correction)
     return state
 
 
 def _move_hand(state, sight: Sight) -> Any:
     # The force of the first haptic set displaces the hands. The next packet contains this motion.
-    setup, hand_params, cues = sight.setup, sight.params.hand, sight.signals.haptics
-    assert hand_params is not None
+    setup, hand_params, cues = sight.setup, sight.params.stages["hand"], sight.signals.haptics
     pushed = tuple(
         hand.step(setup, hand_params, old, position_to_itp(arm, cue.direction * cue.force[0]))
         for arm, old, cue in zip(setup.arms, state, cues, strict=True)
@@ -158,7 +162,6 @@ def _watch_restart(state: RestartState, sight: Sight) -> RestartState:
 def _detect(state, sight: Sight) -> Any:
     # Computes the detectors, which read signals that a real robot has, and not the true tip.
     setup, params = sight.setup, sight.params
-    assert params.detectors is not None
     signals = sight.signals
     models, cues = signals.nominal, signals.haptics
     # `note` adds signals to the views of users' files.
@@ -183,7 +186,7 @@ def _detect(state, sight: Sight) -> Any:
         tick=sight.tick,
         views=views,
     )
-    return detectors.step(setup, params.detectors, state, signal)
+    return detectors.step(setup, params.stages["detectors"], state, signal)
 
 
 def _add_loads(state, sight: Sight) -> Any:
@@ -195,71 +198,69 @@ def _add_loads(state, sight: Sight) -> Any:
     return overload.step(state, loads, sight.tick)
 
 
-def _add_touches(state, sight: Sight) -> Any:
-    return touch.step(state, tuple(out.touch for out in sight.signals.plant))
-
-
 STAGES: dict[str, Stage] = {
     "clock": Stage(
-        present=lambda setup: bool(setup.packets),
         init=lambda start: packet_clock.init(),
+        needed=lambda setup: bool(setup.packets),
         act=_time_packets,
     ),
     "history": Stage(
-        present=lambda setup: setup.packet_history > 0,
         init=lambda start: packet_history.init(start.setup.packet_history),
+        needed=lambda setup: setup.packet_history > 0,
         act=_remember_packet_times,
     ),
     "reaction": Stage(
-        present=lambda setup: setup.reacts,
         init=lambda start: reaction.init(),
+        params=lambda setup: reaction.ReactionParams(),
         act=_react,
         watch=_feel_cue,
         outcomes=lambda setup, state: {"reaction_ms": state.acted},
         moves_hands=True,
     ),
     "hand": Stage(
-        present=lambda setup: setup.hand_yields,
         init=lambda start: for_each_arm(start.setup, hand.init(start.setup)),
+        params=lambda setup: hand.HandParams(),
         watch=_move_hand,
         outcomes=hand.outcomes,
         moves_hands=True,
     ),
     "channel": Stage(
-        present=lambda setup: seeds_network(setup, "bursts"),
         init=lambda start: channel.init(),
+        needed=lambda setup: seeds_network(setup, "bursts"),
         transmit=_lose_bursts,
     ),
     "detectors": Stage(
-        present=lambda setup: bool(setup.detectors),
-        init=lambda start: detectors.init(start.setup, start.params.detectors),  # type: ignore[arg-type]
+        init=lambda start: detectors.init(start.setup, start.params.stages["detectors"]),
+        needed=lambda setup: bool(setup.detectors),
+        params=detectors.params,
         watch=_detect,
         outcomes=detectors.outcomes,
         early=True,
     ),
     "overload": Stage(
-        present=lambda setup: setup.cables != "unwatched",
         init=lambda start: overload.init(start.setup),
         watch=_add_loads,
-        outcomes=lambda setup, state: overload.outcomes(state),
+        outcomes=overload.outcomes,
         numbers=lambda state: {"cable": [state.peak]},
     ),
-    "touch": Stage(
-        present=lambda setup: setup.contact,
+    "contact": Stage(
         init=lambda start: touch.init(start.setup),
-        watch=_add_touches,
+        params=lambda setup: contact.ContactParams(),
+        watch=lambda state, sight: touch.step(
+            state, tuple(out.touch for out in sight.signals.plant)
+        ),
         outcomes=touch.outcomes,
         numbers=lambda state: {"contact": [state.impulse]},
     ),
     "restart": Stage(
-        present=lambda setup: any(may_restart(*key) for key in channel_keys(setup)),
         init=lambda start: RestartState(jnp.bool_(False), jnp.int32(-1)),
+        needed=lambda setup: any(may_restart(*key) for key in channel_keys(setup)),
         watch=_watch_restart,
         outcomes=lambda setup, state: {"restart_ms": state.restart_tick},
     ),
     "own_operator": Stage(
-        present=lambda setup: setup.hands is not None,
         init=own_operator.init,
+        needed=lambda setup: setup.hands is not None,
         act=own_operator.act_as_file,
         watch=own_operator.show_state,
         numbers=lambda state: {} if state.grasp is None else {"hand": [*state.grasp.offset]},
@@ -267,3 +268,11 @@ STAGES: dict[str, Stage] = {
     ),
 }
 """All optional stages, in the order in which they act."""
+
+Params = dataclasses.make_dataclass(
+    "Params",
+    [(name, type(stage.params(RavenSetup()))) for name, stage in STAGES.items()],
+    bases=(records.TickParams,),
+    frozen=True,
+)
+"""Every parameter that a campaign may vary, by path: `TickParams` with a field for each stage."""

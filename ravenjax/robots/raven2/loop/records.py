@@ -8,13 +8,13 @@ import numpy as np
 
 from ravenjax.faults import fault
 from ravenjax.numbers import Scalar, Vec, describe_fields, record
-from ravenjax.robots.raven2.console import operator, reaction
+from ravenjax.robots.raven2.console import operator
 from ravenjax.robots.raven2.loop import control, user_files
-from ravenjax.robots.raven2.plant import contact, nominal
+from ravenjax.robots.raven2.plant import nominal
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import PerArm, RavenSetup
 from ravenjax.robots.raven2.stages import plc, usb
-from ravenjax.stages import detectors, hand, haptics, monitor
+from ravenjax.stages import haptics, monitor
 from ravenjax.vocabulary import packets
 
 
@@ -49,11 +49,9 @@ class TickParams:
     plant: PerArm[plant.PlantParams]
     nominal: PerArm[nominal.NominalParams]
     haptics: haptics.HapticParams
-    reaction: reaction.ReactionParams | None  # only with Setup.reacts
-    hand: hand.HandParams | None  # only with Setup.hand_yields
-    detectors: detectors.DetectorParams | None  # only if there are detectors
-    checks: user_files.CheckParams | None  # only if there are users' checks
-    contact: contact.ContactParams | None  # only with Setup.contact
+    # parameters of each of `optional.STAGES` that is in the tick, or None; paths omit "stages"
+    stages: dict[str, Any]
+    checks: user_files.CheckParams
     monitor: monitor.MonitorParams
     start: PerArm[Vec]  # joints at the start of the run, 7, rad and m
 

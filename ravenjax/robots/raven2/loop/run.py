@@ -12,7 +12,7 @@ from ravenjax.faults.injection import injects_faults
 from ravenjax.numbers import Scalar, Vec, first_tick, jnp, replace, run_eagerly, where
 from ravenjax.numbers.setup import cast_to_real, for_each_arm, widen_numbers
 from ravenjax.robots.raven2 import run_levels
-from ravenjax.robots.raven2.console import operator, reaction
+from ravenjax.robots.raven2.console import operator
 from ravenjax.robots.raven2.geometry.mapping import quat_from_matrix
 from ravenjax.robots.raven2.loop import control, observers, user_files
 from ravenjax.robots.raven2.loop.injector import RavenInjector
@@ -27,11 +27,11 @@ from ravenjax.robots.raven2.loop.records import (
     UsbParams,
 )
 from ravenjax.robots.raven2.loop.tick import advance_tick, motor_angles, separate_boards
-from ravenjax.robots.raven2.plant import contact, nominal, parameter_sets
+from ravenjax.robots.raven2.plant import nominal, parameter_sets
 from ravenjax.robots.raven2.plant import robot as plant
 from ravenjax.robots.raven2.setup import PerArm, RavenSetup, map_arms
 from ravenjax.robots.raven2.stages import plc, usb
-from ravenjax.stages import check, detectors, hand, haptics, monitor
+from ravenjax.stages import check, haptics, monitor
 from ravenjax.stages.monitor import reference_from as reference_from
 from ravenjax.stages.monitor import series_length as series_length
 from ravenjax.vocabulary.checks import OWN
@@ -57,12 +57,9 @@ def params(
         plant=map_arms(setup, plant.params, for_each_arm(setup, parameter_set)),
         nominal=for_each_arm(setup, nominal.params(setup, parameter_set)),
         haptics=haptics.params(setup),
-        reaction=reaction.ReactionParams() if setup.reacts else None,
-        hand=hand.HandParams() if setup.hand_yields else None,
-        detectors=detectors.params(setup) if setup.detectors else None,
+        stages={name: stage.params(setup) for name, stage in find_stages(setup).items()},
         # The default threshold of users' checks is 1.
-        checks=user_files.check_params(setup, (1.0,) * len(setup.checks)) if setup.checks else None,
-        contact=contact.ContactParams() if setup.contact else None,
+        checks=user_files.check_params(setup, (1.0,) * len(setup.checks)),
         monitor=monitor.MonitorParams(),
         start=tuple(Vec(jpos) for jpos in start_jpos),
     )
@@ -193,11 +190,9 @@ def act(
     is_taken: {action: bool, whether the action has been taken, in this tick or before}. begins:
     bool, the action is taken in this tick. good_command: command of the boards before the fault.
     """
-    reaction_params = params.reaction
-    assert reaction_params is not None
+    operator_params, operator_state = params.stages["reaction"], state.stages["reaction"]
     lifts_foot = is_taken["pedal"]
     holds = is_taken["hold"] & (state.plc.runlevel == run_levels.PEDAL_DOWN)
-    operator_state = state.stages["reaction"]
     # The operator acts as if a cue were felt in this tick.
     felt = first_tick(tick, lifts_foot, operator_state.felt)
     # A delay of one tick makes the motors follow the command of the last tick, which is replaced.
@@ -210,13 +205,14 @@ def act(
     # Limits of -1 are exceeded by every command, and by every time without an edge.
     overdrive_params, watchdog = params.control.overdrive, params.plc.watchdog_ticks
     limit = jnp.where(is_taken["stop"] & begins, -1, overdrive_params.max_inst_dac)
+    operator_params = replace(
+        operator_params,
+        action=jnp.where(lifts_foot, RELEASE, operator_params.action),
+        delay_ms=jnp.where(lifts_foot, 0.0, operator_params.delay_ms),
+    )
     params = replace(
         params,
-        reaction=replace(
-            reaction_params,
-            action=jnp.where(lifts_foot, RELEASE, reaction_params.action),
-            delay_ms=jnp.where(lifts_foot, 0.0, reaction_params.delay_ms),
-        ),
+        stages={**params.stages, "reaction": operator_params},
         control=replace(params.control, overdrive=replace(overdrive_params, max_inst_dac=limit)),
         plc=replace(params.plc, watchdog_ticks=jnp.where(is_taken["estop"], -1, watchdog)),
         usb=replace(params.usb, command_delay=jnp.where(holds, 1, params.usb.command_delay)),

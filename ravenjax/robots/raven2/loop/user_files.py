@@ -90,10 +90,10 @@ def check_params(setup: RavenSetup, thresholds: Sequence[float]) -> CheckParams:
     return CheckParams(records, part.named_parameters(names, thresholds))
 
 
-def init(setup: RavenSetup, checks: CheckParams | None, stages: Any) -> UserFilesState:
+def init(setup: RavenSetup, checks: CheckParams, stages: Any) -> UserFilesState:
     """Return the state before the first tick. stages: parameter record of each replaced stage."""
     check_states = []
-    for use, params in zip(setup.checks, () if checks is None else checks.own, strict=True):
+    for use, params in zip(setup.checks, checks.own, strict=True):
         recent = Vec.full(use.consecutive - 1, cast_to_real(setup, 0.0))
         file_state = part.load_part(use.part).init(params, setup.precision.real)
         check_states.append(for_each_arm(setup, CheckState(file_state, recent)))
@@ -125,7 +125,7 @@ class UserFiles:
         state: UserFilesState | None = None,
         tick: Scalar = 0,
     ):
-        self._setup, self._checks, self._stages = setup, checks, stages
+        self._setup, self._checks, self._stages = setup, checks or CheckParams((), ()), stages
         self._tick, self.state = tick, state or UserFilesState((), (), (), ())
         self._signals: dict[str, Any] = {"tick": tick}
         # bool of each check in the control software that stops: whether it trips in this tick
@@ -245,7 +245,6 @@ class UserFiles:
         crossing: signal at the check's seam, one Vec per arm. Returns for each arm whether the
         check trips, and the signal after the check: `crossing`, or the values of a limiting check.
         """
-        assert self._checks is not None
         use, real = self._setup.checks[index], self._setup.precision.real
         code, params = part.load_part(use.part), self._checks.own[index]
         threshold, views = self._checks.threshold[index], self.views(use.at, real)

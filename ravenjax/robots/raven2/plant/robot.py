@@ -49,7 +49,7 @@ class PlantParams:
     brakes: drives.BrakeParams
     cable_stiffness: Vec  # N/m; ke
     cable_damping: Vec  # N s/m; be
-    cable_strength: Vec  # N; only used if Setup.cables is not "unwatched"
+    cable_strength: Vec  # N; only used in stage overload, and if Setup.cables is "break"
     link_coulomb: Vec  # N m; insertion N
     link_viscous: Vec  # N m s/rad; insertion N s/m
     stops: drives.StopParams

@@ -106,9 +106,10 @@ def spawn_bridge(
     """
     console = CrtkConsole(blueprint.layout, ros, say)
     stack.callback(console.close)
-    setup, control = blueprint.setup, blueprint.plan.program.params.control
+    setup, params = blueprint.setup, blueprint.plan.program.params
     rings, arms = (console.rows.name, console.commands.name), blueprint.layout.arms
-    gain, contact = int(control.teleoperation.grasp_gain), setup.contact and not elsewhere
+    gain = int(params.control.teleoperation.grasp_gain)
+    contact = "contact" in setup.stages and not elsewhere
     helper = processes.Helper(stack, run_bridge)
     helper.send((rings, ros, arms, setup.tools, gain, contact))
     if error := helper.receive_answer():

@@ -11,7 +11,7 @@ from ravenjax.robots.raven2.console import reaction
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.vocabulary.reactions import ACTIONS
 
-SETUP = RavenSetup(precision=REFERENCE, reacts=True)
+SETUP = RavenSetup(precision=REFERENCE, stages=("reaction",))
 
 
 @pytest.fixture(autouse=True)
