@@ -43,5 +43,5 @@ from ravenjax.robots.raven2.geometry.arrays import gravity_torque as gravity_tor
 from ravenjax.robots.raven2.geometry.arrays import inverse_kinematics as inverse_kinematics
 from ravenjax.robots.raven2.geometry.arrays import joint_from_motor as joint_from_motor
 from ravenjax.robots.raven2.geometry.arrays import motor_from_joint as motor_from_joint
-from ravenjax.robots.raven2.hardware.virtual_robot import VirtualRobot as VirtualRobot
 from ravenjax.robots.raven2.software.control_software import ControlSoftware as ControlSoftware
+from ravenjax.robots.raven2.virtual_robot import VirtualRobot as VirtualRobot

@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ravenjax import resources
 from ravenjax.analyses.search.file import loading as searches
-from ravenjax.bundled import resources
 from ravenjax.campaign import loading as campaigns
 from ravenjax.train.scenario import loading as scenarios
 

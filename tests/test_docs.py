@@ -93,7 +93,7 @@ def test_files_are_valid(page, snippet, tmp_path, monkeypatch):
     """
     from ravenjax.analyses.search.file import loading as search_loading
     from ravenjax.campaign import loading
-    from ravenjax.store.consoles import loading as consoles
+    from ravenjax.store import consoles
     from ravenjax.train import scenario
 
     assert snippet.title, "name the file: ```toml title=..."

@@ -30,7 +30,7 @@ import ravenjax as rj
 from ravenjax.campaign import compile_cache, plan, runner
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.engines.interface import Block
-from ravenjax.engines.xla.engine import LANE_MULTIPLE, ScanKernel
+from ravenjax.engines.xla import LANE_MULTIPLE, ScanKernel
 from ravenjax.numbers.setup import CAMPAIGN, ORIGINAL, REFERENCE, Precision
 from ravenjax.outcomes.events import Rules
 from ravenjax.robots.raven2 import run_levels

@@ -10,7 +10,7 @@ from bench import workload
 from bench.workload import Workload
 from ravenjax.engines import selection, traced
 from ravenjax.engines.interface import Engine, Kernel
-from ravenjax.engines.xla.engine import ScanKernel
+from ravenjax.engines.xla import ScanKernel
 from ravenjax.ir.regions import Region, arrange_regions
 from ravenjax.ir.time_loop import Split, split_lanes
 from ravenjax.numbers.lazy import jax

@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 
 from bench import workload
-from ravenjax.engines.xla.engine import MJX_ON_CPU
+from ravenjax.engines.xla import MJX_ON_CPU
 from ravenjax.robots.raven2.dynamics import arm_model
 
 STEP_S = 1e-3  # step of the simulation: that of the tick

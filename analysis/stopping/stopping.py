@@ -19,7 +19,7 @@ from statsmodels.stats.proportion import proportion_confint
 
 from ravenjax.campaign.file.sections import Stop
 from ravenjax.stats.intervals import anytime_bounds, rate_bounds
-from ravenjax.stats.sample_size.sequential import Allocation, Sequential, Stratum
+from ravenjax.stats.sequential import Allocation, Sequential, Stratum
 
 RATES = (0.005, 0.02, 0.1, 0.3, 0.5)
 PLANNED = {0.05: 2048, 0.02: 16384, 0.01: 65536}

@@ -19,8 +19,8 @@ from ravenjax.report import wording
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.declaration import LAYERS
 from ravenjax.stats.alarms.false_alarms import alarm_rate
-from ravenjax.stats.bootstrap.units import label_codes
 from ravenjax.stats.intervals import alpha_of
+from ravenjax.stats.units import label_codes
 from ravenjax.vocabulary import checks
 from ravenjax.vocabulary.robot import OTHER_LAYER
 from studies import kinds, runs, study

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.stats.alarms.false_alarms import alarm_rate
-from ravenjax.stats.bootstrap.units import MIN_UNITS, group_units, ratio_band
+from ravenjax.stats.units import MIN_UNITS, group_units, ratio_band
 from studies import study
 from studies.cells import plain
 from studies.dsn16 import recording

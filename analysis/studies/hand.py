@@ -10,9 +10,9 @@ import pandas as pd
 
 from ravenjax.report.sections.reaction import Pairs
 from ravenjax.stages.hand import HandParams, hand_impedance
-from ravenjax.stats.bootstrap import units
-from ravenjax.stats.bootstrap.units import Units
+from ravenjax.stats import units
 from ravenjax.stats.intervals import Estimate
+from ravenjax.stats.units import Units
 from ravenjax.vocabulary.reactions import RELEASE
 from studies import kinds, reacting_operator, study
 from studies.reacting_operator import number

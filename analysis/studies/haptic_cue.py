@@ -14,8 +14,8 @@ import numpy as np
 from ravenjax.outcomes import events
 from ravenjax.outcomes.verdict import LIMIT_MM
 from ravenjax.report import wording
-from ravenjax.stats.bootstrap import units
-from ravenjax.stats.bootstrap.units import Units, group_units
+from ravenjax.stats import units
+from ravenjax.stats.units import Units, group_units
 from studies import runs, study
 from studies.cells import hourly, percent, plain, quartiles
 from studies.runs import AS_MODELLED, MOVED, SCALE, UNCERTAIN, Runs, of_robot, share, unclutched

@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike
 
 from ravenjax.hazards.naming import hazards_of, kind_of
 from ravenjax.report import wording
-from ravenjax.stats.bootstrap.units import ENOUGH_UNITS, MIN_UNITS, Units, group_units, ratio_band
-from ravenjax.stats.comparison.paired import difference_of_counts
 from ravenjax.stats.intervals import Estimate
+from ravenjax.stats.paired import difference_of_counts
+from ravenjax.stats.units import ENOUGH_UNITS, MIN_UNITS, Units, group_units, ratio_band
 
 NOTE = (
     "Intervals are 95 % confidence intervals from a bootstrap over kinds of faults. A kind is a"

@@ -23,7 +23,7 @@ from ravenjax.robots.raven2.original import constants
 from ravenjax.robots.raven2.plant import parameter_sets, robot
 from ravenjax.robots.raven2.plant.coupling import N, arm_coupling
 from ravenjax.robots.raven2.setup import RavenSetup
-from ravenjax.stats.bootstrap.units import bootstrap
+from ravenjax.stats.units import bootstrap
 from studies import study
 from studies.dsn16 import recording
 from studies.dsn16.recording import ARM, DATA, TOOL, JointRecording, motors

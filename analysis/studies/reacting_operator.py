@@ -18,12 +18,11 @@ from ravenjax.report.data import draws
 from ravenjax.report.sections import reaction as reactions
 from ravenjax.report.sections.reaction import EXCURSION, Pairs
 from ravenjax.robots.raven2.declaration import LAYERS
-from ravenjax.stats import latency
-from ravenjax.stats.bootstrap import units
-from ravenjax.stats.bootstrap.units import Units
-from ravenjax.stats.comparison.paired import exchange_p
+from ravenjax.stats import latency, units
 from ravenjax.stats.intervals import Estimate, Rate, wilson_interval
 from ravenjax.stats.multiplicity import holm_test
+from ravenjax.stats.paired import exchange_p
+from ravenjax.stats.units import Units
 from ravenjax.vocabulary.reactions import RELEASE
 from studies import kinds, study
 from studies.kinds import difference

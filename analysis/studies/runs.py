@@ -14,10 +14,9 @@ import pandas as pd
 from ravenjax.outcomes import verdict
 from ravenjax.report.data import facts as run_facts
 from ravenjax.report.sections.reaction import EXCURSION, Pairs
-from ravenjax.stats import latency
+from ravenjax.stats import latency, units
 from ravenjax.stats.alarms.false_alarms import alarm_rate
-from ravenjax.stats.bootstrap import units
-from ravenjax.stats.bootstrap.units import Units
+from ravenjax.stats.units import Units
 from ravenjax.store import folder, manifest
 from ravenjax.store.access import query
 from ravenjax.store.manifest import Manifest

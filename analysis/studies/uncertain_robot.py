@@ -23,10 +23,10 @@ from ravenjax.report.wording import format_number, format_percent
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.declaration import LAYERS
 from ravenjax.robots.raven2.plant import parameter_sets
-from ravenjax.stats.bootstrap import units
-from ravenjax.stats.comparison.paired import exchange_p
+from ravenjax.stats import units
 from ravenjax.stats.intervals import Estimate, Rate, rate_difference, share_of_cells
 from ravenjax.stats.multiplicity import Finding, holm_test
+from ravenjax.stats.paired import exchange_p
 from studies import kinds, runs, study
 from studies.cells import plain
 from studies.kinds import difference

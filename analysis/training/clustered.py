@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ravenjax.stats.comparison import paired
+from ravenjax.stats import paired
 from ravenjax.stats.intervals import ALPHA, Estimate, independent_difference, rate_bounds
 
 Clusters = Sequence[np.ndarray]

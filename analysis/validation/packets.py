@@ -17,8 +17,8 @@ import pandas as pd
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from ravenjax.robots.raven2.console import arrivals
 from ravenjax.robots.raven2.geometry import transmission
+from ravenjax.vocabulary.packets import length_shares, packet_lengths
 from studies.dsn16 import recording
 from studies.dsn16.recording import KP, JointRecording
 
@@ -76,7 +76,7 @@ def run_lengths(repeats: np.ndarray, moving: np.ndarray) -> np.ndarray:
 
 
 def line(what: str, lengths: np.ndarray) -> None:
-    percent = 100.0 * arrivals.length_shares(lengths)[:12]
+    percent = 100.0 * length_shares(lengths)[:12]
     print(
         f"{what:32s} {len(lengths):6d} packets, mean {lengths.mean():5.3f} cycles; % of 1, 2, ..:",
         end=" ",
@@ -104,7 +104,7 @@ def main() -> None:
     )  # times are in ns
     ms = ms[ms > CONSOLE_BEGINS_MS]
     for phase in (0.0, 0.25, 0.5, 0.75):
-        line(f"console, cycle begins at {phase:g} ms", arrivals.packet_lengths(ms - phase))
+        line(f"console, cycle begins at {phase:g} ms", packet_lengths(ms - phase))
     burst = np.bincount(np.unique(np.floor(ms), return_counts=True)[1])[1:]
     print(
         "console, % of cycles with 1, 2, .. datagrams:",

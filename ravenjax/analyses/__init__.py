@@ -1,1 +1,1 @@
-"""Analyses of campaigns and of recordings. Each subfolder contains one analysis."""
+"""Analyses of campaigns and of recordings. Each module and each subfolder contains one."""

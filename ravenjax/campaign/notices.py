@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.campaign.faults import design, span, table
 from ravenjax.campaign.file import bounds, location, semantics
 from ravenjax.campaign.file.config import CampaignConfig

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 def campaigns(*, as_json: AsJson = False) -> None:
     """List the bundled campaigns, searches and training scenarios."""
+    from ravenjax import resources
     from ravenjax.analyses.search.file import loading as searches
-    from ravenjax.bundled import resources
     from ravenjax.campaign import loading
     from ravenjax.campaign.faults import design
     from ravenjax.train import scenario

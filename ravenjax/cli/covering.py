@@ -35,13 +35,13 @@ def coverage(
         most: with --pairs: number of pairs of each kind to list; default 5
         out: folder of the files; default FOLDER/coverage
     """
-    from ravenjax.analyses.coverage import pairs as double_faults
-    from ravenjax.analyses.deadline import read_deadlines
+    from ravenjax.analyses import double_faults
     from ravenjax.errors import UserError
     from ravenjax.report.data.runs import Runs
     from ravenjax.report.sections import coverage as checks
     from ravenjax.report.sections import tables
     from ravenjax.store import files, manifest
+    from ravenjax.store.access import explained
 
     if pairs and check_name is not None:
         raise UserError("--runs and --pairs print different lists: give only one of them")
@@ -52,7 +52,7 @@ def coverage(
         if pairs:
             found = double_faults.measure_pairs(runs)
         else:
-            found = checks.measure_coverage(runs, read_deadlines(folder))
+            found = checks.measure_coverage(runs, explained.read_deadlines(folder))
             if check_name is not None:
                 rows = found.list_runs(check_name, runs)
                 listing = Listing("runs", f"Harmful runs: {check_name}", HEADINGS, rows)

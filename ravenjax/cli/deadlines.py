@@ -24,7 +24,7 @@ def deadline(
     """
     import contextlib
 
-    from ravenjax.analyses.deadline import finding
+    from ravenjax.analyses.deadline import find_deadlines
     from ravenjax.report.data.runs import Runs
     from ravenjax.report.sections import deadline as section
     from ravenjax.store import files, manifest
@@ -36,7 +36,7 @@ def deadline(
 
     record, path = manifest.read_manifest(folder), folder / explained.DEADLINES
     files.require_writable(files.path_inside(folder, path.parent.name))
-    table = finding.find_deadlines(folder, engine, group, print_progress)
+    table = find_deadlines(folder, engine, group, print_progress)
     if not len(table):
         sentence = "No fault causes harm, so there is no deadline to find."
         return console.print_findings([sentence], as_json, harmful=0)

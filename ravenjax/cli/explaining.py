@@ -73,8 +73,7 @@ def _write_trace(folder: Path, record: Manifest, replay: Replay, events: list[di
     from ravenjax.report import wording
     from ravenjax.report.run.plot import trace_plot
     from ravenjax.store import manifest
-    from ravenjax.store.logs import time_series
-    from ravenjax.store.logs.trace import log as trace_log
+    from ravenjax.store.logs import time_series, trace_log
 
     row, rules = replay.row.to_dict(), record.rules
     fault_text = wording.describe_fault(row, record.robot)

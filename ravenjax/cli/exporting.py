@@ -88,9 +88,9 @@ def export(
         parameter_set: mechanics of the virtual robot
         cpu: portable: any CPU of this architecture; native: this CPU. Results have the same bits
     """
-    from ravenjax.analyses.export import c_folder
-    from ravenjax.robots.raven2.hardware.virtual_robot import VirtualRobot
+    from ravenjax.analyses import c_folder
     from ravenjax.robots.raven2.software.control_software import ControlSoftware
+    from ravenjax.robots.raven2.virtual_robot import VirtualRobot
 
     if folder.exists() and not folder.is_dir():
         raise UserError(f"{folder} is a file, expected a folder to write into")

@@ -169,7 +169,7 @@ def _load_robot_model() -> str:
     # Loads the MuJoCo model of the Raven-II. Returns its path and number of joints.
     import mujoco
 
-    from ravenjax.bundled import resources
+    from ravenjax import resources
 
     path = resources.find_model("raven2/raven2.xml")
     model = mujoco.MjModel.from_xml_path(str(path))  # pyright: ignore[reportAttributeAccessIssue]
@@ -178,7 +178,7 @@ def _load_robot_model() -> str:
 
 def _load_bundled_campaigns() -> str:
     # Loads each bundled campaign file, which raises an error for an invalid file.
-    from ravenjax.bundled import resources
+    from ravenjax import resources
     from ravenjax.campaign import loading
 
     files = resources.list_resources("campaigns", "*.toml")

@@ -11,8 +11,9 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ravenjax.document.numbers import DASH, NARROW, format_number, format_percent
+
 Bounds: TypeAlias = np.ndarray | tuple[float, ...]
-DASH, NARROW = "–", "\u202f"
 RESOLUTION = 1 / 400
 """Steps of a curve that are smaller than this fraction of its height may be merged."""
 
@@ -52,9 +53,8 @@ class ChartAxis:
         if not np.isfinite(value):
             return DASH
         if self.share:
-            return f"{100 * value:.1f}{NARROW}%"
-        text = f"{value:,.0f}" if abs(value) >= 100 or float(value).is_integer() else f"{value:.3g}"
-        return f"{text} {self.unit}".rstrip().replace("-", "−")
+            return format_percent(value)
+        return f"{format_number(value)} {self.unit}".rstrip()
 
     def words_with_interval(self, value: float, low: float, high: float) -> str:
         """Return a number with its interval, if it has one."""

@@ -17,7 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots, Mark
 from ravenjax.document.figure_style import INK, PAGE_STYLE, SOFT, STYLE
 from ravenjax.document.palette import PALETTE

@@ -5,7 +5,7 @@ The colours remain distinguishable in every form of colour blindness.
 
 from typing import NamedTuple
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 
 
 class Colour(NamedTuple):

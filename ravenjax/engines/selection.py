@@ -38,7 +38,7 @@ def select_engine(
 
         return SimdEngine(objects)
     if name in ENGINES:
-        from ravenjax.engines.xla.engine import ScanEngine
+        from ravenjax.engines.xla import ScanEngine
 
         return ScanEngine(name)
     raise UserError(

@@ -14,8 +14,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ravenjax import interruption
-from ravenjax.bundled import resources
+from ravenjax import interruption, resources
 
 Objects = MutableMapping[str, bytes]
 """A cache on disk: hash of all inputs -> content."""

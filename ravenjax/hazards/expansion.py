@@ -16,8 +16,7 @@ import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ravenjax import robots
-from ravenjax.bundled import resources
+from ravenjax import resources, robots
 from ravenjax.errors import UserError, describe_unknown_name, format_value, suggest_name
 from ravenjax.hazards import library
 from ravenjax.hazards.library import Case, Hazard, LibraryFault

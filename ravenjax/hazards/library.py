@@ -12,8 +12,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from ravenjax import robots
-from ravenjax.bundled import resources
+from ravenjax import resources, robots
 from ravenjax.errors import UserError, suggest_name
 from ravenjax.vocabulary.effects import NETWORK_EFFECTS
 from ravenjax.vocabulary.robot import Robot

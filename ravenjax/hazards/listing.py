@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.hazards import library
 from ravenjax.hazards.library import Hazard, LibraryFault
 from ravenjax.vocabulary.robot import Robot

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 
 Number = Any
 

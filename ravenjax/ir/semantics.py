@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.ir.program import Operation, Program
 
 Array = Any

@@ -21,7 +21,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.setup import Setup, cast_to_real, for_each_arm
 from ravenjax.numbers.vec import Scalar, Vec, earliest_tick, first_tick, largest, record

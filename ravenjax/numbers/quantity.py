@@ -16,7 +16,7 @@ import typing
 from collections.abc import Iterator
 from typing import Annotated, Any, TypeVar
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 
 Record = TypeVar("Record")
 _read_tables = functools.cache(resources.read_tables)

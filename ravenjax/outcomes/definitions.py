@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.outcomes.events import Rules, describe_harms
 from ravenjax.outcomes.verdict import HALT_MS, HAZARDS
 from ravenjax.vocabulary.robot import Robot

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.outcomes.verdict import LIMIT_MM, TOLD, UNTOLD
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ A user's file is a Python file that a campaign names. It has these functions:
 
 Without `params` or `init`, `step` gets None in their place, and returns None as the state. Numbers
 in records and views are scalars, never arrays. Write loops over joints as Python loops, and choices
-as `jnp.where`. No Python `if` may depend on a value. `view` depends on the robot: for a Raven-II it
-is `View` in the module `loop.user_files` of the robot's package.
+as `jnp.where`. No Python `if` may depend on a value. `view` is a `parts.part.View`, whose signals
+depend on the robot. The signals of a Raven-II are in the module `loop.user_files` of its package.
 
 The content of a user's file includes the modules in its folder that it imports, and the arrays in
 its folder that it loads. If this content changes, the campaign is a different campaign.

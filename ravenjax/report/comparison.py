@@ -20,8 +20,8 @@ from ravenjax.outcomes.verdict import CUES, HAZARDS, RESPONSES
 from ravenjax.report import wording
 from ravenjax.report.data import draws, pair_intervals
 from ravenjax.report.data.facts import faulty_sql
-from ravenjax.stats.bootstrap.units import Units
 from ravenjax.stats.intervals import Estimate, Rate
+from ravenjax.stats.units import Units
 from ravenjax.store import manifest
 from ravenjax.store.access import query
 from ravenjax.store.access.query import ResultTable, quote_name

@@ -1,4 +1,4 @@
-"""Formats numbers, rates and faults as text, and fills text templates."""
+"""Formats rates, estimates and faults as text, and fills text templates."""
 
 import functools
 import math
@@ -7,36 +7,18 @@ from typing import Any
 
 import jinja2
 
+from ravenjax.document.numbers import (
+    DASH,
+    NARROW,
+    count_noun,
+    format_count,
+    format_number,
+    format_percent,
+    percent_decimals,
+)
 from ravenjax.stats.intervals import Estimate, Rate
 from ravenjax.vocabulary.effects import FIELDS
 from ravenjax.vocabulary.robot import Robot
-
-NARROW = "\u202f"
-DASH = "–"
-
-
-def format_count(value: float) -> str:
-    """Write an integer with separators: 1234 -> 1,234."""
-    return f"{int(value):,}"
-
-
-def count_noun(value: float, noun: str) -> str:
-    """Write a count with its noun: 1,234 runs, 1 run."""
-    return f"{format_count(value)} {noun}{'' if value == 1 else 's'}"
-
-
-def format_number(value: float, digits: int = 3) -> str:
-    """Write a number with `digits` significant digits; NaN and infinity become a dash."""
-    if not math.isfinite(value):
-        return DASH
-    value += 0.0  # turns -0.0 into 0.0, which has no minus sign
-    if value == 0 or 1e-6 <= abs(value) < 1e7:
-        decimals = max(0, digits - 1 - math.floor(math.log10(abs(value)))) if value else 0
-        text = f"{value:,.{decimals}f}"
-        text = text.rstrip("0").rstrip(".") if "." in text else text
-    else:
-        text = f"{value:.{digits}g}"
-    return text.replace("-", "−")
 
 
 def format_hours(value: float) -> str:
@@ -49,24 +31,13 @@ def format_hours(value: float) -> str:
     return f"{format_number(value)} h"
 
 
-def _decimals(fraction: float) -> int:
-    return 2 if 0 < fraction < 0.01 or 0.99 < fraction < 1 else 1
-
-
-def format_percent(fraction: float) -> str:
-    """Write a fraction in percent: 15.6 %. Below 1 % and above 99 % with a second decimal."""
-    if math.isnan(fraction):
-        return DASH
-    return f"{100 * fraction:.{_decimals(fraction)}f}{NARROW}%"
-
-
 def format_interval(rate: Rate) -> str:
     """Write a rate's confidence interval: 14.1–17.3 %. It is empty if nothing was sampled."""
     if not rate.n:
         return "no runs"
     if math.isnan(rate.low):
         return ""
-    digits = max(_decimals(rate.low), _decimals(rate.high))
+    digits = max(percent_decimals(rate.low), percent_decimals(rate.high))
     return f"{100 * rate.low:.{digits}f}{DASH}{100 * rate.high:.{digits}f}{NARROW}%"
 
 

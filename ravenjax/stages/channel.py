@@ -17,7 +17,7 @@ overtook are therefore lost, as the robot's check of sequence numbers would drop
 emulator's loss of the whole connection is the fault effect `drop`.
 """
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.numbers import Scalar, as_int, jnp, lax, record, where
 from ravenjax.numbers.counter_random import random_uniform
 from ravenjax.numbers.vec import number_at

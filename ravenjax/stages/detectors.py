@@ -32,15 +32,15 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.numbers import Setup, cast_to_real, describe_fields, for_each_arm, jnp, per_arm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, first_tick, record
 from ravenjax.parts import part
+from ravenjax.vocabulary import TICK_S
 from ravenjax.vocabulary.detectors import DetectorUse
 from ravenjax.vocabulary.parts import OwnSource
 
 POSITIONING = 3
-TICK_S = 1e-3
 MOTOR_WEIGHT = 0.001
 """Weight of motor derivatives in `derivative_sum`; from raven2_sim."""
 MAX_SCORE = 1e30

@@ -24,8 +24,7 @@ import numpy as np
 
 from ravenjax.numbers import Scalar, Setup, Vec, cast_to_real, describe_fields, jnp, largest, record
 from ravenjax.numbers.algebra import norm
-
-TICK_S = 1e-3
+from ravenjax.vocabulary import TICK_S
 
 
 @describe_fields

@@ -19,7 +19,7 @@ The condition c < d / 2 means that most of d is motion that the robot missed.
 import dataclasses
 from typing import Any, NamedTuple
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.numbers import Scalar, Vec, as_int, describe_fields, finite, harm, jnp
 from ravenjax.numbers.algebra import norm
 from ravenjax.numbers.setup import Setup, cast_to_real, per_arm

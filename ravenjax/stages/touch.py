@@ -3,8 +3,7 @@
 from typing import Any
 
 from ravenjax.numbers import Scalar, Setup, cast_to_real, jnp, record
-
-TICK_S = 1e-3
+from ravenjax.vocabulary import TICK_S
 
 
 @record

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ravenjax.stats.bootstrap import units
-from ravenjax.stats.bootstrap.units import Units
+from ravenjax.stats import units
 from ravenjax.stats.intervals import Estimate, Rate, wilson_interval
+from ravenjax.stats.units import Units
 
 
 class Delays(NamedTuple):

@@ -23,8 +23,7 @@ from typing import Any, NamedTuple
 import pydantic
 from pydantic import BaseModel, ConfigDict, Field
 
-from ravenjax import robots
-from ravenjax.bundled import resources
+from ravenjax import resources, robots
 from ravenjax.errors import StoreError, require_utf8
 from ravenjax.outcomes.events import Rules
 from ravenjax.outcomes.verdict import LIMIT_MM, PUBLISHED_CUE_MM

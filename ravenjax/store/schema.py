@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 import pyarrow as pa
 
-from ravenjax import robots
-from ravenjax.bundled import resources
+from ravenjax import resources, robots
 from ravenjax.errors import StoreError, suggest_name
 from ravenjax.vocabulary import checks
 from ravenjax.vocabulary.checks import Check

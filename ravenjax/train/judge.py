@@ -27,7 +27,7 @@ import numpy as np
 import pydantic
 from pydantic import BeforeValidator
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.outcomes import verdict
 from ravenjax.train.protocol import Command, Frame, Json
 from ravenjax.train.robot import ROBOT

@@ -22,7 +22,7 @@ import numpy as np
 from ravenjax import interruption
 from ravenjax.errors import UserError
 from ravenjax.store import manifest
-from ravenjax.store.consoles import loading as profiles
+from ravenjax.store.consoles import profile_choices
 from ravenjax.store.files import hash_file
 from ravenjax.store.logs.session import description
 from ravenjax.store.ring import COMMAND_BYTES, EVENT_BYTES, Ring
@@ -98,7 +98,7 @@ def run_realtime(
     recorder that were started before, with the tokens of `options`; None: they are started now.
     """
     start_s = time.monotonic()
-    profiles.profile_choices(options.console)  # refuses an unknown name before anything starts
+    profile_choices(options.console)  # refuses an unknown name before anything starts
     with contextlib.ExitStack() as stack:
         if helpers is None:
             listening = None

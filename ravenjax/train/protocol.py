@@ -21,7 +21,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.train import robot
 from ravenjax.train.robot import JAW_LENGTH, ArmName, Arms, scene
 from ravenjax.vocabulary.packets import QUIET_MS

@@ -2,3 +2,6 @@
 
 `ravenjax.outcomes` defines the outcomes of a run: response, hazard, cue and verdict.
 """
+
+TICK_S = 1e-3
+"""Time from one row of a motion to the next, and length of a control cycle of the Raven-II, s."""

@@ -6,7 +6,7 @@ A detector computes a score from signals and changes nothing. `stages.detectors`
 import dataclasses
 from typing import Literal
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.vocabulary.parts import OwnSource
 
 BuiltInKind = Literal["steps", "derivative_sum", "tip_error", "overdrive"]

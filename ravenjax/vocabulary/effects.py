@@ -7,7 +7,7 @@ is above 0, the window opens again after each `every`.
 
 from typing import Literal, NamedTuple
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 
 TIMES = ("start_ms", "duration_ms", "every_ms", "period_ms")
 FIELDS = ("site", "arm", "channel", "effect", "value", "trigger", *TIMES)

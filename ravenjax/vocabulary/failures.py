@@ -5,7 +5,7 @@ infinite or NaN. Numbers of the control software may be infinite or NaN without 
 software continues with them, as the original software does. In robot or observers they fail it.
 """
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 
 SIGNALS: dict[str, str] = resources.read_tables(__file__, "failures.toml")
 """The signals that are checked for infinite numbers and NaN, in order, with descriptions."""

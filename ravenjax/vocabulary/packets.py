@@ -10,7 +10,9 @@ look the same. Packets of the file operator_positions arrive in bursts, so this 
 
 from collections.abc import Sequence
 
-from ravenjax.bundled import resources
+import numpy as np
+
+from ravenjax import resources
 
 EVERY_CYCLE, MEASURED, BURSTS, OWN = 0, 1, 2, 3
 
@@ -29,8 +31,33 @@ QUIET_MS, RELEASE_MS = 250, 2000
 
 After QUIET_MS a packet with number 1 begins a new stream, after RELEASE_MS any packet.
 """
+_STEPS = 1000
 
 
 def mean_cycles(shares: Sequence[float]) -> float:
     """Return the mean number of control cycles of a packet. shares: as an entry of SHARES."""
     return sum(cycles * share for cycles, share in enumerate(shares, start=1))
+
+
+def packet_lengths(ms: np.ndarray) -> np.ndarray:
+    """Return the number of cycles from each cycle with datagrams to the next such cycle, int.
+    ms: arrival times of the datagrams, ascending. A cycle lasts 1 ms.
+    """
+    return np.diff(np.unique(np.floor(ms)).astype(int))
+
+
+def length_shares(cycles: np.ndarray) -> np.ndarray:
+    """Return the shares of packets that last 1, 2, 3, .. cycles. cycles: int [n], lengths."""
+    return np.bincount(cycles)[1:] / len(cycles)
+
+
+def rounded_shares(cycles: np.ndarray) -> tuple[float, ...]:
+    """Return `length_shares` for a campaign file: rounded to multiples of 0.001 with the sum 1.
+    Packets that are longer than allowed count as packets of the largest allowed length.
+    """
+    exact = length_shares(np.minimum(cycles, MOST_CYCLES)) * _STEPS
+    # Round down, then add 0.001 to the shares with the largest remainders until the sum is 1
+    thousandths = np.floor(exact).astype(int)
+    thousandths[np.argsort(thousandths - exact)[: _STEPS - thousandths.sum()]] += 1
+    longest = np.flatnonzero(thousandths)[-1] + 1
+    return tuple((thousandths[:longest] / _STEPS).tolist())

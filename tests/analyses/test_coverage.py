@@ -11,7 +11,7 @@ import pytest
 import synthetic_results as synthetic
 
 from ravenjax import cli
-from ravenjax.analyses.coverage import pairs
+from ravenjax.analyses import double_faults
 from ravenjax.report.data import pair_intervals
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import coverage as checks
@@ -119,7 +119,7 @@ def test_pairs_are_compared_with_their_single_faults():
         check_joint_limit_count=detected * 1,
     )
     runs = Runs.of(synthetic.judged(frame), synthetic.manifest(len(harms), shape=shape))
-    doubles = pairs.measure_pairs(runs)
+    doubles = double_faults.measure_pairs(runs)
     found = [(pair.kind, "joint_limit" in pair.defeated) for pair in doubles.pairs]
     assert found == [("masked", True), ("", False), ("cut set", True)]
     assert tuple(map(len, doubles.cut_sets())) == (1, 1)

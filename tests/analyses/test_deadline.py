@@ -12,7 +12,7 @@ import synthetic_results as synthetic
 
 import ravenjax as rj
 from ravenjax import cli
-from ravenjax.analyses.deadline import finding, read_deadlines
+from ravenjax.analyses.deadline import Actor, FaultActions
 from ravenjax.report import page
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import deadline
@@ -54,9 +54,9 @@ def test_an_action_is_the_fault_that_does_the_same():
     reacting = {"group": [{"name": "pedal", "fault": [push]}], "reaction": {"delay_ms": 20}}
     lifted = rj.run(campaign(reacting), engine="simd")
     expected = pd.concat([lifted, rj.run(campaign({"group": groups}), engine="simd")])
-    actor = finding.Actor(plain, "simd")
+    actor = Actor(plain, "simd")
     numbers = np.array([actor.actions[name] for name in expected["group"]])
-    lanes = finding.FaultActions(np.zeros(4, int), numbers, np.full(4, effect), np.full(4, 800))
+    lanes = FaultActions(np.zeros(4, int), numbers, np.full(4, effect), np.full(4, 800))
     ours = actor.run(lanes, np.array([lifted["reaction_ms"].iloc[0], at, at, at]))
     for column in ("peak_golden_deviation_mm", "tip_path_mm", "largest_step_mm"):
         assert ours[column].tolist() == expected[column].tolist(), column
@@ -81,20 +81,18 @@ def test_the_table_of_a_campaign_is_that_of_every_tick(tmp_path, capsys):
     rj.run(campaign({"group": [drawn]}), out=tmp_path, engine="simd")
     assert cli.main(["deadline", str(tmp_path), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
-    table: Any = read_deadlines(tmp_path)
+    table: Any = explained.read_deadlines(tmp_path)
     results: Any = rj.open_results(tmp_path).to_pandas().set_index("run_id")
     harmful = results[results["hazard"] == "unintended motion"]
     assert set(table["run"]) == set(harmful.index)
     assert said["harmful"] == len(harmful) > 5
-    actor, ticks = finding.Actor.of_folder(tmp_path), np.arange(90)
+    actor, ticks = Actor.of_folder(tmp_path), np.arange(90)
     acted = table[table["action"] != "cue"].set_index(["run", "action"])
     for run, row in harmful.iterrows():
         start, end = row["first_active_ms"], row["unintended_first_ms"]
         at = start + ticks[: end - start + 1]
         for name, number in actor.actions.items():
-            lanes = finding.FaultActions(
-                *(np.full(len(at), x) for x in (row["index"], number, start, end))
-            )
+            lanes = FaultActions(*(np.full(len(at), x) for x in (row["index"], number, start, end)))
             prevents = np.flatnonzero(~actor.harmful(lanes, at))
             found = acted.loc[(run, name)]
             assert found["deadline_ms"] == prevents.max(initial=-1), (run, name)

@@ -4,7 +4,7 @@ import numpy as np
 import operation_cases
 from compiled_program import same_bits
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.campaign import loading, plan
 from ravenjax.engines.cpu.engine import SimdEngine
 from ravenjax.engines.gpu.code import column_words

@@ -11,7 +11,7 @@ from ravenjax.campaign import plan
 from ravenjax.engines.cpu.engine import SimdEngine
 from ravenjax.engines.gpu import engine as cuda
 from ravenjax.engines.interface import Block
-from ravenjax.engines.xla.engine import ScanEngine
+from ravenjax.engines.xla import ScanEngine
 
 FAULT = {"site": "usb_out", "channel": "elbow", "effect": "overwrite", "start_ms": 3}
 FAULT |= {"duration_ms": 9, "value": [-9000, 0, 100, 5000, 20000]}

@@ -13,7 +13,7 @@ from ravenjax.campaign import plan
 from ravenjax.engines.cpu.engine import SimdEngine
 from ravenjax.engines.gpu import engine as cuda
 from ravenjax.engines.interface import Block
-from ravenjax.engines.xla.engine import ScanEngine
+from ravenjax.engines.xla import ScanEngine
 
 FAULT = {"site": "usb_out", "channel": "elbow", "effect": "overwrite", "value": 9000}
 WINDOW = {"start_ms": [2, 5, 11], "duration_ms": [1, 4, "end"]}

@@ -6,7 +6,7 @@ import tomllib
 import pytest
 
 import ravenjax as rj
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.campaign import loading
 from ravenjax.campaign.file.axis import DISTRIBUTIONS, PHASE
 from ravenjax.campaign.file.section import toml_value

@@ -13,7 +13,7 @@ from ravenjax.errors import StoreError
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.run import chain
 from ravenjax.report.sections import chains
-from ravenjax.stats.bootstrap import units
+from ravenjax.stats import units
 from ravenjax.stats.intervals import wilson_interval
 from ravenjax.store.access import explained
 from ravenjax.vocabulary.seams import list_crossings

@@ -9,7 +9,7 @@ import synthetic_results as synthetic
 from ravenjax.errors import UserError
 from ravenjax.outcomes import verdict
 from ravenjax.report import comparison
-from ravenjax.stats.comparison import paired
+from ravenjax.stats import paired
 from ravenjax.store import manifest
 
 RUNS = 900

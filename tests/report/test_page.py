@@ -19,7 +19,7 @@ from ravenjax.report import page, wording
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import tables
 from ravenjax.stats.intervals import wilson_interval
-from ravenjax.stats.sample_size.sequential import Look
+from ravenjax.stats.sequential import Look
 from ravenjax.store import schema
 from ravenjax.store.folder import ResultFolder
 

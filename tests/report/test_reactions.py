@@ -7,8 +7,8 @@ import reacting_results as reacting
 
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import reaction
-from ravenjax.stats.comparison.paired import difference_of_counts, mcnemar_test
 from ravenjax.stats.intervals import wilson_interval
+from ravenjax.stats.paired import difference_of_counts, mcnemar_test
 
 FAULTS = 300
 FRAME = reacting.frame(FAULTS)

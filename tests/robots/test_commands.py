@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import ravenjax as rj
-from ravenjax.analyses.deadline import finding
-from ravenjax.bundled import resources
+from ravenjax import resources
+from ravenjax.analyses.deadline import Actor, FaultActions
 from ravenjax.campaign.plan import make_plan
 from ravenjax.cli import main
 from ravenjax.errors import UserError
@@ -156,9 +156,9 @@ def test_an_action_is_the_fault_that_does_the_same(folder):
     faults = {"stop": [push, stop | {"value": 0}], "hold": [push, *hold]}
     groups = [{"name": name, "fault": these} for name, these in faults.items()]
     expected = rj.run({"campaign": campaign, "group": groups}, engine="simd")
-    actor = finding.Actor(plain, "simd")
+    actor = Actor(plain, "simd")
     numbers = np.array([actor.actions[name] for name in expected["group"]])
-    lanes = finding.FaultActions(np.zeros(2, int), numbers, *np.full((2, 2), 700))
+    lanes = FaultActions(np.zeros(2, int), numbers, *np.full((2, 2), 700))
     ours = actor.run(lanes, np.full(2, 700))
     for column in ("peak_golden_deviation_mm", "tip_path_mm", "largest_step_mm"):
         assert ours[column].tolist() == expected[column].tolist(), column

@@ -8,7 +8,7 @@ import snippets
 from scipy.spatial.transform import Rotation
 
 import ravenjax as rj
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.campaign import notices
 
 # Modified DH, degrees and m: alpha, a, theta, d (sawIntuitiveResearchKit, share/kinematic/psm.json

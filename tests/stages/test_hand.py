@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 from ravenjax.numbers.setup import REFERENCE, Setup
 from ravenjax.numbers.vec import Vec, replace
 from ravenjax.stages import hand
+from ravenjax.vocabulary import TICK_S
 
 SETUP = Setup(precision=REFERENCE)
-H = hand.TICK_S
+H = TICK_S
 
 
 @pytest.fixture(autouse=True)

@@ -15,7 +15,7 @@ from ravenjax.stats.alarms.choice import (
     unbeaten_choices,
 )
 from ravenjax.stats.alarms.false_alarms import alarm_rate
-from ravenjax.stats.comparison.paired import difference_of_counts
+from ravenjax.stats.paired import difference_of_counts
 
 
 def alarms(missed, count, hours):

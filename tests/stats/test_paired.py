@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from ravenjax.stats.comparison.paired import difference_of_counts, mcnemar_test
+from ravenjax.stats.paired import difference_of_counts, mcnemar_test
 
 
 def test_mcnemar_by_hand():

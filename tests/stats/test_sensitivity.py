@@ -4,12 +4,7 @@ import numpy as np
 import pytest
 from SALib.sample.sobol import sample as salib_sample
 
-from ravenjax.stats.inputs.sensitivity import (
-    morris_analyse,
-    morris_sample,
-    sobol_analyse,
-    sobol_sample,
-)
+from ravenjax.stats.sensitivity import morris_analyse, morris_sample, sobol_analyse, sobol_sample
 
 # Ishigami, a = 7, b = 0.1: V = a^2/8 + b pi^4/5 + b^2 pi^8/18 + 1/2
 V = 49 / 8 + np.pi**4 / 50 + np.pi**8 / 1800 + 0.5

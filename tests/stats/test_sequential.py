@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.stats import binom
 
 from ravenjax.stats.intervals import anytime_bounds
-from ravenjax.stats.sample_size.sequential import Look, Sequential, Stratum
+from ravenjax.stats.sequential import Look, Sequential, Stratum
 
 
 def rule(sizes=(1000,), rates=("harm",), half_width=0.03, shares=(0.1, 0.3, 1.0), **more):

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ravenjax.stats.intervals import wilson_interval
-from ravenjax.stats.sample_size.sequential import allocate_runs, stratified_rate
+from ravenjax.stats.sequential import allocate_runs, stratified_rate
 
 
 def test_hand_computed_rate():

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from ravenjax.stats import latency
-from ravenjax.stats.bootstrap import units
-from ravenjax.stats.comparison.paired import exchange_p, mcnemar_test
+from ravenjax.stats import latency, units
 from ravenjax.stats.intervals import wilson_interval
+from ravenjax.stats.paired import exchange_p, mcnemar_test
 
 
 def clustered(random, sizes, rate, icc):

@@ -15,7 +15,7 @@ from ravenjax.errors import UserError
 from ravenjax.robots.raven2.console.choice import ProfileChoice
 from ravenjax.robots.raven2.console.profile import ConsoleProfile
 from ravenjax.robots.raven2.console.reading import FIELDS, Misfit, PacketReader, PacketReading
-from ravenjax.store.consoles import loading
+from ravenjax.store import consoles
 
 BOTH = ("gold", "green")
 LEVEL = (0.0, 0.0, 0.0, 1.0)
@@ -60,7 +60,7 @@ def test_errors_of_a_file(tmp_path, text, words):
     path = tmp_path / "own.toml"
     path.write_text('name = "own"\ntitle = "t"\nsource = "s"\n' + text)
     with pytest.raises(UserError, match=words) as caught:
-        loading.load_profile(str(path))
+        consoles.load_profile(str(path))
     assert str(path) in str(caught.value)
 
 
@@ -80,7 +80,7 @@ def test_an_orientation_is_taken_from_packet_to_packet():
 
 
 def test_a_jaw_position_moves_by_its_change_and_never_by_what_was_lost():
-    reader = PacketReader(loading.load_profile("dv_trainer"), ("gold",))
+    reader = PacketReader(consoles.load_profile("dv_trainer"), ("gold",))
     packets = [
         fields(n, jaw=jaw, button=jaw) for n, jaw in enumerate((1200, 1230, 1200, 1381), start=1)
     ]
@@ -107,7 +107,7 @@ INTS = st.integers(-(2**31), 2**31 - 1) | st.integers(-300, 300)
     ),
 )
 def test_whatever_comes_only_small_increments_are_read(name, hostile):
-    choice = ProfileChoice(loading.profile_choices(name), ("gold",))
+    choice = ProfileChoice(consoles.profile_choices(name), ("gold",))
     for n, (gold, quat, jaw, again) in enumerate(hostile, start=1):
         result = choice.read(fields(n, gold, quat, jaw, jaw if again else 0))
         if isinstance(result, PacketReading):
@@ -130,7 +130,7 @@ def recorded(shared_data):
 def test_the_held_out_half_is_read_as_it_was_sent(recorded):
     """The profile's bounds come from the first half; the oracle for sums is NumPy's."""
     held_out = recorded[len(recorded) // 2 :]
-    results = fed(PacketReader(loading.load_profile("dv_trainer"), BOTH), held_out)
+    results = fed(PacketReader(consoles.load_profile("dv_trainer"), BOTH), held_out)
     assert all(isinstance(result, PacketReading) for result in results)
     sent = np.array(held_out)
     moved = np.sum([result.delta_um for result in results], axis=0)
@@ -148,9 +148,9 @@ def test_the_held_out_half_is_read_as_it_was_sent(recorded):
 @pytest.mark.parametrize("half", [0, 1])
 def test_auto_finds_the_recorded_console_early(recorded, arms, half):
     packets = recorded[half * len(recorded) // 2 :][: len(recorded) // 2]
-    choice, lost = ProfileChoice(loading.profile_choices("auto"), arms), 0
+    choice, lost = ProfileChoice(consoles.profile_choices("auto"), arms), 0
     for packet in packets:
         lost += isinstance(choice.read(packet), Misfit)
         choice.accept_packet()
-    assert choice.profile == loading.load_profile("dv_trainer")
+    assert choice.profile == consoles.load_profile("dv_trainer")
     assert lost < 0.02 * len(packets)

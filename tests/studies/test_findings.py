@@ -7,7 +7,7 @@ import math
 import pytest
 
 import studies
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.campaign import loading
 from ravenjax.cli import main
 from ravenjax.store import manifest

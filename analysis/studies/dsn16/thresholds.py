@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.stats.bootstrap.units import bootstrap
+from ravenjax.stats.units import bootstrap
 from studies import study
 from studies.dsn16 import detector
 from studies.dsn16.detector import JOINTS, VARIABLES, stacked

@@ -16,7 +16,7 @@ import pandas as pd
 
 from ravenjax.hazards import library, naming
 from ravenjax.report import wording
-from ravenjax.stats.bootstrap import units
+from ravenjax.stats import units
 from ravenjax.stats.intervals import Estimate
 from ravenjax.store import folder
 from studies import study

@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 
 from ravenjax.outcomes.verdict import LIMIT_MM
-from ravenjax.stats.bootstrap import units
-from ravenjax.stats.bootstrap.units import Units
+from ravenjax.stats import units
 from ravenjax.stats.intervals import Estimate, Rate
+from ravenjax.stats.units import Units
 from ravenjax.store import folder
 from studies import kinds, runs, study
 from studies.dsn16 import recording

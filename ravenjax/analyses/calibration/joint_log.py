@@ -31,8 +31,8 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from ravenjax import resources
 from ravenjax.analyses.calibration.position_loop import Controller
-from ravenjax.bundled import resources
 from ravenjax.errors import UserError
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS, JOINTS, SLIDING_JOINTS, ArmName

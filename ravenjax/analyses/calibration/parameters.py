@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ravenjax import resources
 from ravenjax.analyses.calibration import position_loop
 from ravenjax.analyses.calibration.position_loop import LoopParams
-from ravenjax.bundled import resources
 from ravenjax.errors import UserError, suggest_name
 from ravenjax.numbers import paths, tree
 from ravenjax.numbers.lazy import jax, jnp

@@ -8,7 +8,7 @@ truncates DAC commands to whole numbers. The low-pass filter of a raven2 of 2015
 from collections.abc import Callable
 from typing import NamedTuple
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.numbers.algebra import add, mul
 from ravenjax.numbers.lazy import jnp
 from ravenjax.numbers.vec import Scalar, Vec, record, replace
@@ -18,6 +18,7 @@ from ravenjax.robots.raven2.plant import robot
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages.estimator import LOW_PASS_INPUT, LOW_PASS_OUTPUT
 from ravenjax.robots.raven2.stages.motor_control import gravity_torques
+from ravenjax.vocabulary import TICK_S
 
 JOINTS = 7
 READINGS = 3
@@ -140,9 +141,9 @@ def advance_cycle(
         if controller.filtered
         else (new, state.readings[0])
     )
-    speed = (angle - before) / robot.TICK_S
+    speed = (angle - before) / TICK_S
     error = desired(angle[2]) - angle
-    integral = state.integral + error * robot.TICK_S
+    integral = state.integral + error * TICK_S
     torque = error.map(mul, controller.kp) - speed.map(mul, controller.kd)
     torque = torque.map(add, integral.map(mul, controller.ki))
     if setup.software == "raven2":

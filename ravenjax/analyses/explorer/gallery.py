@@ -4,8 +4,8 @@ import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
+from ravenjax import resources
 from ravenjax.analyses.explorer import page
-from ravenjax.bundled import resources
 from ravenjax.campaign import loading
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.errors import UserError

@@ -33,17 +33,16 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.campaign import outcomes, plan
 from ravenjax.campaign.faults import table
 from ravenjax.campaign.file import bounds
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.plan import Plan
-from ravenjax.engines import traced
+from ravenjax.engines import traced, wasm
 from ravenjax.engines.cpu.kernel import FUNCTIONS, print_kernel
 from ravenjax.engines.interface import Block
 from ravenjax.engines.traced import TracedTick
-from ravenjax.engines.wasm import code
 from ravenjax.errors import UserError
 from ravenjax.faults.fault import FaultSlot
 from ravenjax.ir.time_loop import TimeLoop, split_lanes
@@ -138,7 +137,7 @@ def describe_program(config: CampaignConfig) -> dict[str, Any]:
         **list_motions(ready),
         "programs": {
             "outcomes": _compile_program(
-                tick, tick.without_signals(), shared_inputs=len(program.varied), width=code.WIDTH
+                tick, tick.without_signals(), shared_inputs=len(program.varied), width=wasm.WIDTH
             ),
             "replay": _replay_program(ready, tick),
             **action_programs,
@@ -301,7 +300,7 @@ def _action_programs(ready: Plan) -> tuple[dict[str, int], dict[str, Any]]:
     plan = dataclasses.replace(ready, program=program, faults=faults)
     tick = traced.trace_tick(program, Block(*plan.lanes([0], 1), None), ready.columns)
     compiled = _compile_program(
-        tick, tick.without_signals(), shared_inputs=len(program.varied), width=code.WIDTH
+        tick, tick.without_signals(), shared_inputs=len(program.varied), width=wasm.WIDTH
     )
     return actions, {"acted": compiled}
 
@@ -367,10 +366,10 @@ def _compile_program(
     loop: the loop over the ticks, with the outputs that the program needs. shared_inputs: number of
     parameters, which are equal for all robots of a group. width: robots side by side in a vector.
     """
-    kernel = print_kernel(split_lanes(loop, shared_inputs, grouped=True), width, code.FEATURES)
+    kernel = print_kernel(split_lanes(loop, shared_inputs, grouped=True), width, wasm.FEATURES)
     program = {
         "outputs": [],
-        "binary": _base64(code.emit_module(kernel.text, FUNCTIONS)),
+        "binary": _base64(wasm.emit_module(kernel.text, FUNCTIONS)),
         "width": width,
         "outcomes": tick.outcomes,
         "state_bytes": kernel.state.bytes,

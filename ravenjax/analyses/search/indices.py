@@ -18,7 +18,7 @@ from ravenjax.analyses.search.file.template import Template
 from ravenjax.analyses.search.wording import describe_case, short_axis_name
 from ravenjax.document import palette
 from ravenjax.document.chart import Chart, ChartAxis, Dots
-from ravenjax.stats.inputs import sensitivity
+from ravenjax.stats import sensitivity
 
 RESAMPLES = 500
 """Number of bootstrap samples for an interval."""

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.group import SAMPLED, Group
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeGuard
 import numpy as np
 from pydantic import BeforeValidator, PlainSerializer, WithJsonSchema
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.errors import describe_unknown_name, format_value, suggest_name
 
 Kind = Literal["fixed", "list", "choice", "together", "uniform", "loguniform", "normal", "phase"]

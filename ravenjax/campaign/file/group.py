@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.campaign.file.axis import (
     END,
     FORMS,

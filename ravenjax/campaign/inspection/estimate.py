@@ -27,8 +27,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax import threads
-from ravenjax.bundled import resources
+from ravenjax import resources, threads
 from ravenjax.campaign.memory_windows import SHARED
 
 _MODEL = SimpleNamespace(**resources.read_tables(__file__, "estimate.toml"))

@@ -20,7 +20,7 @@ from ravenjax.campaign.stop import decisions
 from ravenjax.errors import UserError
 from ravenjax.outcomes import events
 from ravenjax.outcomes.events import Rules
-from ravenjax.stats.sample_size.sequential import Look, Sequential, Stratum
+from ravenjax.stats.sequential import Look, Sequential, Stratum
 from ravenjax.store.folder import Results
 
 

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ravenjax.errors import StoreError
-from ravenjax.stats.sample_size import sequential
-from ravenjax.stats.sample_size.sequential import Look
+from ravenjax.stats import sequential
+from ravenjax.stats.sequential import Look
 from ravenjax.store.files import write_text
 
 FILE = "decisions.jsonl"

@@ -259,7 +259,8 @@ function silent() {
 }
 
 const written = (axis, value) => {
-  if (axis.share) return (100 * value).toFixed(1) + "\u202f%";
+  // As document/numbers.py writes percents.
+  if (axis.share) return (100 * value).toFixed((value > 0 && value < 0.01) || (value > 0.99 && value < 1) ? 2 : 1) + "\u202f%";
   const text = Math.abs(value) >= 100 || Number.isInteger(value) ? Math.round(value).toLocaleString("en") : String(Number(value.toPrecision(3)));
   return (text + " " + axis.unit).trim().replace("-", "−");
 };

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.engines.cpu.jit import FUSED
 from ravenjax.engines.cpu.memory import Place, stored_size
 from ravenjax.engines.printing import Printing

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.engines.printing import Printing
 from ravenjax.ir.program import Program
 

@@ -11,8 +11,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from ravenjax import robots
-from ravenjax.bundled import resources
+from ravenjax import resources, robots
 from ravenjax.outcomes import events, verdict
 from ravenjax.outcomes.events import Rules
 from ravenjax.report import wording

@@ -8,10 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.stats.bootstrap import units
-from ravenjax.stats.bootstrap.units import Units
-from ravenjax.stats.comparison import paired
+from ravenjax.stats import paired, units
 from ravenjax.stats.intervals import Estimate, Rate, share_of_cells, wilson_interval
+from ravenjax.stats.units import Units
 
 RESAMPLES = 1000
 DRAWS = 20_000_000

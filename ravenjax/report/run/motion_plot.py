@@ -11,8 +11,8 @@ from ravenjax.document.palette import SAME
 from ravenjax.report.drawing import save_panels
 from ravenjax.report.run.plot import ARM_COLOURS
 from ravenjax.store.files import require_writable
-from ravenjax.store.motion.resampling import TICK_S
 from ravenjax.store.motion.summary import TipCourse
+from ravenjax.vocabulary import TICK_S
 
 ROWS = ("x, mm", "y, mm", "z, mm", "tip speed, mm/s")
 MARGIN_S = 0.1

@@ -32,7 +32,7 @@ def trace_plot(
     """Draw the time series of one run at 1 kHz into `path` (.svg, .png or .pdf) and return it.
 
     The panels show distances of the tips from the nominal model, forces, DAC commands and states.
-    series: time series by name, as for `store.logs.trace.log.write_trace`. threshold_mm, cue:
+    series: time series by name, as for `store.logs.trace_log.write_trace`. threshold_mm, cue:
     threshold and number of the haptic set whose force is drawn. events: {label: time in ms} of
     vertical markers; negative times are left out.
     """

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import pandas as pd
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.errors import UserError, suggest_name
 from ravenjax.outcomes import events
 from ravenjax.outcomes.events import Rules

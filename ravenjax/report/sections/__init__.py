@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.report.data.runs import Runs
 
 Content = Callable[[Runs, Path], dict[str, Any] | None]

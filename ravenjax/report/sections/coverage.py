@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 import pandas as pd
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.errors import StoreError, UserError, suggest_name
 from ravenjax.outcomes import events
 from ravenjax.report import wording
@@ -147,7 +147,7 @@ def times_sql(sources: Sequence[Source]) -> str:
 def measure_coverage(runs: Runs, deadlines: pd.DataFrame | None = None) -> CoverageTable:
     """Measure the coverage of each source in the runs of a campaign.
 
-    `deadlines`: table of `ravenjax.analyses.deadline.read_deadlines`. Intervals resample the
+    `deadlines`: table of `explained.read_deadlines`. Intervals resample the
     distinct faults, or are Wilson's if each fault has one run. Enumerated faults have no interval.
     """
     sources = list_sources(runs)

@@ -14,8 +14,8 @@ from ravenjax.report.data import pair_intervals
 from ravenjax.report.data.runs import UNINTENDED, Runs
 from ravenjax.report.sections import robots
 from ravenjax.stats import latency
-from ravenjax.stats.bootstrap.units import Units
 from ravenjax.stats.intervals import Estimate, Rate
+from ravenjax.stats.units import Units
 from ravenjax.store.access import explained
 
 ACTIONS = {

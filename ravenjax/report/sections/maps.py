@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.document.chart import round_values
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import tables

@@ -21,8 +21,8 @@ from ravenjax.report.data.pair_intervals import PairedRates
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.sections import tables
 from ravenjax.stats.alarms.false_alarms import AlarmRate, alarm_rate
-from ravenjax.stats.bootstrap.units import Units
 from ravenjax.stats.intervals import Estimate, Rate
+from ravenjax.stats.units import Units
 from ravenjax.store.access.query import RESULTS, quote_name
 from ravenjax.vocabulary.reactions import ACTIONS, MEANINGS
 

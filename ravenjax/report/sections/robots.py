@@ -9,13 +9,12 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import Runs
-from ravenjax.stats import one_unit
-from ravenjax.stats.bootstrap import units
-from ravenjax.stats.bootstrap.units import Units
+from ravenjax.stats import one_unit, units
 from ravenjax.stats.intervals import Rate
+from ravenjax.stats.units import Units
 from ravenjax.store.access.query import RESULTS, quote_name
 
 MIN_FAULTS = 20

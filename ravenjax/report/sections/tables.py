@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import pandas as pd
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.campaign.stop import decisions
 from ravenjax.outcomes import definitions, events, verdict
 from ravenjax.report.data.facts import FACTS, OUTCOMES, VALID_OUTCOMES

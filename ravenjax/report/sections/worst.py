@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.report import wording
 from ravenjax.report.data.runs import Runs
 from ravenjax.report.run.ranking import rank_runs

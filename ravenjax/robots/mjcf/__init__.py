@@ -14,7 +14,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.errors import UserError
 from ravenjax.mechanics.mechanism import Mechanism, read_mechanism
 from ravenjax.numbers import Vec

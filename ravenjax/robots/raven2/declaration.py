@@ -4,7 +4,7 @@ import csv
 from pathlib import Path
 from typing import Any
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.arms import ARMS, JOINTS, LEADING_LENGTHS, SLIDING_JOINTS
 from ravenjax.vocabulary.checks import Check

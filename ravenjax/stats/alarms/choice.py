@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ravenjax.stats.alarms.false_alarms import rate_bounds
-from ravenjax.stats.comparison.paired import difference_of_counts
 from ravenjax.stats.intervals import Estimate
+from ravenjax.stats.paired import difference_of_counts
 
 MAX_FACTOR = 1e9
 """Largest factor on the hours that is tried. If it does not decide, more hours do not help."""

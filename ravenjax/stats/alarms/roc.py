@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ravenjax.stats.bootstrap.units import band_ends, group_units
 from ravenjax.stats.intervals import Estimate
+from ravenjax.stats.units import band_ends, group_units
 
 GRID = np.linspace(0.0, 1.0, 101)
 

@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 import pyarrow.parquet as pq
 
-from ravenjax import threads
-from ravenjax.bundled import resources
+from ravenjax import resources, threads
 from ravenjax.errors import StoreError
 from ravenjax.outcomes import events, verdict
 from ravenjax.store import parts, schema

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.errors import StoreError, UserError
 from ravenjax.robots.raven2.arms import JOINTS
 from ravenjax.store import files

@@ -18,7 +18,7 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 from mcap.writer import Writer
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.store.logs.ros_types import HEADER, JOINT_STATE, POINT, POSE, WRENCH, MessageTypes
 from ravenjax.vocabulary.robot import Robot
 

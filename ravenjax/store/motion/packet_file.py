@@ -26,18 +26,22 @@ import numpy as np
 
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2.arms import ARMS, ArmName
-from ravenjax.robots.raven2.console import arrivals as packet_lengths
 from ravenjax.robots.raven2.console.choice import UNDECIDED, ProfileChoice, matching_profile
 from ravenjax.robots.raven2.console.packet import UDP_PORT
 from ravenjax.robots.raven2.console.profile import ConsoleProfile
 from ravenjax.robots.raven2.console.reading import FIELDS, MODE, Misfit, PacketReader, PacketReading
 from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 from ravenjax.robots.raven2.stages.network import RESET_GAP
-from ravenjax.store import files
-from ravenjax.store.consoles import loading
+from ravenjax.store import consoles, files
 from ravenjax.store.motion import resampling, stamps
 from ravenjax.store.motion.track import ArmTrack, Home, Track
-from ravenjax.vocabulary.packets import MOST_CYCLES, QUIET_MS, RELEASE_MS
+from ravenjax.vocabulary.packets import (
+    MOST_CYCLES,
+    QUIET_MS,
+    RELEASE_MS,
+    packet_lengths,
+    rounded_shares,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -239,8 +243,8 @@ def read_track(
             _accumulated(home[arm].quat, turns),
             home[arm].opening_mrad - np.cumsum(read.grasp_mrad[:, i]),
         )
-    cycles = packet_lengths.packet_lengths(read.packets.time * 1e3)
-    shares = ", ".join(f"{share:g}" for share in packet_lengths.rounded_shares(cycles))
+    cycles = packet_lengths(read.packets.time * 1e3)
+    shares = ", ".join(f"{share:g}" for share in rounded_shares(cycles))
     notes = (
         *read.packets.notes,
         f"packets are those of console {read.profile.name}; the robot would drop"
@@ -256,7 +260,7 @@ def _profile(
     path: Path, fields: Sequence[Sequence], arms: tuple[ArmName, ...], console: str
 ) -> ConsoleProfile:
     # Returns the profile named by `console`, or for "auto" the one bundled profile that fits.
-    profiles = loading.profile_choices(console)
+    profiles = consoles.profile_choices(console)
     choice = ProfileChoice(profiles, arms)
     for packet in fields:
         if choice.profile is not None:
@@ -273,7 +277,7 @@ def _profile(
             f"{path}: the packets fit no bundled console profile; write operator.console ="
             " 'FILE.toml' with a profile of that console"
         )
-    return loading.load_profile(fits)
+    return consoles.load_profile(fits)
 
 
 def _in_seconds(path: Path, packets: RawPackets, profile: ConsoleProfile) -> RawPackets:
@@ -342,7 +346,7 @@ def read_stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketSt
                 readings[row], accepted[row] = result, True
         pedal[row] = packet[MODE] if accepted[row] else pedal[row - 1] if row else 0
     if len(misfits) > MOST_MISFITS * rows:
-        others = [other for other in loading.bundled_profiles() if other != profile]
+        others = [other for other in consoles.bundled_profiles() if other != profile]
         fits = matching_profile(misfits, others, arms)
         advice = "no bundled profile fits them"
         if fits:

@@ -10,11 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.errors import UserError
 from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.arms import ARMS, ArmName
-from ravenjax.robots.raven2.console.motion import TICK_S
 from ravenjax.store import files
 from ravenjax.store.logs import bags
 from ravenjax.store.logs.topics import ARM_TOPICS
@@ -24,6 +23,7 @@ from ravenjax.store.motion.packet_file import CAPTURES, PACKET
 from ravenjax.store.motion.reach import Poses
 from ravenjax.store.motion.spikes import Spike
 from ravenjax.store.motion.track import Home, Track, check_plausible, in_frame0
+from ravenjax.vocabulary import TICK_S
 
 KINDS = (*files.TABLES, *bags.SUFFIXES, *CAPTURES)
 TABLE, BAG, STREAM = "table", "bag", "stream of packets"

@@ -13,7 +13,7 @@ import numpy as np
 
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2.arms import ArmName
-from ravenjax.robots.raven2.console.motion import TICK_S, Motion
+from ravenjax.robots.raven2.console.motion import Motion
 from ravenjax.store import files
 from ravenjax.store.motion import resampling, spikes, timeline
 from ravenjax.store.motion.options import ReplayOptions
@@ -26,6 +26,7 @@ from ravenjax.store.motion.recording import (
 )
 from ravenjax.store.motion.summary import ArmSummary, MotionSummary, TipCourse, format_spans
 from ravenjax.store.motion.timeline import Timeline
+from ravenjax.vocabulary import TICK_S
 
 STILL_M, STILL_RAD = 5e-5, math.radians(0.2)
 """Largest movement and rotation of a tip that counts as at rest."""

@@ -10,8 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-TICK_S = 1e-3
-"""Equals TICK_S of raven2.console.motion. That module imports JAX, which reports do not need."""
+from ravenjax.vocabulary import TICK_S
 
 
 def by_time(time_s: np.ndarray, values: np.ndarray, at_s: np.ndarray) -> np.ndarray:

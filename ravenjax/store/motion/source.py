@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.errors import UserError, suggest_name
 from ravenjax.robots.raven2.arms import JOINTS, ArmName
 from ravenjax.store import files

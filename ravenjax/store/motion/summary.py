@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.store.motion.options import ReplayOptions
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2.console.motions import MOTION_S, PEDAL_DOWN_S
 from ravenjax.store.motion.options import ReplayOptions
-from ravenjax.store.motion.resampling import TICK_S
+from ravenjax.vocabulary import TICK_S
 
 RUN_UP_S = 0.5
 """Time from rest to full speed of the replay, and from full speed to rest, s."""

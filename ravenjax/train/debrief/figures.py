@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.document import palette
 from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots, Mark
 from ravenjax.train.judge import HazardRow

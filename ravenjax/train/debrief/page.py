@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.errors import StoreError
 from ravenjax.store.files import write_text
 from ravenjax.store.logs.session import description

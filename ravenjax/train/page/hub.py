@@ -20,7 +20,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.store.ring import Ring, put_json
 from ravenjax.train import protocol
 from ravenjax.train.page import PageOptions, query_parameters, same_secret

@@ -19,7 +19,7 @@ import mujoco
 import numpy as np
 import viser
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.campaign import compile_cache
 from ravenjax.engines import trace_key
 from ravenjax.robots.raven2.dynamics import arm_model, body_shapes

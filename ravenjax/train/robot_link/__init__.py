@@ -4,7 +4,7 @@ import contextlib
 import socket
 from collections.abc import Iterator
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.errors import UserError
 
 WORDS = resources.read_tables(__file__, "link.toml")

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ravenjax.numbers.vec import Vec
-from ravenjax.store.consoles import loading as consoles
+from ravenjax.store import consoles
 from ravenjax.train import robot
 from ravenjax.train.protocol import STALE_MS, Command, Frame, Json, Say
 from ravenjax.train.realtime.loop import TickedSession

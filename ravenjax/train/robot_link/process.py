@@ -15,7 +15,7 @@ import numpy as np
 
 from ravenjax import interruption
 from ravenjax.errors import format_value
-from ravenjax.store.consoles import loading as profiles
+from ravenjax.store.consoles import profile_choices
 from ravenjax.train import scenario
 from ravenjax.train.page import is_loopback
 from ravenjax.train.protocol import Command, Event, Frame, Say
@@ -241,7 +241,7 @@ def open_consoles(
     server = None
     host = options.host
     if options.itp_port is not None:
-        choices = profiles.profile_choices(options.console)
+        choices = profile_choices(options.console)
         gate = Gate(session.arms, choices, options.console_host, say)
         server = ItpServer(gate, host, options.itp_port)
         stack.callback(server.close)

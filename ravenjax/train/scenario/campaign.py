@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 from pydantic import ValidationError
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import bounds, semantics
 from ravenjax.campaign.file.config import CampaignConfig, config_class_of

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pydantic import BaseModel, ValidationError
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.campaign.file import location, overriding
 from ravenjax.campaign.inspection.json_schema import of_model
 from ravenjax.errors import UserError, format_error, format_value, model_at, suggest_name

@@ -12,7 +12,7 @@ console receives no texts, so the page and the terminal show why its pedal does 
 from collections import deque
 from collections.abc import Callable, Mapping
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.train.protocol import CONSOLES, STALE_MS, Command, Event, Say
 
 NETWORK = ("itp", "crtk")  # The consoles whose reasons the page and the terminal show

@@ -16,10 +16,10 @@ import pytest
 from chromium import CHROMIUM, NEEDED
 
 import ravenjax as rj
-from ravenjax.analyses.deadline.finding import Actor, FaultActions
+from ravenjax import resources
+from ravenjax.analyses.deadline import Actor, FaultActions
 from ravenjax.analyses.explorer import program
 from ravenjax.analyses.explorer.page import PREFIX, import_map
-from ravenjax.bundled import resources
 from ravenjax.campaign import outcomes
 from ravenjax.campaign.computation import Computation
 from ravenjax.engines import traced

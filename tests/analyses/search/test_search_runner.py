@@ -7,9 +7,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from ravenjax import resources
 from ravenjax.analyses.search import boundary, journal, runner
 from ravenjax.analyses.search.file import loading
-from ravenjax.bundled import resources
 from ravenjax.errors import UserError
 from ravenjax.store import folder
 from ravenjax.store.files import json_values

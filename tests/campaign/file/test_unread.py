@@ -12,7 +12,7 @@ from jax.interpreters import partial_eval
 import ravenjax as rj
 from ravenjax.campaign import plan
 from ravenjax.campaign.file import bounds
-from ravenjax.engines.xla import engine as scan
+from ravenjax.engines import xla as scan
 from ravenjax.numbers import paths
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.campaign.program import DELAY, NOISE_KEY, PACKET_KEY, PACKETS

@@ -9,8 +9,8 @@ from pathlib import Path
 import jsonschema
 import pytest
 
+from ravenjax import resources
 from ravenjax.analyses.search.file import config as searches
-from ravenjax.bundled import resources
 from ravenjax.campaign.inspection import json_schema as campaigns
 from ravenjax.cli import main
 from ravenjax.robots.raven2 import ROBOT

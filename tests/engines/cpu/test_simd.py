@@ -14,7 +14,7 @@ from ravenjax.engines import selection, traced
 from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.engine import SimdEngine, SimdKernel
 from ravenjax.engines.interface import Block
-from ravenjax.engines.xla.engine import ScanEngine
+from ravenjax.engines.xla import ScanEngine
 
 
 def campaign(runs, duration_s=0.6, **changes):

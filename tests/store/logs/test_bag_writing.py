@@ -12,9 +12,8 @@ from rosbags.highlevel import AnyReader
 
 from ravenjax.cli import USER_ERROR, main
 from ravenjax.errors import UserError
-from ravenjax.store.logs import bags
+from ravenjax.store.logs import bags, trace_log
 from ravenjax.store.logs.session import log as session_log
-from ravenjax.store.logs.trace import log as trace_log
 from ravenjax.train.protocol import FrameLayout
 
 DEBIANS_PYTHON = Path("/usr/bin/python3")

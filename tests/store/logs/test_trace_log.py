@@ -8,8 +8,8 @@ import ros2_log
 from scipy.spatial.transform import Rotation
 
 from ravenjax.robots.raven2.arms import JOINTS
+from ravenjax.store.logs import trace_log
 from ravenjax.store.logs.topics import Base
-from ravenjax.store.logs.trace import log as trace_log
 
 TICKS = 2500
 EVENTS = [

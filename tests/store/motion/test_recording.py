@@ -9,7 +9,7 @@ from recorded_hands import ROWS, play, recording, refused, tip_mm
 from scipy.spatial.transform import Rotation
 
 from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
-from ravenjax.store.logs.trace import log
+from ravenjax.store.logs import trace_log
 from ravenjax.store.motion import recording as recordings
 from ravenjax.store.motion import source
 from ravenjax.store.motion.options import ReplayOptions
@@ -87,7 +87,7 @@ def test_a_trace_is_a_recording(tmp_path, parquet):
     jpos = np.tile([0.5, 1.5, 0.4, 0.0, 0.0, 0.7, 0.8], (ROWS, 1))
     series = {"position_d": place, "rotation_d": rotation, "jpos": jpos, "jpos_d": jpos}
     series |= {"position": place + 0.001, "rotation": rotation}
-    log.write_trace(path, {f"gold/{name}": values for name, values in series.items()})
+    trace_log.write_trace(path, {f"gold/{name}": values for name, values in series.items()})
     one, same = play(path), play(parquet(frame))
     assert np.abs(tip_mm(one.motion) - tip_mm(same.motion)).max() < 1e-6
     assert one.summary.clock == "header stamps of /arm1/setpoint_cp"

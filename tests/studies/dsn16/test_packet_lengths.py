@@ -4,7 +4,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ravenjax.robots.raven2.console import arrivals
 from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.vocabulary import packets
 from studies.dsn16 import recording
@@ -29,7 +28,7 @@ def test_lengths_are_recovered_from_the_dac():
 
 def test_the_measured_distribution_is_that_of_the_recorded_robot(shared_data):
     lengths = measured_packets.of_robot(recording.read(shared_data(recording.FILE)))
-    shares = arrivals.length_shares(lengths)
+    shares = packets.length_shares(lengths)
     stated = packets.SHARES[packets.MEASURED]
     assert len(lengths) == 7478
     np.testing.assert_allclose(shares[: len(stated)], stated, atol=5e-4)
@@ -42,7 +41,7 @@ def test_bursts_are_those_of_the_recorded_console(shared_data, phase):
     ms = (
         pd.read_parquet(shared_data("console_itp_packets.parquet"))["arrival_us"].to_numpy() * 1e-6
     )  # they are ns
-    shares = arrivals.length_shares(arrivals.packet_lengths(ms[ms > 200.0] - phase))
+    shares = packets.length_shares(packets.packet_lengths(ms[ms > 200.0] - phase))
     stated = packets.SHARES[packets.BURSTS]
     np.testing.assert_allclose(shares[: len(stated)], stated, atol=5e-3)
     assert shares[len(stated) :].sum() < 5e-4

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from ravenjax.outcomes.events import Rules
-from ravenjax.stats.bootstrap import units
+from ravenjax.stats import units
 from ravenjax.store.manifest import CueRecord
 from studies import haptic_cue
 from studies.haptic_cue import HAZARDS

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ravenjax.stats.bootstrap import units
+from ravenjax.stats import units
 from studies import healthy_robot
 from studies.healthy_robot import FULL, HALF, OFF, ScaledFaults
 

@@ -15,7 +15,7 @@ from ravenjax.numbers.vec import Vec
 from ravenjax.robots.raven2.console.packet import Packet
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.robots.raven2.stages import network
-from ravenjax.store.consoles import loading as consoles
+from ravenjax.store import consoles
 from ravenjax.train.robot_link.itp import CAUSES, TAKEN, Gate
 
 

@@ -10,7 +10,7 @@ import waiting
 from itp_client import datagram
 
 from ravenjax.cli import USER_ERROR, main
-from ravenjax.store.consoles import loading
+from ravenjax.store import consoles
 from ravenjax.train.robot_link import itp, player
 from ravenjax.train.robot_link.itp import TAKEN, Gate, ItpServer
 
@@ -103,7 +103,7 @@ def test_the_recorded_console_is_taken_whole(shared_data):
     half = len(packets) // 2
     for begin, end in ((0, half), (half, len(packets)), (5000, 6000), (15900, 16600)):
         for arms in (BOTH, ("gold",), ("green",)):
-            gate = Gate(arms, profiles=loading.profile_choices("dv_trainer"))
+            gate = Gate(arms, profiles=consoles.profile_choices("dv_trainer"))
             for packet, at in zip(packets[begin:end], ms[begin:end], strict=True):
                 gate.admit(packet, ("h", 1), at)
             assert gate.counts[TAKEN] >= 0.998 * (end - begin)

@@ -18,8 +18,8 @@ from ravenjax.analyses.monitors.counterfactual.candidates import (
     Question,
 )
 from ravenjax.analyses.monitors.counterfactual.observation import EvadingFaults, FreeMotion
+from ravenjax.stats import units
 from ravenjax.stats.alarms.false_alarms import AlarmRate, alarm_rate
-from ravenjax.stats.bootstrap import units
 from ravenjax.stats.intervals import Rate
 
 

@@ -30,7 +30,7 @@ from ravenjax.report.data import draws, facts
 from ravenjax.report.data.facts import FACTS
 from ravenjax.report.data.runs import HARMFUL_EVADING
 from ravenjax.report.sections import robots as drawn_robots
-from ravenjax.stats.bootstrap import units
+from ravenjax.stats import units
 from ravenjax.stats.intervals import Rate, wilson_interval
 from ravenjax.store.access import query
 from ravenjax.store.access.query import RESULTS

@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.errors import format_value, suggest_name
 from ravenjax.outcomes import events, verdict
 from ravenjax.outcomes.events import Rules

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from ravenjax import resources
 from ravenjax.analyses.search.file.config import Search
-from ravenjax.bundled import resources
 from ravenjax.campaign.faults import design, sampling
 from ravenjax.campaign.faults.moments import Moments
 from ravenjax.campaign.faults.sampling import Key

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import model_validator
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.file.group import ALL, Fault, Group, Run

@@ -10,9 +10,8 @@ import dataclasses
 import numpy as np
 
 from ravenjax.robots.raven2.arms import ArmName
+from ravenjax.vocabulary import TICK_S
 
-TICK_S = 1e-3
-"""Time between two rows of a motion, s."""
 NOMINAL_SCALE = 0.1
 """Teleoperation scale for which motions are generated, as in the published fault injections."""
 ARM_COLUMNS = ("x_um", "y_um", "z_um", "qx", "qy", "qz", "qw", "grasp_mrad")

@@ -13,12 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.numbers.trigonometry import cos, sin
 from ravenjax.robots.raven2.arms import ArmName
-from ravenjax.robots.raven2.console.motion import NOMINAL_SCALE, TICK_S, Motion
+from ravenjax.robots.raven2.console.motion import NOMINAL_SCALE, Motion
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
+from ravenjax.vocabulary import TICK_S
 
 PEDAL_DOWN_S = 0.2
 """Time at which the pedal goes down, s."""

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.numbers import Scalar, Vec, for_each_arm, record
 from ravenjax.robots.raven2.arms import ARMS, ArmName, PerArm
 from ravenjax.robots.raven2.setup import RavenSetup

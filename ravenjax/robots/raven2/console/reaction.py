@@ -27,9 +27,9 @@ from ravenjax.numbers.algebra import norm
 from ravenjax.numbers.vec import Scalar, Vec, as_int, first_tick, record, replace
 from ravenjax.robots.raven2.console.operator import Deviation
 from ravenjax.robots.raven2.setup import PerArm, RavenSetup
+from ravenjax.vocabulary import TICK_S
 from ravenjax.vocabulary.reactions import CORRECT, NONE, RELEASE, SLOW
 
-TICK_S = 1e-3
 # m; keeps a division by the distance finite
 MIN_DISTANCE_M = 1e-9
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.robots.raven2.arms import JOINTS, ArmName
 
 if TYPE_CHECKING:

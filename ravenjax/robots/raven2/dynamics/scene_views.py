@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.robots.raven2.dynamics import arm_model
 
 _TABLES = resources.read_tables(__file__, "scene_views.toml")

@@ -5,7 +5,7 @@ are those that the control software assumes. They differ from those of the virtu
 centre of mass of link 3 is the origin of its frame, which depends on d3.
 """
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.numbers import Scalar, Vec, jnp
 from ravenjax.robots.raven2.geometry.joints import GEOMETRY, GM1, GM2, GM3
 from ravenjax.robots.raven2.geometry.transmission import JOINT_PER_CAPSTAN_TORQUE

@@ -4,7 +4,7 @@ Quaternions are (x, y, z, w). Sources: raven2 `src/raven/mapping.cpp` (axes; the
 ORIENTATION_V is not compiled) and `local_io.cpp` (quaternions), with the conversions of ROS tf.
 """
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.numbers import Scalar, Vec, jnp
 from ravenjax.numbers.algebra import matmul, matrix, matvec, norm, transpose
 

@@ -9,7 +9,7 @@ import itertools
 from functools import cache
 from typing import NamedTuple
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.numbers import Scalar, Vec, jnp
 from ravenjax.numbers.algebra import matvec, minus, plus, transpose
 from ravenjax.robots.raven2.arms import ArmName

@@ -5,7 +5,7 @@ import math
 import tomllib
 from typing import Literal
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.errors import UserError, describe_unknown_name
 from ravenjax.numbers import Vec
 

@@ -6,7 +6,7 @@ This module implements the protocol `ravenjax.engines.interface.Loop`.
 from operator import attrgetter
 from typing import Any
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.faults import fault
 from ravenjax.faults.injection import injects_faults
 from ravenjax.numbers import Scalar, Vec, first_tick, jnp, replace, run_eagerly, where

@@ -10,7 +10,7 @@ from operator import mul
 
 import numpy as np
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.numbers import Vec
 from ravenjax.robots.raven2.geometry import limits, transmission
 from ravenjax.robots.raven2.geometry.tools import find_tool

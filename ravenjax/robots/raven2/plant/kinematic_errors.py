@@ -24,7 +24,7 @@ import math
 
 import numpy as np
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.numbers import Scalar, Vec, describe_fields, jnp, record, run_eagerly, tree, where
 from ravenjax.numbers.algebra import add, dot, matmul, matrix, matvec, mul
 from ravenjax.robots.raven2.geometry import built_links, kinematics, limits, mapping

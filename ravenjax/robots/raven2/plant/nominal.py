@@ -38,8 +38,8 @@ from ravenjax.robots.raven2.original import constants as stored
 from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.robots.raven2.plant.drives import coulomb_damping
 from ravenjax.robots.raven2.setup import ArmName, RavenSetup
+from ravenjax.vocabulary import TICK_S
 
-TICK_S = 1e-3
 COUPLED_JOINTS = 5  # joints with the mass matrix M; the two jaws are double integrators
 INSERTION = 2
 

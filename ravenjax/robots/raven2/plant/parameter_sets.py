@@ -8,7 +8,7 @@ import functools
 import tomllib
 from typing import Literal, NamedTuple, get_args
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.errors import UserError, describe_unknown_name
 from ravenjax.numbers import Vec
 from ravenjax.robots.raven2.plant.drives import ActuatorParams

@@ -31,8 +31,8 @@ from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import contact, drives, kinematic_errors, parameter_sets
 from ravenjax.robots.raven2.plant.coupling import Coupling, arm_coupling
 from ravenjax.robots.raven2.setup import ArmName, PerArm, RavenSetup, map_arms
+from ravenjax.vocabulary import TICK_S
 
-TICK_S = 1e-3
 N = 7
 _ONES = Vec.full(N, 1.0)
 POSITIONING = 3

@@ -14,7 +14,7 @@ from operator import or_
 
 import numpy as np
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.numbers import cast_to_real, describe_fields, jnp
 from ravenjax.numbers.vec import Scalar, Vec, as_int, record, replace
 from ravenjax.robots.raven2.setup import PerArm, RavenSetup

@@ -30,7 +30,7 @@ from typing import Any
 import jinja2
 import numpy as np
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.errors import StoreError
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.robots.raven2.geometry.arrays import jaw_rotation

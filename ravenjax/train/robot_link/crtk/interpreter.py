@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.train import robot
 from ravenjax.train.protocol import STALE_MS, Command, Frame, Json, Say
 from ravenjax.train.robot import ARMS, E_STOP, INIT, PEDAL_DOWN, PEDAL_UP, ArmName, Arms, tip_pose

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.store.logs.ros_types import MessageTypes, Ros
 from ravenjax.train.robot import ArmName, Arms
 

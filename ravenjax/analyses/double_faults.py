@@ -21,7 +21,7 @@ from ravenjax.store.access.query import RESULTS, quote_name
 from ravenjax.store.files import write_text
 from ravenjax.vocabulary.effects import FIELDS
 
-PACKAGE = "ravenjax.analyses.coverage"
+PACKAGE = "ravenjax.analyses"
 TABLE, DRAWING, MODEL = "pairs.csv", "fault_tree.svg", "fault_tree.xml"
 
 FIXED_PACKETS = "every_cycle"

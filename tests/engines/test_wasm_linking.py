@@ -2,7 +2,7 @@
 
 import pytest
 
-from ravenjax.engines.wasm import code
+from ravenjax.engines import wasm
 
 wasmtime = pytest.importorskip("wasmtime", reason="wasmtime is not installed")
 
@@ -27,12 +27,12 @@ def results(binary):
 
 def test_calls_reach_the_functions_that_they_name():
     names = ["chosen", "twice", "there"]
-    binary = code.emit_module(CALLS, names)
+    binary = wasm.emit_module(CALLS, names)
     assert results(binary) == (42, 43, 7)
     engine = wasmtime.Engine()
     module = wasmtime.Module(engine, binary)
     assert [one.name for one in module.exports] == names
-    assert [(one.module, one.name) for one in module.imports] == [code.MEMORY]
+    assert [(one.module, one.name) for one in module.imports] == [wasm.MEMORY]
 
 
 @pytest.mark.parametrize(
@@ -46,5 +46,5 @@ def test_calls_reach_the_functions_that_they_name():
     ],
 )
 def test_what_it_does_not_know_is_refused(text, told):
-    with pytest.raises(code.Unlinkable, match=told):
-        code.emit_module(text, ["f"])
+    with pytest.raises(wasm.Unlinkable, match=told):
+        wasm.emit_module(text, ["f"])

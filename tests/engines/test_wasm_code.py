@@ -7,21 +7,21 @@ import pytest
 from compiled_program import printed, same_bits
 from operation_cases import CASES, FUSED, look_ups
 
+from ravenjax.engines import wasm
 from ravenjax.engines.cpu.memory import stored_type
-from ravenjax.engines.wasm import code
 from ravenjax.ir import polynomials, semantics
 
 wasmtime = pytest.importorskip(
     "wasmtime", reason="wasmtime is not installed (pip install wasmtime)"
 )
-WIDTHS = (1, code.WIDTH)
+WIDTHS = (1, wasm.WIDTH)
 
 
 def wasm_results(program, width, columns, tables=None):
     """Results of a program by WebAssembly, `width` inputs at a time."""
-    text, outputs = printed(program, width, code.FEATURES)
+    text, outputs = printed(program, width, wasm.FEATURES)
     engine = wasmtime.Engine()
-    store, module = wasmtime.Store(engine), wasmtime.Module(engine, code.emit_module(text, ["f"]))
+    store, module = wasmtime.Store(engine), wasmtime.Module(engine, wasm.emit_module(text, ["f"]))
     memory = wasmtime.Memory(store, wasmtime.MemoryType(wasmtime.Limits(2, None)))
     function = wasmtime.Instance(store, module, [memory]).exports(store)["f"]
     at_in, at_out, at_tables = 64, 2**15, 2**16
@@ -62,4 +62,4 @@ def test_a_multiply_add_is_a_product_and_a_sum_each_rounded():
     for _, program, (a, b, c) in FUSED:
         product = semantics.evaluate_operation("mul", "float32", (a, b))
         expected = semantics.evaluate_operation("add", "float32", (product, c))
-        same_bits(wasm_results(program, code.WIDTH, (a, b, c))[0], expected)
+        same_bits(wasm_results(program, wasm.WIDTH, (a, b, c))[0], expected)

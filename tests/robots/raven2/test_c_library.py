@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import ravenjax as rj
-from ravenjax.robots.raven2.c_library.library import make_library, struct_members
+from ravenjax.robots.raven2.c_library import make_library, struct_members
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")

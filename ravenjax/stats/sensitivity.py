@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.stats.bootstrap.units import bootstrap
 from ravenjax.stats.intervals import Estimate
+from ravenjax.stats.units import bootstrap
 
 
 class SobolIndices(NamedTuple):

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import ravenjax as rj
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.campaign import compile_cache, plan
+from ravenjax.engines import xla as scan
 from ravenjax.engines.cpu.engine import SimdEngine
 from ravenjax.engines.interface import Block, TickProgram
-from ravenjax.engines.xla import engine as scan
-from ravenjax.engines.xla.engine import LANE_MULTIPLE, ScanEngine
+from ravenjax.engines.xla import LANE_MULTIPLE, ScanEngine
 from ravenjax.errors import UserError
 from ravenjax.numbers.setup import REFERENCE, Setup
 from ravenjax.robots.raven2.campaign import hands
@@ -151,7 +151,7 @@ def test_lanes_divided_among_devices_give_the_same_bits(tmp_path):
 import sys
 sys.path[:0] = {sys.path!r}
 import jax, numpy as np
-from engines.xla import test_scan as here
+from engines import test_xla as here
 results = []
 for devices in ((), tuple(jax.devices())):
     here.scan._accelerators = lambda: devices

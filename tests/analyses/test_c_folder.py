@@ -10,7 +10,7 @@ import pytest
 from closed_loop import drive
 
 import ravenjax as rj
-from ravenjax.analyses.export import c_folder
+from ravenjax.analyses import c_folder
 from ravenjax.cli import main
 from ravenjax.errors import UserError
 

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BaseModel, BeforeValidator, ConfigDict, PlainSerializer
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.stats.intervals import (
     Estimate,
     Rate,
@@ -235,7 +235,7 @@ class Sequential:
 
 def describe_stop(looks: Sequence[Look]) -> str:
     """Return a sentence that says why a campaign stopped, or did not stop, after these looks."""
-    return resources.render_text(Path(__file__).with_name("stop.j2"), looks=looks)
+    return resources.render_text(Path(__file__).with_suffix(".j2"), looks=looks)
 
 
 def stratified_rate(

@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 from ravenjax.engines.cpu import jit
 from ravenjax.errors import UserError
-from ravenjax.robots.raven2.c_library import library
-from ravenjax.robots.raven2.hardware.virtual_robot import VirtualRobot
+from ravenjax.robots.raven2 import c_library
 from ravenjax.robots.raven2.software.control_software import ControlSoftware
+from ravenjax.robots.raven2.virtual_robot import VirtualRobot
 
 NAME = "ravenjax_raven2"
 COMPILERS = ("cc", "gcc", "clang")
@@ -46,7 +46,7 @@ def write_library(
         raise UserError(f"cpu is {cpu!r}, expected one of {', '.join(CPUS)}")
     software = ControlSoftware() if software is None else software
     robot = VirtualRobot(software.setup.arms, software.setup.tools) if robot is None else robot
-    texts = library.make_library(software, robot)
+    texts = c_library.make_library(software, robot)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

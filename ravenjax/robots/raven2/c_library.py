@@ -12,17 +12,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ravenjax.bundled import resources
+from ravenjax import resources
 from ravenjax.engines.cpu import transition
 from ravenjax.engines.cpu.memory import stored_size
 from ravenjax.errors import UserError
 from ravenjax.numbers import quantity, tree
 from ravenjax.robots.raven2.arms import ARMS
-from ravenjax.robots.raven2.hardware.virtual_robot import VirtualRobot
 from ravenjax.robots.raven2.software.control_software import ControlSoftware
 from ravenjax.robots.raven2.software.rows import row_type
+from ravenjax.robots.raven2.virtual_robot import VirtualRobot
 
-_TABLES = resources.read_tables(__file__, "library.toml")
+_TABLES = resources.read_tables(__file__, "c_library.toml")
 TYPES: dict[str, str] = _TABLES["types"]
 """NumPy type of a number -> its C type; a truth value is 0 or -1."""
 _FUNCTIONS: dict[str, str] = _TABLES["functions"]

@@ -7,8 +7,9 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-_BUNDLED = Path(__file__).resolve().parent
-_CHECKOUT = _BUNDLED.parents[1]
+_CHECKOUT = Path(__file__).resolve().parents[1]
+# The folder exists in a wheel only.
+_BUNDLED = Path(__file__).resolve().with_name("bundled")
 
 
 def find_resource(kind: str, name: str | Path) -> Path:

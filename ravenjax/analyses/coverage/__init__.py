@@ -1,1 +1,0 @@
-"""Measures the diagnostic coverage of checks, and the harm of pairs of faults."""

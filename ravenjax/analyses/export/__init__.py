@@ -1,1 +1,0 @@
-"""Exports the control software and the virtual robot as a library for C programs."""

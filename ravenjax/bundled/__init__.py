@@ -1,1 +1,0 @@
-"""Campaigns and robot models that are installed with the package."""

@@ -1,1 +1,0 @@
-"""Generates the source files of a C library with control software and virtual robot."""

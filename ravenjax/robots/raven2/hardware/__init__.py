@@ -1,1 +1,0 @@
-"""The virtual robot alone, for a user's control software."""

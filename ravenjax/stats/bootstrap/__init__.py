@@ -1,1 +1,0 @@
-"""Computes confidence intervals by resampling independent units."""

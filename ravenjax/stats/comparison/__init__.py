@@ -1,1 +1,0 @@
-"""Compares two groups, independent or paired, and estimates the size of their difference."""

@@ -1,1 +1,0 @@
-"""Plans the number of runs for a wanted precision, and decides when to stop early."""

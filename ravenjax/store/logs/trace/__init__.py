@@ -1,1 +1,0 @@
-"""Writes the time series of one run to files: MCAP and CSV."""
