@@ -89,7 +89,6 @@ def tables(ready, engine, whole=False):
     """Columns of the runs of a plan, and of their golden runs."""
     progress = Progress("", RUNS, RUNS, ready.program.ticks, None)
     computation = Computation(ready, engine, progress, runs=40, threads=1, whole=whole)
-    computation.compile()
     parts = list(computation.blocks([range(ready.runs)]))
     return [
         {name: np.concatenate([part[t][name] for part in parts]) for name in parts[0][t]}

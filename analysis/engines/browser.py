@@ -135,7 +135,6 @@ def some(ready: Plan, runs: np.ndarray) -> Plan:
 def native(ready: Plan, engine: Engine, threads: int) -> Seconds:
     """Return the seconds of all runs, with code generated before."""
     work = Computation(ready, engine, QUIET, threads=threads)
-    work.compile()
     return timed(lambda: list(work.blocks([range(ready.runs)])))
 
 

@@ -88,9 +88,8 @@ class Worker:
 
     def __init__(self, head: Head):
         """Raise UserError if this process has other code, device or versions than the user's."""
-        precision = head.plan.program.setup.precision
         self._head, self.progress = head, Progress("", 0, 0, 1)
-        self._engine = compile_cache.cached_engine(head.engine, precision)
+        self._engine = compile_cache.cached_engine(head.engine, head.plan.program.setup.precision)
         _require_same(_computed_by(head.plan, self._engine), head.computed_by)
         self._computation: Computation | None = None
 
@@ -101,7 +100,6 @@ class Worker:
             self._computation = Computation(
                 plan, self._engine, self.progress, runs=head.largest_chunk, threads=head.cores
             )
-            self._computation.compile()
         ranges = [range(plan.runs)]
         blocks = self._computation.of(plan).blocks(ranges)
         return plan, next(memory_windows.assemble_parts(ranges, blocks))

@@ -84,9 +84,7 @@ class Explainer(PlannedCampaign):
         golden_runs = np.unique(some.golden, return_inverse=True)[1]
         some = dataclasses.replace(some, golden=golden_runs.astype(np.int32))
         progress = Progress(self.engine, some.runs, some.runs, some.program.ticks, on_progress)
-        work = Computation(some, self.backend, progress)
-        work.compile()
-        own, golden = work.tables([range(some.runs)])
+        own, golden = Computation(some, self.backend, progress).tables([range(some.runs)])
         progress.status.done = some.runs
         progress.tell("done")
         # Outcomes that explain_program adds are no columns of the result table.
