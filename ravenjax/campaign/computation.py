@@ -23,6 +23,7 @@ from ravenjax.campaign.golden_runs import Branches, Computed, FastForwardPlan, G
 from ravenjax.campaign.memory_windows import Columns, OutcomePair, Window, WindowLimits, take_rows
 from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress import Progress
+from ravenjax.engines import selection
 from ravenjax.engines.interface import Block, BranchingKernel, Engine
 from ravenjax.engines.lanes import snapshot_bytes
 from ravenjax.store import schema
@@ -71,7 +72,7 @@ class Computation:
         self.progress = progress or Progress("", plan.runs, plan.runs, plan.program.ticks)
         self.threads = max(1, threads or engine.threads)
         self.kernel = engine.compile(plan.program, runs or plan.runs)
-        self._on_gpu = engine.name == "cuda"
+        self._on_gpu = selection.engine_properties(engine.name).needs_gpu
         self.progress.tell("compile")
         start = time.perf_counter()
         rows = np.arange(min(plan.runs, self.kernel.lanes))

@@ -16,15 +16,11 @@ from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.inspection.replay import PlannedCampaign
 from ravenjax.campaign.progress import OnProgress, Progress
+from ravenjax.engines import selection
 from ravenjax.errors import UserError, suggest_name
 from ravenjax.stages.explained import HARM, explain_program
 from ravenjax.vocabulary import seams
 
-ENGINES = ("simd", "xla", "cuda")
-"""Engines whose runs can be compared bit by bit in every intermediate number of a tick.
-
-Engine mjx is missing, because it computes the motion of the links by MuJoCo's array operations.
-"""
 MOST = 200_000
 """Largest number of runs that are explained together, which need about 1 GB of memory."""
 PREFIXES = (seams.DIFFERS, seams.LEAVES, seams.NEAR, seams.GOLDEN_NEAR, seams.NEAR_MS)
@@ -51,11 +47,12 @@ class Explainer(PlannedCampaign):
                 f"robot {config.campaign.robot!r} declares no seams at which its runs could be"
                 " compared. The time series of single runs are available with `ravenjax trace`"
             )
-        if engine != "auto" and engine not in ENGINES:
+        engines = [name for name, properties in selection.ENGINES.items() if properties.explains]
+        if engine != "auto" and engine not in engines:
             raise UserError(
-                f"engine {engine!r} cannot explain runs: expected auto or {', '.join(ENGINES)},"
+                f"engine {engine!r} cannot explain runs: expected auto or {', '.join(engines)},"
                 " which compare every number of a tick bit by bit. If another engine computed the"
-                f" result, write --engine simd{suggest_name(engine, ENGINES)}"
+                f" result, write --engine simd{suggest_name(engine, engines)}"
             )
         super().__init__(config, engine)
         program = explain_program(self.plan.program, config.robot)
