@@ -9,7 +9,6 @@ import ravenjax as rj
 from ravenjax.campaign import plan
 from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.faults.table import ARRAYS, FOREVER_TICKS
-from ravenjax.campaign.progress import Progress
 from ravenjax.numbers.setup import Injection, SiteUse
 from ravenjax.robots.raven2 import ROBOT
 from ravenjax.vocabulary.effects import EFFECT_CODES, NETWORK_EFFECTS, TRIGGER_CODES
@@ -87,9 +86,7 @@ def observed(ready, observe):
 
 def tables(ready, engine, whole=False):
     """Columns of the runs of a plan, and of their golden runs."""
-    progress = Progress("", RUNS, RUNS, ready.program.ticks, None)
-    computation = Computation(ready, engine, progress, runs=40, threads=1, whole=whole)
-    computation.compile()
+    computation = Computation(ready, engine, runs=40, threads=1, whole=whole)
     parts = list(computation.blocks([range(ready.runs)]))
     return [
         {name: np.concatenate([part[t][name] for part in parts]) for name in parts[0][t]}

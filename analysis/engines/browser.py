@@ -16,7 +16,6 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,9 +31,6 @@ from ravenjax.engines.cpu import jit
 from ravenjax.engines.cpu.engine import SimdEngine, SimdKernel
 from ravenjax.engines.interface import Engine, TickProgram
 
-QUIET: Any = SimpleNamespace(
-    **{name: lambda *_, **__: None for name in ("tell", "began", "more_due", "ticks", "note")}
-)
 COUNTS = sorted({1, 2, len(os.sched_getaffinity(0))})
 RUNS = 1024
 OPEN = """async ([description, threads, faults]) => {
@@ -134,8 +130,7 @@ def some(ready: Plan, runs: np.ndarray) -> Plan:
 
 def native(ready: Plan, engine: Engine, threads: int) -> Seconds:
     """Return the seconds of all runs, with code generated before."""
-    work = Computation(ready, engine, QUIET, threads=threads)
-    work.compile()
+    work = Computation(ready, engine, threads=threads)
     return timed(lambda: list(work.blocks([range(ready.runs)])))
 
 
@@ -206,7 +201,7 @@ def speed(ready: Plan, description: dict[str, Any]) -> None:
 
 def table(config: Any, ready: Plan, engine: Engine) -> pd.DataFrame:
     """Return the result table."""
-    parts = list(Computation(ready, engine, QUIET).blocks([range(ready.runs)]))
+    parts = list(Computation(ready, engine).blocks([range(ready.runs)]))
     own, golden = (
         {name: np.concatenate([part[k][name] for part in parts]) for name in parts[0][k]}
         for k in range(2)

@@ -19,7 +19,6 @@ from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.inspection.explain import Explainer
 from ravenjax.campaign.inspection.replay import PlannedCampaign
-from ravenjax.campaign.progress import Progress
 from ravenjax.errors import UserError
 from ravenjax.numbers import paths
 from ravenjax.report.data.facts import FACTS
@@ -109,9 +108,7 @@ class Actor(PlannedCampaign):
         # `ends` is a cached property, whose value is replaced.
         vars(plan)["ends"] = ends.astype(np.int32)
         if self._computation is None:
-            progress = Progress(self.engine, plan.runs, plan.runs, plan.program.ticks)
-            self._computation = Computation(plan, self.backend, progress)
-            self._computation.compile()
+            self._computation = Computation(plan, self.backend)
         return self._computation.of(plan).tables([range(plan.runs)])[0]
 
     def harmful(

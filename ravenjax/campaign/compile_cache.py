@@ -186,12 +186,12 @@ JAX_SETTINGS = (
     "jax_numpy_dtype_promotion",
     "jax_disable_jit",
 )
-"""Settings of JAX that change the code or the results of the engines xla and mjx."""
+"""Settings of JAX that change the code or the results of engines that are not portable."""
 
 
 def engine_settings(engine: str) -> dict[str, str]:
-    """Return XLA_FLAGS and settings of JAX; nothing for an engine that generates its own code."""
-    if engine not in ("xla", "mjx"):
+    """Return XLA_FLAGS and settings of JAX; nothing for a portable engine."""
+    if selection.engine_properties(engine).portable:
         return {}
     import jax
 

@@ -23,6 +23,7 @@ from ravenjax.campaign.golden_runs import Branches, Computed, FastForwardPlan, G
 from ravenjax.campaign.memory_windows import Columns, OutcomePair, Window, WindowLimits, take_rows
 from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress import Progress
+from ravenjax.engines import selection
 from ravenjax.engines.interface import Block, BranchingKernel, Engine
 from ravenjax.engines.lanes import snapshot_bytes
 from ravenjax.store import schema
@@ -55,25 +56,26 @@ class Computation:
         self,
         plan: Plan,
         engine: Engine,
-        progress: Progress,
+        progress: Progress | None = None,
         runs: int | None = None,
         threads: int | None = None,
         whole: bool = False,
     ):
-        """runs: number of rows that are computed together, for the size of blocks. threads: number
-        of parallel blocks; None: the engine's default. whole: compute every run from its beginning.
+        """Compile the kernel, whose time is not counted as computation.
+
+        progress: None: progress is not reported. runs: number of rows that are computed together,
+        for the size of blocks. threads: number of parallel blocks; None: the engine's default.
+        whole: compute every run from its beginning.
         """
-        self.plan, self.progress, self.whole = plan, progress, whole
+        self.plan, self.whole = plan, whole
+        self.progress = progress or Progress("", plan.runs, plan.runs, plan.program.ticks)
         self.threads = max(1, threads or engine.threads)
         self.kernel = engine.compile(plan.program, runs or plan.runs)
-        self._on_gpu = engine.name == "cuda"
-
-    def compile(self) -> None:
-        """Compile the kernel, so that the time of compilation is not counted as computation."""
+        self._on_gpu = selection.engine_properties(engine.name).needs_gpu
         self.progress.tell("compile")
         start = time.perf_counter()
-        rows = np.arange(min(self.plan.runs, self.kernel.lanes))
-        self.kernel.prepare(self._block(rows, None), self.plan.columns)
+        rows = np.arange(min(plan.runs, self.kernel.lanes))
+        self.kernel.prepare(self._block(rows, None), plan.columns)
         interruption.check_interruption()
         self.progress.began(time.perf_counter() - start)
 

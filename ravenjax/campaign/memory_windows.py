@@ -3,7 +3,7 @@
 An engine computes a block at once. The module also joins results of blocks to files of the result.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -73,9 +73,9 @@ OutcomePair = tuple[Columns, Columns]
 """Outcomes of some rows, and outcomes of the golden run of each row."""
 
 
-def concatenate(tables: Sequence[Columns]) -> Columns:
-    """Join the rows of several tables with the same columns."""
-    return {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
+def concatenate(tables: Sequence[Columns], join: Callable[..., Any] = np.concatenate) -> Columns:
+    """Join the rows of several tables with the same columns. join: joins the parts of a column."""
+    return {name: join([table[name] for table in tables]) for name in tables[0]}
 
 
 def join_blocks(window: Window, blocks: Sequence[OutcomePair]) -> OutcomePair:
@@ -90,11 +90,8 @@ def join_blocks(window: Window, blocks: Sequence[OutcomePair]) -> OutcomePair:
             return np.broadcast_to(columns[0][:1], len(order))
         return np.concatenate(columns)[order]
 
-    def join_tables(tables: Sequence[Columns]) -> Columns:
-        return {name: join_column([table[name] for table in tables]) for name in tables[0]}
-
     outcomes, golden_outcomes = zip(*blocks, strict=True)
-    return join_tables(outcomes), join_tables(golden_outcomes)
+    return concatenate(outcomes, join_column), concatenate(golden_outcomes, join_column)
 
 
 class PartRows(NamedTuple):

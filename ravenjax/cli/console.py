@@ -11,6 +11,7 @@ from cyclopts import Parameter, validators
 from rich.console import Console
 from rich.table import Table
 
+from ravenjax.engines import selection
 from ravenjax.errors import UserError
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ Overrides = Annotated[
 Count = Annotated[int | None, Parameter(validator=validators.Number(gte=1))]
 Words = Annotated[list[str] | None, Parameter(consume_multiple=True, negative="")]
 Switch = Annotated[bool, Parameter(negative="")]
-Engine = Annotated[str, Parameter(help="auto, cuda, simd, xla or mjx")]
+Engine = Annotated[str, Parameter(help=selection.CHOICES)]
 SameEngine = Annotated[str, Parameter(help="auto is the engine that computed the campaign")]
 ResultFolder = Annotated[Path, Parameter(help="Result folder that `ravenjax run` wrote.")]
 RunIds = Annotated[

@@ -158,10 +158,9 @@ def _test_jax() -> str:
 def _choose_engine() -> str:
     # Returns the engine that campaigns use on this machine, and why they use no faster engine.
     from ravenjax.engines import selection
-    from ravenjax.numbers.setup import CAMPAIGN
 
-    name, reason = selection.fastest_engine(CAMPAIGN)
-    device = selection.select_engine(name, CAMPAIGN).device
+    name, reason = selection.fastest_engine(None)
+    device = selection.select_engine(name).device
     return f"{name} on {device}" + (f"; {reason}" if reason else "")
 
 

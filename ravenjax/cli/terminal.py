@@ -67,14 +67,13 @@ class Watch:
 def describe_machine() -> Iterator[tuple[str, str]]:
     """Yield (name, description) of each property of this machine and its software."""
     from ravenjax.engines import selection
-    from ravenjax.numbers.setup import CAMPAIGN
     from ravenjax.store import manifest
 
     yield "python", f"{platform.python_version()} on {platform.system()} {platform.machine()}"
     for package, version in manifest.package_versions().items():
         if package != "python":
             yield package, version
-    yield "cpu", f"{os.cpu_count()} threads, {selection.select_engine('simd', CAMPAIGN).device}"
+    yield "cpu", f"{os.cpu_count()} threads, {selection.select_engine('simd').device}"
     page_gib = os.sysconf("SC_PAGE_SIZE") / 2**30
     total_gib = page_gib * os.sysconf("SC_PHYS_PAGES")
     free_gib = page_gib * os.sysconf("SC_AVPHYS_PAGES")

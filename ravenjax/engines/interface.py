@@ -168,12 +168,13 @@ class Block:
             self,
             varied={path: pick(values) for path, values in self.varied.items()},
             faults=tree.map_leaves(pick, self.faults),
-            golden=self._golden_of(lanes),
+            golden=self.golden_of(lanes),
             acts=pick(self.acts),
             ends=pick(self.ends),
         )
 
-    def _golden_of(self, lanes) -> Any:
+    def golden_of(self, lanes: Any) -> Any:
+        """Return the indices of these lanes' golden runs."""
         return lanes if self.golden is None else self.golden[lanes]
 
     def series(self, lanes: np.ndarray) -> np.ndarray:
@@ -182,11 +183,11 @@ class Block:
         Only for a block that has a reference.
         """
         assert self.reference is not None
-        return self.reference.take(self._golden_of(lanes), axis=2)
+        return self.reference.take(self.golden_of(lanes), axis=2)
 
     def trunk(self, lane: int) -> Any:
         """Return the kernel's snapshots of a lane's golden run, or None."""
-        return self.trunks[self._golden_of(lane)] if self.trunks else None
+        return self.trunks[self.golden_of(lane)] if self.trunks else None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -238,7 +239,7 @@ class BranchingKernel(Kernel, Protocol):
 
 
 class Engine(Protocol):
-    """Compiles programs to kernels."""
+    """Compiles programs to kernels. `selection.ENGINES` lists the engines and their properties."""
 
     @property
     def name(self) -> str:

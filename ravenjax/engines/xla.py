@@ -187,9 +187,8 @@ class ScanKernel:
             return _place(np.zeros((self.length, self.series, lanes), self.dtype), axis=2)
         assert block.reference is not None
         rows = np.minimum(np.arange(first, first + self.length), len(block.reference) - 1)
-        golden = np.arange(lanes) if block.golden is None else block.golden
         # Each golden run is copied to the device once, although several lanes may have it.
-        runs, run_of_lane = np.unique(golden, return_inverse=True)
+        runs, run_of_lane = np.unique(block.golden_of(np.arange(lanes)), return_inverse=True)
         series = jnp.asarray(block.reference[rows][:, :, runs])
         return _place(jnp.take(series, _place(run_of_lane), axis=2), axis=2)
 
@@ -234,6 +233,7 @@ class ScanEngine:
     """`xla` (the links move by the printed equations) or `mjx` (by `mjx.step`)."""
 
     name: str
+    objects: Any = None  # not used, because JAX itself caches compiled code
 
     @property
     def device(self) -> str:
@@ -244,7 +244,7 @@ class ScanEngine:
     @property
     def threads(self) -> int:
         """Parallel blocks: one per core on a CPU, one at a time on an accelerator."""
-        return len(os.sched_getaffinity(0)) if jax.default_backend() == "cpu" else 1
+        return 1 if _accelerators() else len(os.sched_getaffinity(0))
 
     def _program(self, program: TickProgram) -> TickProgram:
         if self.name == "xla":

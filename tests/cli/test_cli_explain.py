@@ -87,7 +87,7 @@ def test_without_an_evading_fault_it_answers_at_once(said, folder, tmp_path):
         ),
         (
             ("FOLDER", "7", "--engine", "mjx"),
-            "engine 'mjx' cannot explain runs: expected auto or simd, xla, cuda",
+            "engine 'mjx' cannot explain runs: expected auto or cuda, simd, xla",
         ),
     ],
 )

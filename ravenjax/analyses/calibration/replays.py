@@ -29,8 +29,6 @@ from ravenjax.robots.raven2.geometry import transmission
 from ravenjax.robots.raven2.plant import robot
 from ravenjax.robots.raven2.setup import RavenSetup
 
-ENGINE = "simd"
-
 
 @dataclasses.dataclass(frozen=True)
 class ReplaySetup(RavenSetup):
@@ -154,7 +152,7 @@ def _replays(
     names = tuple(f"loop.{path}" for path in varied)
     program = TickProgram(__name__, setup, params, names, len(log.desired))
     motion = tuple(np.ascontiguousarray(column, np.float32) for column in log.desired.T)
-    engine = selection.select_engine(ENGINE, setup.precision)
+    engine = selection.select_engine("simd", setup.precision)
     compiled = functools.cache(functools.partial(engine.compile, program))
 
     def replay(values: Mapping[str, np.ndarray], count: int) -> np.ndarray:

@@ -20,8 +20,9 @@ import numpy as np
 from ravenjax import interruption
 from ravenjax.campaign import compile_cache, plan
 from ravenjax.campaign.file.config import CampaignConfig
-from ravenjax.campaign.inspection.fault_free import fault_free_tables
+from ravenjax.campaign.inspection.fault_free import MS_PER_HOUR, fault_free_tables
 from ravenjax.campaign.loading import validate_tables
+from ravenjax.campaign.memory_windows import take_rows
 from ravenjax.campaign.plan import Plan
 from ravenjax.engines.interface import NO_REFERENCE, Block, Kernel, TickProgram
 from ravenjax.errors import UserError, describe_unknown_name
@@ -30,7 +31,6 @@ from ravenjax.store.access import fault_free
 
 CALIBRATION_STREAM, NEW_STREAM = 0, 1
 """Streams of operators. The two streams share no operator."""
-MS_PER_HOUR = 3.6e6
 MAX_PARALLEL_OPERATORS = 32
 """Largest number of operators whose operations are computed in parallel."""
 
@@ -120,8 +120,7 @@ class OperationRunner:
         require_runnable(config, design)
         self.config, self.design = fault_free_campaign(config, design), design
         self._first = plan.make_plan(campaign_of_operator(self.config, design, 0))
-        precision = self._first.program.setup.precision
-        self._engine = compile_cache.cached_engine(engine, precision)
+        self._engine = compile_cache.cached_engine(engine, self._first.program.setup.precision)
         self.engine = f"{self._engine.name} on {self._engine.device}"
         self.detectors = tuple(name for name, *_ in config.detectors)
         self._thread_data, self._compile_lock = threading.local(), threading.Lock()
@@ -173,8 +172,7 @@ class OperationRunner:
         lanes = kernel.size(len(rows))
         block = Block(*ready.lanes(rows, lanes, harmless=True), NO_REFERENCE)
         # The kernel may have more lanes than rows. The additional lanes are not used.
-        lane_outcomes = kernel.run(block, ready.columns).outcomes
-        outcomes = {name: column[: len(rows)] for name, column in lane_outcomes.items()}
+        outcomes = take_rows(kernel.run(block, ready.columns).outcomes, slice(len(rows)))
         columns = [outcomes[f"detector{d}_score"] for d in range(len(self.detectors))]
         scores = np.stack(columns, axis=1).astype(np.float32)
         scores[outcomes["failed_ms"] >= 0] = np.nan

@@ -31,8 +31,6 @@ SCORE = "score"
 RECORD, VECTOR, REFERENCE = "monitor.toml", "test_vector.csv", "reference.csv"
 DETECTOR = "detector.toml"
 """File with a table [[detector]] for a campaign file: the monitor's file name and its threshold."""
-ENGINE = "simd"
-"""Engine that computes the test vector: a CPU engine, whose arithmetic equals that of C code."""
 
 
 def write_monitor(
@@ -175,7 +173,8 @@ def compute_test_vector(config: CampaignConfig, monitor: Monitor, seed: int) -> 
         file = Path(folder) / "monitor.py"
         text = code.write_part(monitor.terms, monitor.segments, monitor.scales, stores_inputs=True)
         file.write_text(text, encoding="utf-8")
-        planned = PlannedCampaign(_test_vector_campaign(config, monitor, seed, file), ENGINE)
+        # The arithmetic of this CPU engine equals that of C code.
+        planned = PlannedCampaign(_test_vector_campaign(config, monitor, seed, file), "simd")
         program: Any = planned.plan.program
         golden = Block(*planned.plan.lanes([0], 1, harmless=True), None)
         faulty = Block(*planned.plan.lanes([0], 1), None)

@@ -57,8 +57,7 @@ class Evaluator:
         if complaints:
             source = f"{template.config.source}: " if template.config.source is not None else ""
             raise UserError("\n".join(f"{source}search: {complaint}" for complaint in complaints))
-        precision = self._plan.program.setup.precision
-        self.engine = compile_cache.cached_engine(engine, precision)
+        self.engine = compile_cache.cached_engine(engine, self._plan.program.setup.precision)
         self.batches = 0
         self.progress = self._progress(1, None, 0, ())
         self._journal: Journal | None = None
@@ -186,7 +185,6 @@ class Evaluator:
         """Return the computation for a plan. It is compiled for the first plan and then reused."""
         if self._computation is None:
             self._computation = Computation(ready, self.engine, self.progress)
-            self._computation.compile()
         computation = self._computation.of(ready)
         # Blocks with fewer runs distribute a small batch over all threads.
         runs_per_thread = math.ceil(ready.runs / computation.threads)

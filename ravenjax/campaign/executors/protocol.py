@@ -118,7 +118,6 @@ class Local:
     def run(self, work: Work, chunks: Sequence[range]) -> None:
         """Compute and deliver every chunk, as `Executor.run` describes."""
         computation = Computation(work.plan, work.engine, work.progress)
-        computation.compile()
         writers = min(WRITERS, len(os.sched_getaffinity(0)))
         with (
             interruption.delay_signals(),

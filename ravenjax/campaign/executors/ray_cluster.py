@@ -28,6 +28,7 @@ from ravenjax.campaign.executors.protocol import FinishedChunk, Pack, Work
 from ravenjax.campaign.memory_windows import PartRows
 from ravenjax.campaign.plan import Plan
 from ravenjax.campaign.progress import Progress
+from ravenjax.engines import selection
 from ravenjax.engines.interface import Engine
 from ravenjax.errors import UserError, list_lines
 from ravenjax.store import manifest
@@ -88,9 +89,8 @@ class Worker:
 
     def __init__(self, head: Head):
         """Raise UserError if this process has other code, device or versions than the user's."""
-        precision = head.plan.program.setup.precision
         self._head, self.progress = head, Progress("", 0, 0, 1)
-        self._engine = compile_cache.cached_engine(head.engine, precision)
+        self._engine = compile_cache.cached_engine(head.engine, head.plan.program.setup.precision)
         _require_same(_computed_by(head.plan, self._engine), head.computed_by)
         self._computation: Computation | None = None
 
@@ -101,7 +101,6 @@ class Worker:
             self._computation = Computation(
                 plan, self._engine, self.progress, runs=head.largest_chunk, threads=head.cores
             )
-            self._computation.compile()
         ranges = [range(plan.runs)]
         blocks = self._computation.of(plan).blocks(ranges)
         return plan, next(memory_windows.assemble_parts(ranges, blocks))
@@ -156,7 +155,8 @@ class Ray:
                 ray.shutdown()
 
     def _run(self, ray, work: Work, chunks: Sequence[range]):
-        gpu, progress = work.engine.name == "cuda", work.progress
+        progress, properties = work.progress, selection.engine_properties(work.engine.name)
+        gpu = properties.needs_gpu
         cores, tasks = _cores_and_tasks(ray.cluster_resources(), ray.nodes(), self.workers, gpu)
         progress.status.workers = tasks
         progress.tell("compile")
@@ -166,7 +166,9 @@ class Ray:
             num_cpus=cores,
             num_gpus=int(gpu),
             max_retries=RETRIES,
-            runtime_env={"env_vars": task_environment(work.engine.name)},
+            runtime_env={
+                "env_vars": task_environment(keeps_off_gpus=properties.portable and not gpu)
+            },
         )(_compute)
         key = f"{os.getpid()}-{id(work)}-{os.urandom(4).hex()}"
         waiting, pending = list(reversed(chunks)), dict[Any, tuple[range, float]]()
@@ -277,12 +279,12 @@ def _join_cluster(ray, address: str | None):
         signal.signal(signal.SIGTERM, sigterm_handler)
 
 
-def task_environment(engine: str) -> dict[str, str]:
-    """Return the environment variables of a task. With engine simd, JAX does not use a GPU."""
+def task_environment(keeps_off_gpus: bool) -> dict[str, str]:
+    """Return the environment variables of a task. keeps_off_gpus: JAX does not use a GPU."""
     variables = {name: os.environ[name] for name in _PASSED_ON if name in os.environ}
     # The user has already agreed to the campaign's Python code.
     variables[consent.VARIABLE] = "1"
-    return {"JAX_PLATFORMS": "cpu"} | variables if engine == "simd" else variables
+    return {"JAX_PLATFORMS": "cpu"} | variables if keeps_off_gpus else variables
 
 
 def _cores_and_tasks(

@@ -13,10 +13,10 @@ measured with a filled cache of compiled code, with an empty one, and one estima
 | drawn_robots | 2.4 | 6.5 | 3.7 |
 | dsn16_a | 5.7 | 7.6 | 7.4 |
 
-`measure_speed` measures the current speed of this machine. The model assumes that engine cuda
-computes 3.2e9 ticks per second, as on an NVIDIA H200 (`analysis/engines/gpu.md`), and that engines
-xla and mjx are 200 and 950 times slower than simd (`analysis/engines`). The estimate is usually
-right within a factor of two if the load of the machine stays the same.
+`measure_speed` measures the current speed of this machine. The model assumes that a GPU
+computes 3.2e9 ticks per second, as engine cuda on an NVIDIA H200 (`analysis/engines/gpu.md`). For
+other engines `engines.selection` has the slowdown relative to simd. The estimate is usually right
+within a factor of two if the load of the machine stays the same.
 """
 
 import math
@@ -29,6 +29,7 @@ import numpy as np
 
 from ravenjax import resources, threads
 from ravenjax.campaign.memory_windows import SHARED
+from ravenjax.engines import selection
 
 _MODEL = SimpleNamespace(**resources.read_tables(__file__, "estimate.toml"))
 BASIS: str = _MODEL.basis
@@ -84,16 +85,14 @@ def measure_speed() -> float:
 def estimate_cost(work: CostFactors, engine: str, speed: float) -> CostEstimate:
     """Return the expected cost of `work` on an engine; speed: value of `measure_speed`."""
     ticks = (work.runs + work.golden_runs) * work.ticks
-    if engine == "cuda":
-        # The speed of a GPU was measured with ticks that take ns_arm on a core.
-        compute_s = ticks * tick_ns(work) / _MODEL.ns_arm / _MODEL.cuda_ticks_per_s
-    else:
-        compute_s = ticks * tick_ns(work) * 1e-9 * _MODEL.slower.get(engine, 1.0) / speed
+    properties = selection.engine_properties(engine)
+    cores = _MODEL.gpu_cores if properties.needs_gpu else speed
+    compute_s = ticks * tick_ns(work) * 1e-9 * properties.slowdown / cores
     # The time series of golden runs are copied for the lanes if runs do not share them. A campaign
     # keeps only some series at a time, with a GPU twice as many.
     copies = 1 if work.shares_series else 2
     series = copies * work.golden_runs * work.ticks * _MODEL.series_bytes * work.arms / 2**20
-    most = _MODEL.most_series_mib * (2 if engine == "cuda" else 1)
+    most = _MODEL.most_series_mib * (2 if properties.needs_gpu else 1)
     # A start uses one core, so several cores (speed above 1) do not shorten it.
     core_speed = min(1.0, speed)
     storing_s = work.runs * _MODEL.ns_run * 1e-9 / speed

@@ -16,15 +16,11 @@ from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.inspection.replay import PlannedCampaign
 from ravenjax.campaign.progress import OnProgress, Progress
+from ravenjax.engines import selection
 from ravenjax.errors import UserError, suggest_name
 from ravenjax.stages.explained import HARM, explain_program
 from ravenjax.vocabulary import seams
 
-ENGINES = ("simd", "xla", "cuda")
-"""Engines whose runs can be compared bit by bit in every intermediate number of a tick.
-
-Engine mjx is missing, because it computes the motion of the links by MuJoCo's array operations.
-"""
 MOST = 200_000
 """Largest number of runs that are explained together, which need about 1 GB of memory."""
 PREFIXES = (seams.DIFFERS, seams.LEAVES, seams.NEAR, seams.GOLDEN_NEAR, seams.NEAR_MS)
@@ -51,11 +47,12 @@ class Explainer(PlannedCampaign):
                 f"robot {config.campaign.robot!r} declares no seams at which its runs could be"
                 " compared. The time series of single runs are available with `ravenjax trace`"
             )
-        if engine != "auto" and engine not in ENGINES:
+        engines = [name for name, properties in selection.ENGINES.items() if properties.explains]
+        if engine != "auto" and engine not in engines:
             raise UserError(
-                f"engine {engine!r} cannot explain runs: expected auto or {', '.join(ENGINES)},"
+                f"engine {engine!r} cannot explain runs: expected auto or {', '.join(engines)},"
                 " which compare every number of a tick bit by bit. If another engine computed the"
-                f" result, write --engine simd{suggest_name(engine, ENGINES)}"
+                f" result, write --engine simd{suggest_name(engine, engines)}"
             )
         super().__init__(config, engine)
         program = explain_program(self.plan.program, config.robot)
@@ -84,9 +81,7 @@ class Explainer(PlannedCampaign):
         golden_runs = np.unique(some.golden, return_inverse=True)[1]
         some = dataclasses.replace(some, golden=golden_runs.astype(np.int32))
         progress = Progress(self.engine, some.runs, some.runs, some.program.ticks, on_progress)
-        work = Computation(some, self.backend, progress)
-        work.compile()
-        own, golden = work.tables([range(some.runs)])
+        own, golden = Computation(some, self.backend, progress).tables([range(some.runs)])
         progress.status.done = some.runs
         progress.tell("done")
         # Outcomes that explain_program adds are no columns of the result table.

@@ -13,6 +13,7 @@ from ravenjax.campaign import runner
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.loading import validate_tables
 from ravenjax.campaign.progress import OnProgress
+from ravenjax.engines import selection
 from ravenjax.errors import UserError
 from ravenjax.store import manifest
 from ravenjax.store.access import fault_free, query
@@ -68,8 +69,7 @@ def extend_fault_free(
         on_motion(available, path)
         config = validate_tables(raw)
         if engine == "auto":
-            # A campaign of a single run is faster on a processor core than on a GPU.
-            engine = "simd" if record.engine == "cuda" else record.engine
+            engine = selection.single_run_engine(record.engine)
         runner.run_campaign(config, path, engine, on_progress=on_progress, command=command)
         before, available = available, _hours(folder, record)
         if not available > before:

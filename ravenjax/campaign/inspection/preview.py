@@ -33,12 +33,11 @@ def preview_campaign(
     Raise UserError for everything that `ravenjax run` would refuse.
     """
     from ravenjax.engines import selection
-    from ravenjax.numbers.setup import CAMPAIGN
 
     plan, due = make_plan(config), design.count_due_rows(config)
     rows = plan.rows
     ticks = plan.runs * plan.program.ticks
-    backend = selection.select_engine(engine, CAMPAIGN, ticks=ticks)
+    backend = selection.select_engine(engine, ticks=ticks)
     if any(config.own_parts()):
         from ravenjax.engines import traced
 
@@ -106,7 +105,7 @@ def preview_campaign(
             "name": backend.name,
             "device": backend.device,
             # Why a faster engine is not used.
-            "why": selection.fastest_engine(CAMPAIGN, ticks)[1] if engine == "auto" else "",
+            "why": selection.fastest_engine(None, ticks)[1] if engine == "auto" else "",
         },
         "expected": {**cost._asdict(), "basis": basis},
         "folder": {"path": str(folder), "holds": content},

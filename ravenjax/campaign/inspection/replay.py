@@ -12,6 +12,7 @@ from ravenjax.campaign.faults import run_id
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.loading import validate_tables
 from ravenjax.campaign.plan import make_plan
+from ravenjax.engines import selection
 from ravenjax.engines.interface import Block
 from ravenjax.errors import UserError, format_value
 from ravenjax.stages.recorded import read_series
@@ -19,8 +20,8 @@ from ravenjax.store import manifest, schema
 from ravenjax.store.logs.topics import Base
 
 LANES = 16
-"""Number of identical copies that are computed together, for engines whose last digits depend on
-the number of runs in a block.
+"""Number of copies of a run that are computed together, if the engine is not portable: the last
+digits then depend on the number of runs in a block.
 
 16 numbers fill one SIMD vector, so the replay uses the same vector instructions as the campaign.
 """
@@ -44,8 +45,7 @@ class PlannedCampaign:
     def __init__(self, config: CampaignConfig, engine: str = "auto"):
         """Raise UserError if the campaign or the engine cannot be run."""
         self.config, self.plan = config, make_plan(config)
-        precision = self.plan.program.setup.precision
-        self.backend = compile_cache.cached_engine(engine, precision)
+        self.backend = compile_cache.cached_engine(engine, self.plan.program.setup.precision)
         self.engine = f"{self.backend.name} on {self.backend.device}"
 
     @classmethod
@@ -66,10 +66,11 @@ class PlannedCampaign:
 def original_engine(record: manifest.Manifest, engine: str) -> str:
     """Replace "auto" by the engine that computed a folder.
 
-    For a folder computed on a GPU, "auto" means the fastest engine of this machine. Its results
-    equal those of the GPU in all bits if the CPU has fused multiply-add instructions.
+    If that engine needs a GPU, "auto" stays, and means the fastest engine of this machine. Its
+    results equal those of the GPU in all bits if the CPU has fused multiply-add instructions.
     """
-    return record.engine if engine == "auto" and record.engine != "cuda" else engine
+    stays = engine != "auto" or selection.engine_properties(record.engine).needs_gpu
+    return engine if stays else record.engine
 
 
 class Replayer(PlannedCampaign):
@@ -79,7 +80,7 @@ class Replayer(PlannedCampaign):
         """Raise UserError if the campaign or the engine cannot be run."""
         super().__init__(config, engine)
         program = self.plan.program
-        self._lanes = 1 if self.backend.name in ("simd", "cuda") else LANES
+        self._lanes = 1 if selection.engine_properties(self.backend.name).portable else LANES
         self._tracer = self.backend.tracer(program, self._lanes)
         find_bases = getattr(config.robot.part("campaign"), "bases", lambda _: {})
         self._bases = find_bases(program.setup)

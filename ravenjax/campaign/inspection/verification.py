@@ -19,7 +19,6 @@ from ravenjax.campaign.faults import run_id
 from ravenjax.campaign.inspection.replay import original_engine
 from ravenjax.campaign.loading import validate_tables
 from ravenjax.campaign.plan import Plan, make_plan
-from ravenjax.campaign.progress import Progress
 from ravenjax.engines.interface import Engine
 from ravenjax.errors import StoreError, UserError
 from ravenjax.store import manifest, schema
@@ -123,14 +122,11 @@ def _check_campaign(folder: Path, record: Manifest, plan: Plan, whole: list[Part
 
 def _recompute(folder: Path, record: Manifest, plan: Plan, rows: np.ndarray, engine: str) -> Rerun:
     # Computes some rows again and compares every column with the stored one.
-    precision = plan.program.setup.precision
-    backend = compile_cache.cached_engine(original_engine(record, engine), precision)
+    name, precision = original_engine(record, engine), plan.program.setup.precision
+    backend = compile_cache.cached_engine(name, precision)
     words = f"{backend.name} on {backend.device}"
-    progress = Progress(words, len(rows), len(rows), plan.program.ticks)
-    computation = Computation(plan, backend, progress, whole=True)
-    computation.compile()
+    computation = Computation(plan, backend, whole=True)
     columns, golden_runs = computation.tables([range(row, row + 1) for row in rows.tolist()])
-    progress.tell("done")
     computed = outcomes.result_columns(plan.config, plan.rows.iloc[rows], columns, golden_runs)
     new = schema.conform_table(computed, record.shape)
     tables = []
@@ -147,6 +143,7 @@ def _recompute(folder: Path, record: Manifest, plan: Plan, rows: np.ndarray, eng
 def _list_changes(record: Manifest, plan: Plan, engine: Engine) -> list[str]:
     # Lists changes since the folder was computed that may change the last digits of numbers.
     device = f"{engine.device} ({'+'.join(plan.program.setup.arms)})"
+    settings = compile_cache.engine_settings(engine.name)
     return [
         words
         for words, differs in (
@@ -154,10 +151,7 @@ def _list_changes(record: Manifest, plan: Plan, engine: Engine) -> list[str]:
             (f"originally device {record.device}", device not in record.device.split("; ")),
             ("another version of the code", manifest.code_hash(record.robot) != record.code_hash),
             ("other package versions", manifest.package_versions() != record.versions),
-            (
-                "other settings of JAX",
-                compile_cache.engine_settings(engine.name) != record.settings,
-            ),
+            ("other settings of JAX", settings != record.settings),
         )
         if differs
     ]

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ravenjax import threads
+from ravenjax.engines import selection
 from ravenjax.errors import StoreError, list_lines
 from ravenjax.store import manifest as manifests
 from ravenjax.store import parts
@@ -21,9 +22,6 @@ from ravenjax.store.files import hash_file, path_inside, require_writable, write
 from ravenjax.store.folder import PARTS, READERS
 from ravenjax.store.manifest import Manifest
 from ravenjax.store.parts import Part
-
-PORTABLE = ("simd", "cuda")
-"""Engines whose results do not depend on the device, so different machines may compute shards."""
 
 
 class Merged(NamedTuple):
@@ -91,7 +89,8 @@ def _require_same(first: Path, other: Path, manifest_of: Mapping[Path, Manifest]
     # Refuses the folder `other` if it is no shard of the campaign in `first`.
     here, there = manifest_of[first], manifest_of[other]
     # Shards may differ in their number, and in the device if the engine computes the same on all.
-    allowed = {"shard": here.shard} | ({"device": here.device} if here.engine in PORTABLE else {})
+    portable = selection.engine_properties(here.engine).portable
+    allowed = {"shard": here.shard} | ({"device": here.device} if portable else {})
     differences = here.differences(there.model_copy(update=allowed), "there")
     if here.runs != there.runs:
         differences.append(f"runs: {here.runs} here, {there.runs} there")

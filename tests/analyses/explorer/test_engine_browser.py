@@ -7,7 +7,6 @@ import json
 import math
 import re
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -35,9 +34,6 @@ sync_api = pytest.importorskip(
 
 pytestmark = [pytest.mark.slow, NEEDED]
 SCRIPTS = Path(program.__file__).with_name("static")
-QUIET = SimpleNamespace(
-    **{name: lambda *_, **__: None for name in ("tell", "began", "more_due", "ticks", "note")}
-)
 THREADS = 2
 
 
@@ -144,7 +140,7 @@ class Unfused(SimdEngine):
 
 
 def table(config, ready, engine):
-    parts = list(Computation(ready, engine, QUIET).blocks([range(ready.runs)]))
+    parts = list(Computation(ready, engine).blocks([range(ready.runs)]))
     own, golden = (
         {name: np.concatenate([part[k][name] for part in parts]) for name in parts[0][k]}
         for k in range(2)

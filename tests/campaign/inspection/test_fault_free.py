@@ -52,10 +52,7 @@ def result(tmp_path_factory):
     path = tmp_path_factory.mktemp("result") / "small"
     path.mkdir()
     ready = plan.make_plan(rj.load_campaign(CAMPAIGN))
-    manifest.write_manifest(
-        path,
-        runner.make_manifest(ready, selection.select_engine("simd", ready.program.setup.precision)),
-    )
+    manifest.write_manifest(path, runner.make_manifest(ready, selection.select_engine("simd")))
     return path
 
 

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 import tiny_campaign
 
+from ravenjax.campaign import runner
 from ravenjax.campaign.inspection import replay
+from ravenjax.engines import selection
 from ravenjax.errors import UserError
 from ravenjax.robots.raven2.geometry import arrays
 from ravenjax.store.logs import time_series
@@ -51,6 +53,16 @@ CONFIG = tiny_campaign.config(runs=20)
 @pytest.fixture(scope="module")
 def replayer():
     return replay.Replayer(CONFIG, "simd")
+
+
+@pytest.mark.slow
+def test_an_engine_is_a_class_and_an_entry(tmp_path, monkeypatch):
+    entry = selection.ENGINES["simd"]._replace(portable=False)
+    monkeypatch.setitem(selection.ENGINES, "other", entry)
+    table = runner.run_campaign(CONFIG, tmp_path, "other").frame()
+    again = replay.Replayer.of_folder(tmp_path).replay(3)
+    assert again.engine.startswith("other on ")
+    assert again.row["unintended_mm"] == table["unintended_mm"][3]
 
 
 @pytest.mark.slow

@@ -28,6 +28,7 @@ from ravenjax.analyses.monitors.counterfactual.check_set import (
 from ravenjax.campaign import loading, runner
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.progress import OnProgress
+from ravenjax.engines import selection
 from ravenjax.errors import UserError, describe_unknown_name
 from ravenjax.report import wording
 from ravenjax.report.data import draws
@@ -128,8 +129,7 @@ def find_checks(
     candidate_scores = scores.list_candidates(config.robot)
     schedule = observation.plan_motions(raw, question.hours)
     observation.require_rate(question.false_alarms_per_hour, schedule)
-    # A motion is a single run, which a CPU core computes faster than a GPU.
-    motion_engine = "simd" if engine in ("auto", "cuda") else engine
+    motion_engine = selection.single_run_engine(engine)
     with (
         tempfile.TemporaryDirectory(prefix="ravenjax_candidates_") as name,
         consent.trust_folders(Path(name)),

@@ -19,7 +19,6 @@ from ravenjax.analyses.monitors.counterfactual.candidates import (
     add_detectors,
     detector_tables,
 )
-from ravenjax.analyses.monitors.operations import MS_PER_HOUR
 from ravenjax.campaign import runner
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.inspection import fault_free
@@ -118,7 +117,8 @@ def run_motions(
         valid = (table["failed"] == "").to_numpy()
         # A run without a valid outcome may have the value -1, which is no time.
         active_ms = np.maximum(table["pedal_down_ms"].to_numpy(float), 0.0)
-        return table[columns].to_numpy(np.float32), np.where(valid, active_ms, 0.0) / MS_PER_HOUR
+        hours = np.where(valid, active_ms, 0.0) / fault_free.MS_PER_HOUR
+        return table[columns].to_numpy(np.float32), hours
 
     # The first motion compiles the code that the others use. A motion fills few lanes of an engine,
     # so motions run in parallel threads.
