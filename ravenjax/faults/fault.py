@@ -117,7 +117,8 @@ def open_window(fault: FaultSlot, state: SlotState, since_start: Scalar) -> Slot
 def open_windows(
     setup: Setup, faults: Faults, state: FaultState, clock: TriggerClocks
 ) -> FaultState:
-    """Return the state with all windows as in this tick. Call it once per tick, before fault sites.
+    """Return the state with the windows of all faults as in this tick. Call this once per tick,
+    before any fault site.
 
     Start and duration are on the trigger's clock. A window of packets covers all their ticks.
     """

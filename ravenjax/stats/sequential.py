@@ -164,11 +164,11 @@ class Sequential:
 
         k: events [rates, strata]. n: valid draws [strata]. Numbers never decrease. With allocation
         `neyman`, the planned total is distributed among the strata that `look` is waiting for. If
-        `of` is "whole", a stratum's draws are in proportion to its size times the standard
-        deviation of its rate (Neyman 1934). If `of` is "groups", they are in proportion to the
-        variance, so that the widest interval becomes as narrow as possible, but at most what the
-        stratum probably needs. Of several rates, that of largest variance counts. Each number is
-        rounded up to a planned size.
+        `of` is "whole", it is distributed in proportion to size times standard deviation of the
+        rate (Neyman 1934). If `of` is "groups", it is distributed in proportion to the variance, so
+        that the widest interval becomes as narrow as possible. No stratum then gets more draws than
+        it probably needs. If there are several rates, the one with the largest variance counts.
+        Each number is at last rounded up to a planned size.
         """
         # Row `look.number` is that of the next look, because looks count from 1.
         sizes, counts = self.sizes(), np.array(list(look.taken.values()), np.int64)

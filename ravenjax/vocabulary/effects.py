@@ -16,8 +16,8 @@ FIELDS = ("site", "arm", "channel", "effect", "value", "trigger", *TIMES)
 Value = Literal["number", "change", "amount", "factor", "bit", "packets", "probability", ""]
 """Kinds of values of effects.
 
-A `number` replaces the channel's number, a `change` is added to it; both have its type. An `amount`
-has the channel's unit, but may be a fraction. A `bit` is the index of a bit. "":
+A `number` replaces the channel's number, and a `change` is added to it; both have the channel's
+type. An `amount` has the channel's unit, but may be a fraction. A `bit` is the index of a bit. "":
 the effect has no value.
 """
 

@@ -206,8 +206,9 @@ def simulate_new_operators(
     scores into `out`, and return them.
 
     `hours`: total hours of operation. `overrides`: changes of the campaign, such as
-    `parameters.plant.friction_scale=4`. `robots`: of each operator; default as in the calibration.
-    Finished operators stay on disk, and the same call continues. Raise UserError or StoreError.
+    `parameters.plant.friction_scale=4`. `robots`: number of robots of each operator; default as in
+    the calibration. Finished operators stay on disk, and the same call continues. Raise UserError
+    and StoreError.
     """
     calibration.require_hours(hours)
     monitor, _ = writing.read_monitor(folder)

@@ -1,4 +1,5 @@
-"""Computes confidence intervals of differences between paired runs, as with and without a reaction.
+"""Computes confidence intervals of differences between paired runs, such as runs with and without
+the operator's reaction.
 
 The pairs of one drawn fault are one unit of the bootstrap. Enumerated faults have no interval.
 """

@@ -140,7 +140,8 @@ def hours_to_offer(choices: Sequence[Choice]) -> float:
     """Return the hours of fault-free motion that would decide undecided choices; 0 if none would.
 
     The rule of a choice is a limit of false cues, or a cost of a missed hazard. The hours decide
-    all choices under a limit, or else the choice under a cost that needs the fewest.
+    all choices under a limit. If these are decided, they decide the choice under a cost that needs
+    the fewest hours.
     """
     hours_of_rules = {one.rule: one.hours for one in choices if math.isfinite(one.hours)}
     of_limits = [hours for rule, hours in hours_of_rules.items() if rule.startswith(_LIMIT)]

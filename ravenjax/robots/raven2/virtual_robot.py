@@ -165,10 +165,11 @@ class Reading:
 
 
 class VirtualRobot:
-    """Hardware of a Raven-II behind its USB boards: PLC, brakes, motors, cables, links, encoders.
+    """The hardware of a Raven-II behind its USB boards: PLC, brakes, motors, cables, links,
+    encoders.
 
     One `step` is one millisecond. The robot starts at rest with the brakes on. The gold arm comes
-    first. Joints are in the order shoulder, elbow, insertion, tool_roll, wrist,
+    before the green arm. Joints are in the order shoulder, elbow, insertion, tool_roll, wrist,
     grasp1, grasp2. `reading` contains the outputs of the last step or, before the first step, those
     of the start state.
     """

@@ -1,4 +1,5 @@
-"""Finds the smallest alarm threshold that keeps a target false-alarm rate with stated confidence.
+"""Finds the smallest alarm threshold whose false-alarm rate is below a target, with stated
+confidence.
 
 The score of an operation is its maximum over time, so an operation has an alarm if its score
 exceeds the threshold. A unit is one operator with all operations of this operator. Units are
@@ -58,8 +59,8 @@ class FalseAlarmTarget(NamedTuple):
 
         E[A] <= r E[(1 - A) H]
 
-    because hours before an alarm are left out. This is E[L] <= a for a loss L in 0..1 per
-    operation.
+    because hours before an alarm are left out. This is equivalent to E[L] <= a for a loss L in 0..1
+    of each operation.
 
         L = A + (1 - A) r (T - H) / (1 + r T),        a = r T / (1 + r T)
 
@@ -142,7 +143,8 @@ class TooFewUnits(ValueError):
 
 
 def smallest_threshold(operations: "OperationScores", target: FalseAlarmTarget) -> Threshold:
-    """Return the smallest score that, as a threshold, keeps the target with its confidence.
+    """Return the smallest score that, as a threshold, keeps the target with the target's
+    confidence.
 
     Raise TooFewUnits if no score does.
     """

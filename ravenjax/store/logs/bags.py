@@ -5,7 +5,8 @@ ROS 1 (.bag) or of ROS 2 (a folder), with the same topics and types.
 
 In ROS 1 a header has a sequence number, which is 0, and there is no rcl_interfaces/Log;
 `/ravenjax/events` has the same events. Times are kept, except those of a trace in a bag of ROS 1.
-They are one second later, because a trace begins at time 0, whose messages players of ROS 1 omit.
+They are one second later, because a trace begins at time 0, and players of ROS 1 omit messages of
+time 0.
 """
 
 import contextlib
@@ -165,8 +166,9 @@ class WrittenBag(NamedTuple):
 def write_bag(source: Path, ros: Ros, out: Path | None) -> WrittenBag:
     """Write the bag of a recording, which is an MCAP file of ROS 2 or the folder of a session.
 
-    out: path of the bag. Default: beside the recording, with the ending `.bag` or `_ros2`. Raise
-    UserError if the recording is unreadable or `out` exists, StoreError if it cannot be written.
+    out: path of the bag. The default is beside the recording, with its name and the ending `.bag`
+    or `_ros2`. Raise UserError if the recording is unreadable or `out` exists, StoreError if it
+    cannot be written.
     """
     recording = source / RECORDING if source.is_dir() else source
     if not recording.is_file() or recording.suffix != ".mcap":

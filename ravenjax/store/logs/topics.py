@@ -1,7 +1,7 @@
 """Defines the topics of MCAP files that traces of runs and training sessions share.
 
 Names are those of CRTK in raven2: gold is arm1, green is arm2. Poses are in frame 0 of their arm,
-`armN_frame0`. CRTK's `armN_base` is a different frame. If a tip's orientation is unknown, the
+`armN_frame0`. CRTK's `armN_base` is a different frame. If the orientation of a tip is unknown, the
 message is a point.
 
 The names in a message and its size are the same in every tick. Therefore rosbags encodes one
@@ -269,7 +269,8 @@ def arm_name(arm: str) -> str:
 def rotation_quaternions(rotation: np.ndarray) -> np.ndarray:
     """Return unit quaternions x, y, z, w [T, ..., 4] of rotation matrices [T, ..., 3, 3].
 
-    Rounding errors are removed. A matrix that is no rotation gives NaN. Signs do not jump.
+    Rounding errors are removed. A matrix that is no rotation gives NaN. Signs are chosen to avoid
+    jumps.
     """
     # The import takes half a second. A real-time program should call this function once before.
     from scipy.spatial.transform import Rotation

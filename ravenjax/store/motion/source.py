@@ -260,7 +260,8 @@ def _unit_quaternions(
         raise UserError(f"{samples.path}: {arm}_qx.. and {arm}_r11.. mean the same; keep one")
     if matrix is not None:
         turns = matrix.reshape(-1, 3, 3)
-        # A rotation matrix times its transpose is the identity. Rounded numbers may differ by 0.02.
+        # The product of a rotation matrix and its transpose is the identity. Rounded numbers may
+        # differ by 0.02.
         error = np.abs(turns @ np.swapaxes(turns, 1, 2) - np.eye(3)).max(axis=(1, 2))
         bad = np.flatnonzero((error > 0.02) | (np.linalg.det(turns) < 0.0))
         if bad.size:
@@ -297,8 +298,8 @@ class Bag:
         """Return the first topic of an arm whose name ends in one of `ends`, such as setpoint_cp.
 
         The options may name the topic, another topic of its namespace, or the namespace. Without
-        options, a namespace counts that ends in arm1 (gold) or arm2 (green). Raise UserError for
-        several.
+        options, any namespace counts that ends in arm1 (gold) or arm2 (green). Raise UserError for
+        several namespaces.
         """
         if (given := self._options.topics.get(arm)) is not None:
             if given in self.kinds and given.endswith(ends):

@@ -28,7 +28,8 @@ BINS = 20_000
 
 class LoopTiming:
     """Histograms of a loop, in microseconds. compute: time from a tick's start until frame and
-    force are sent. whole: until all its work is done. lateness: delay of the tick's start.
+    force are sent. whole: time until all work of the tick is done. lateness: delay of the tick's
+    start.
     """
 
     late = 0  # ticks that began a period late
@@ -122,7 +123,8 @@ def use_realtime_priority(choose_cpu: Callable[[set[int]], int] = max) -> Iterat
         os.sched_setaffinity(0, {choose_cpu(cpus)})
         granted.append(f"CPU {choose_cpu(cpus)}")
     if LEAD_NS >= PERIOD_NS:
-        # A realtime process that never sleeps would be stopped for 50 ms of every second.
+        # A process with a realtime priority that never sleeps would be stopped for 50 ms of every
+        # second.
         granted.append("always awake")
     else:
         try:

@@ -139,7 +139,9 @@ class _CacheWarmer:
         self._commands: list[Command] = []
 
     def set_commands(self, commands: list[Command]) -> None:
-        """Store this tick's commands of the hands. The second session repeats them in each tick."""
+        """Store the commands of this tick that move the hands. The second session repeats them in
+        each tick until other commands arrive.
+        """
         if commands:
             motions = [each for each in commands if each.get("type") in ("input", "increments")]
             owner = self._real_session.arbiter.owner

@@ -1,8 +1,9 @@
 """Computes before a run when a Raven-II is in pedal-down and when its packets arrive.
 
 The inputs are the operator's motion and the parameters that a campaign varies. The pedal's signal
-passes from the foot through a packet to the software, from there to the PLC, and back. No step
-depends on a motor, so the steps are simulated alone, tick by tick around each change of the foot.
+passes from the foot through a packet to the software, from there to the PLC, and back. None of
+these steps depends on a motor, so they are simulated alone, tick by tick around each change of the
+foot.
 
 A run may also leave pedal-down because the robot stops, or because the operator reacts and lifts
 the foot. After a stop, the PLC stays in its E-stop. After a reaction, only an operator from a

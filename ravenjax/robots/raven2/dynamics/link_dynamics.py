@@ -97,7 +97,10 @@ def solve_by_mjx(
 
 @functools.cache
 def _mjx_model(arm: ArmName) -> Any:
-    """Return the arm's compiled model for MJX, with a tendon for each pair of joints."""
+    """Return the arm's compiled model for MJX, with a tendon for each pair of joints.
+
+    The damping of the tendons couples the speeds of two joints; see `solve_by_mjx`.
+    """
     import mujoco
 
     spec, names = arm_model.one_arm_spec(arm), arm_model.joint_names(arm)
@@ -105,8 +108,7 @@ def _mjx_model(arm: ArmName) -> Any:
         tendon = spec.add_tendon()
         tendon.wrap_joint(names[i], LEVERS[i])
         tendon.wrap_joint(names[j], LEVERS[j])
-        # The damping couples the speeds of both joints. `solve_by_mjx` sets it anew in each step.
-        # MuJoCo Warp ignores tendons that have no damping here.
+        # Each step sets another damping. MuJoCo Warp ignores tendons that have none here.
         tendon.damping[0] = 1.0
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT

@@ -361,8 +361,9 @@ def _inject_poses(
 def _simulated_motors(
     setup: RavenSetup, inputs: Inputs, state: ControlState, mpos: PerArm[Vec], mvel: PerArm[Vec]
 ) -> tuple[PerArm[Vec], PerArm[Vec]]:
-    # Returns positions and velocities of motors in a simulator build of the 2015 fork. Motors 1-3
-    # are simulated. Tool motors are as measured, or in build dyn_sim at rest at their targets.
+    # Returns motor positions and velocities in a build of the 2015 fork that simulates dynamics.
+    # Motors 1-3 are those of the simulation. The tool motors are as measured. In the build dyn_sim
+    # they are at rest at their desired positions.
     if setup.build == "dyn_sim":
         mpos = tuple(motors.mpos_d for motors in state.motor_control)
         mvel = for_each_arm(setup, Vec.full(7, narrow_numbers(setup, 0.0)))

@@ -77,9 +77,12 @@ class Coupling:
         return Vec(torques)
 
     def congruence(self, weights: Vec) -> list[list[Scalar]]:
-        """Return the lower triangle of the symmetric matrix T^T diag(weights) T, elsewhere 0."""
-        # The motor matrix T is the product R rows diag(1 / gain). R is the unit matrix, but R[i][Z]
-        # is ratio[i] for tool motors i and the insertion Z. inner = R^T diag(weights) R.
+        """Return the lower triangle of the symmetric matrix T^T diag(weights) T; other entries 0.
+
+        T is the motor matrix, and Z the index of the insertion.
+        """
+        # T is the product R rows diag(1 / gain). R is the unit matrix, but R[i][Z] is ratio[i] for
+        # tool motors i. First compute the lower triangle of inner = R^T diag(weights) R.
         inner: list[list[Scalar]] = [[0.0] * N for _ in range(N)]
         for i in range(N):
             inner[i][i] = weights[i]
@@ -87,7 +90,7 @@ class Coupling:
                 shared = mul(self.ratio[i], weights[i])
                 inner[i][Z] = shared
                 inner[Z][Z] = add(inner[Z][Z], mul(self.ratio[i], shared))
-        # outer = rows^T inner rows. Of both matrices only the lower triangle is computed.
+        # Then compute the lower triangle of outer = rows^T inner rows, and divide it by the gains.
         outer: list[list[Scalar]] = [[0.0] * N for _ in range(N)]
         for i in range(N):
             for j in range(i + 1):

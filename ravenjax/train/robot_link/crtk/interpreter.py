@@ -184,7 +184,8 @@ class OperatingState:
     _operator_present = _clutch_down = False  # feet on the two pedals
     _down_before_clutch = False  # the pedal was down when the clutch was pressed
     _has_servo_commands = False  # servo commands arrived since pedal-down
-    # Last times: a servo command; any command; CRTK's pedal had an effect; no other console drove.
+    # Last times of a servo command, of any command, of the robot in pedal-down by CRTK's pedal (or
+    # of its press), and of a tick in which no other console drove.
     _servo_ms = _command_ms = _accepted_ms = _no_other_ms = -math.inf
 
     @property
@@ -275,9 +276,11 @@ class OperatingState:
     def observe(
         self, runlevel: int, stopped: bool, connected: bool, now_ms: float, lost: bool = False
     ) -> None:
-        """Process the robot's state in this tick, and release the pedal after a stop, a loss of
-        reports or of the publisher, a silence of commands, or if the robot ignores the pedal.
-        stopped: by the software. connected: somebody publishes commands. lost: no reports arrive.
+        """Process the robot's state in this tick, and release the pedal if CRTK may not drive.
+
+        CRTK may not drive after a stop or a loss of reports, if nobody publishes commands, if servo
+        commands or all commands cease, or if the robot ignores the pedal. stopped: by the software.
+        connected: somebody publishes commands. lost: no reports arrive.
         """
         was_stopped = self._stopped
         if lost and not self._lost:

@@ -1,4 +1,5 @@
-"""Connects a session to a robot, as a real Raven, that reports over ROS and is driven over ITP.
+"""Connects a session to a robot that reports its state over ROS and is driven over ITP, such as a
+real Raven.
 
 Over ROS 1 the robot reports raven2's `ravenstate`, in any version of the message. Over ROS 2 it
 reports CRTK's `measured_js`, `setpoint_js` and `operating_state` of each arm. The session sends an
