@@ -15,7 +15,7 @@ from ravenjax import robots
 from ravenjax.campaign.file import sections
 from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.group import Cross, Fault, Group, Parameters, Run, Section
-from ravenjax.campaign.file.location import Complaint, Key
+from ravenjax.campaign.file.location import Complaint, Key, Where
 from ravenjax.campaign.file.own_part import locate_part
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.outcomes import events
@@ -48,8 +48,7 @@ class CampaignConfig(Section):
     """rule to stop early; without it all runs are computed"""
     group: tuple[Group, ...] = Field(min_length=1)
     """groups of runs"""
-    _source: Path | None = PrivateAttr(None)
-    _repeated: tuple[tuple[int, str], ...] = PrivateAttr(())
+    _where: Where = PrivateAttr(Where(None, {}, []))
     _cached_channels: tuple[Any, tuple[Channel, ...]] = PrivateAttr((None, ()))
 
     @field_validator("group", "detector", "check", "harm")
@@ -61,9 +60,14 @@ class CampaignConfig(Section):
         return tables
 
     @property
+    def where(self) -> Where:
+        """The places of the campaign's keys in its file, for error messages."""
+        return self._where
+
+    @property
     def source(self) -> Path | None:
         """The file from which the campaign was read."""
-        return self._source
+        return self._where.source
 
     def with_files(self, folder: Path) -> "CampaignConfig":
         """Return a copy with absolute paths of Python files, which are relative to `folder`.
@@ -199,8 +203,11 @@ class CampaignConfig(Section):
 
     def notices(self) -> Iterator[Complaint]:
         """Yield (key, message) of values without effect in the keys that this robot adds."""
-        for number, name in self._repeated:
-            yield ("group", number, "hazards"), f"{name} is listed twice, but is run once"
+        for number, group in enumerate(self._where.groups):
+            names = group.get("hazards")
+            for name in dict.fromkeys(names) if isinstance(names, list) else ():
+                if names.count(name) > 1:
+                    yield ("group", number, "hazards"), f"{name} is listed twice, but is run once"
 
     def notices_of_runs(self, plan: Any) -> Iterator[tuple[str, np.ndarray, str]]:
         """Yield (key, bool [runs], message) of values without effect in some runs of a `Plan`."""
