@@ -117,6 +117,7 @@ def _validate(
     config, mistakes = parse(config_class_of(robot), raw)
     if config is None:
         raise where.error(mistakes)
+    config._is_being_read = True
     if folder is not None:
         config = config.with_files(folder)
     mistakes += semantics.find_errors(config)
@@ -125,18 +126,21 @@ def _validate(
         mistakes = [(("group",), f"the groups make {format_value(runs)} runs, {expected}")]
     if mistakes:
         raise where.error(mistakes)
+    config._is_being_read = False
     return config
 
 
 def check_parameters(config: CampaignConfig, known: Iterable[str] | None = None) -> None:
-    """Raise UserError for a parameter whose values are outside its range. If `known` is given,
-    raise UserError instead for a parameter that is not in these paths.
+    """Raise UserError for a parameter whose values are outside its range, or that a fault cannot
+    change. If `known` is given, raise UserError instead for a parameter that is not in these paths.
     """
     # This import needs the robot's tick, which is slow to import.
     from ravenjax.campaign.file import bounds
 
     if known is None:
         errors = list(bounds.find_invalid_values(config))
+        # The ranges of the parameters were unknown when the values of these faults were checked.
+        errors += semantics.find_errors(config) if any(config.faulty_parameters()) else ()
     else:
         errors = list(bounds.find_invalid_paths(config, known))
     if errors:
