@@ -20,8 +20,8 @@ from ravenjax.campaign.file.axis import DISTRIBUTIONS, END, FORMS, LIST, PHASE_F
 from ravenjax.campaign.file.config import config_class_of
 from ravenjax.campaign.file.group import DESIGNS
 from ravenjax.campaign.file.sections import CampaignSection
-from ravenjax.campaign.loading import table_header, tables_of
 from ravenjax.document.html import markdown_table
+from ravenjax.errors import tables_of
 from ravenjax.hazards import library
 from ravenjax.hazards.expansion import KEYS
 from ravenjax.robots.raven2 import ROBOT
@@ -122,9 +122,9 @@ def _campaign_parts(robot: Robot) -> Iterator[str]:
     yield markdown_table(
         ("design", "runs of a group"), ((f"`{name}`", what) for name, what in DESIGNS.items())
     )
-    for path, model in tables_of(config):
+    for path, header, model in tables_of(config):
         if path:
-            yield f"## {table_header(path)}"
+            yield f"## {header}"
             yield sentence(model)
             yield markdown_table(COLUMNS, key_rows(model))
         if path == ("group", "run"):

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import difflib
+import inspect
 import json
 import math
 import os
 import re
 import reprlib
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any, get_args, get_origin
 
 if TYPE_CHECKING:
-    from pydantic import BaseModel
+    from pydantic import BaseModel, ValidationError
 
 
 class UserError(ValueError):
@@ -122,41 +123,134 @@ def _allowed_range(model: type[BaseModel], key: str) -> tuple[float, float]:
     return min(low, default=-math.inf), max(high, default=math.inf)
 
 
-def format_error(error: Any, model: type[BaseModel], hint: str = "") -> str:
-    """Return ravenjax's message for an error that pydantic found in a table of this model. error:
-    one of `ValidationError.errors()`. hint: text about the table to which an unknown key belongs;
-    "": the message suggests the most similar key.
-    """
-    kind, key = error["type"], str(error["loc"][-1]) if error["loc"] else ""
-    named = next((part for part in reversed(error["loc"]) if part in model.model_fields), "")
+def find_mistakes(
+    error: ValidationError, model: type[BaseModel], raw: Any
+) -> Iterator[tuple[tuple[str | int, ...], str]]:
+    """Yield (key, message) of each mistake that pydantic found in the tables `raw` of a `model`."""
+    # If all entries of a list are invalid, pydantic also reports the list as too short.
+    mistakes: list[Any] = [
+        one for one in error.errors() if one["type"] != "too_short" or not one["input"]
+    ]
+    for mistake in mistakes:
+        if _is_explained_by_misspelling(mistake, mistakes):
+            continue
+        loc, message = mistake["loc"], _describe_mistake(mistake, model)
+        key = _key_in_file(loc, raw)
+        # A validator of a whole table may write "key: message". This key is then added, unless it
+        # is the last part.
+        name, colon, rest = message.partition(": ")
+        if mistake["type"].startswith("union_tag"):
+            key = (*key, "kind")
+        elif (
+            mistake["type"] == "value_error"
+            and colon
+            and name in _model_at(model, loc).model_fields
+            and name not in key[-1:]
+        ):
+            key, message = (*key, name), rest
+        yield key, message
+
+
+def _is_explained_by_misspelling(missing: Any, errors: Sequence[Any]) -> bool:
+    # Returns whether an error is about a missing key that another error reports as misspelt. This
+    # is so if an unknown key of the same table is similar to the missing key.
+    *table, key = missing["loc"] or ("",)
+    return missing["type"] == "missing" and any(
+        suggest_name(other["loc"][-1], (str(key),))
+        for other in errors
+        if other["type"] == "extra_forbidden" and list(other["loc"][:-1]) == table
+    )
+
+
+def _key_in_file(loc: tuple[str | int, ...], raw: Any) -> tuple[str | int, ...]:
+    # Returns the key in the file for pydantic's location of an error. The location also names
+    # members of unions: the kind of a table, or, at the end, the types of a value.
+    key: tuple[str | int, ...] = ()
+    for part in loc:
+        is_table, is_list = isinstance(raw, dict), isinstance(raw, list | tuple)
+        if is_table and part not in raw and part == raw.get("kind"):
+            continue
+        if is_table:
+            raw = raw.get(part)
+        elif is_list and isinstance(part, int):
+            raw = raw[part] if part < len(raw) else None
+        else:
+            break
+        key = (*key, part)
+    return key
+
+
+def _describe_mistake(error: Any, model: type[BaseModel]) -> str:
+    # Returns ravenjax's message for an error that pydantic found in tables of this model.
+    kind, loc, got = error["type"], error["loc"], error["input"]
+    table, key = _model_at(model, loc[:-1]), str(loc[-1]) if loc else ""
     if kind == "extra_forbidden":
-        keys = list(model.model_fields)
-        return f"unknown key, expected one of {', '.join(keys)}{hint or suggest_name(key, keys)}"
+        keys = list(table.model_fields)
+        here = [header for _, header, other in tables_of(model) if other is table]
+        headers = dict.fromkeys(
+            header
+            for path, header, other in tables_of(model)
+            if path and key in other.model_fields and header not in here
+        )
+        hint = f". It is a key of {' and '.join(headers)}" if headers else ""
+        return f"unknown key, expected one of {', '.join(keys)}{suggest_name(key, keys) or hint}"
     if kind == "missing":
-        field = model.model_fields.get(key)
+        field = table.model_fields.get(key)
         return f"missing: {field.description}" if field and field.description else "missing"
+    if kind.startswith("union_tag"):
+        kinds = [_kind(one) for one in models_in(table.model_fields[key].annotation)]
+        text = f"got {format_value(got['kind'])}, " if "kind" in got else "missing: "
+        return f"{text}expected one of {', '.join(kinds)}{suggest_name(got.get('kind'), kinds)}"
+    if kind == "tuple_type" and isinstance(error["input"], dict):
+        for path, header, _ in tables_of(model):
+            if path == tuple(part for part in loc if isinstance(part, str)):
+                return (
+                    f"got one table, expected a list of tables: begin each table with {header}, in"
+                    " double brackets"
+                )
     text = error["msg"].removeprefix("Value error, ").replace("a valid boolean", "true or false")
-    unit = named and suggest_unit(named, error["input"], *_allowed_range(model, named))
+    named = next((part for part in reversed(loc) if part in table.model_fields), "")
+    unit = named and suggest_unit(str(named), got, *_allowed_range(table, str(named)))
     # A validator of ravenjax raised this error, so its message is complete.
     if kind == "value_error":
         return text + unit
     expected = text.removeprefix("Input should be ").replace("String", "text")
-    # Pydantic's messages about the length of a list do not say what is expected.
-    if kind == "too_short":
-        expected = f"a list of at least {error['ctx']['min_length']}"
-    elif kind == "too_long":
-        expected = f"a list of at most {error['ctx']['max_length']}"
-    return f"got {format_value(error['input'])}, expected {expected}{unit}"
+    # Pydantic's messages about lists and tables do not say what is expected in words of TOML.
+    match kind:
+        case "tuple_type":
+            expected = "a list"
+        case "model_type" | "model_attributes_type":
+            expected = "a table"
+        case "too_short":
+            expected = f"a list of at least {error['ctx']['min_length']}"
+        case "too_long":
+            expected = f"a list of at most {error['ctx']['max_length']}"
+        case "literal_error":
+            # The text of the expected names is like: 'a', 'b' or 'c'.
+            expected += suggest_name(got, expected.split("'")[1::2])
+        case _:
+            pass
+    return f"got {format_value(got)}, expected {expected}{unit}"
 
 
-def model_at(model: type[BaseModel], key: Sequence[str | int]) -> type[BaseModel]:
-    """Return the model of the table at `key`, a path of keys and indices inside a table of `model`.
-    Parts that are no field of the current model, such as the indices of lists, are skipped.
-    """
+def _model_at(model: type[BaseModel], key: Sequence[str | int]) -> type[BaseModel]:
+    # Returns the model of the table at `key`, a path of keys and indices inside a table of `model`.
+    # After the key of a union of tables, the path has the kind of the table. Other parts that are
+    # no field of the current model, such as the indices of lists, are skipped.
+    members: list[type[BaseModel]] = []
     for part in key:
         if isinstance(part, str) and part in model.model_fields:
-            model = next(models_in(model.model_fields[part].annotation), model)
+            members = list(models_in(model.model_fields[part].annotation))
+            model = next(iter(members), model)
+        else:
+            model = next((one for one in members if _kind(one) == part), model)
     return model
+
+
+def _kind(model: type[BaseModel]) -> str:
+    # Returns the word that the key `kind` has in a table of this model; "" without this key.
+    field = model.model_fields.get("kind")
+    return next(iter(get_args(field.annotation)), "") if field else ""
 
 
 def models_in(annotation: Any) -> Iterator[type[BaseModel]]:
@@ -165,3 +259,21 @@ def models_in(annotation: Any) -> Iterator[type[BaseModel]]:
         yield annotation
     for inner in get_args(annotation):
         yield from models_in(inner)
+
+
+def tables_of(
+    model: type[BaseModel], path: tuple[str, ...] = (), header: str = ""
+) -> Iterator[tuple[tuple[str, ...], str, type[BaseModel]]]:
+    """Yield (path, header, model) of every table of a file, in order, such as (("group", "fault"),
+    "[[group.fault]]", Fault). The whole file is the first: ().
+    """
+    yield path, header, model
+    # The keys that the class itself declares come before inherited keys. Thus the tables that only
+    # one robot has come first.
+    own = inspect.get_annotations(model)
+    for name in sorted(model.model_fields, key=lambda name: name not in own):
+        annotation = model.model_fields[name].annotation
+        is_list = tuple in (get_origin(annotation), *map(get_origin, get_args(annotation)))
+        text = ".".join((*path, name))
+        for inner in models_in(annotation):
+            yield from tables_of(inner, (*path, name), f"[[{text}]]" if is_list else f"[{text}]")

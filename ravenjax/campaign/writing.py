@@ -4,9 +4,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from ravenjax.campaign.file.group import PATHS, flatten_table
-from ravenjax.campaign.loading import ARRAYS
 
-_ARRAYS = {*ARRAYS, "fault", "run"}
+_ARRAYS = {"group", "detector", "check", "harm", "fault", "run"}
 """Keys of arrays of tables. Each table gets a header such as [[group]]."""
 
 

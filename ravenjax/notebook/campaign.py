@@ -15,7 +15,7 @@ from ravenjax.campaign.file.config import CampaignConfig, config_class_of, robot
 from ravenjax.campaign.file.section import toml_value
 from ravenjax.campaign.progress import OnProgress
 from ravenjax.campaign.stop import adaptive
-from ravenjax.errors import UserError, format_value, models_in
+from ravenjax.errors import UserError, format_value, models_in, tables_of
 from ravenjax.store import files
 from ravenjax.store.folder import Results
 
@@ -197,7 +197,7 @@ def _change_file_paths(tables: dict[str, Any], change: Callable[[str], str]):
     # Paths of the keys whose values are files, such as ("detector", "file").
     file_keys = {
         (*path, key)
-        for path, table in loading.tables_of(model)
+        for path, _, table in tables_of(model)
         for key, field in table.model_fields.items()
         if field.annotation is Path or Path in get_args(field.annotation)
     } | {("parameters", population.KEY)}

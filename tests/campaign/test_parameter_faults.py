@@ -64,5 +64,5 @@ def test_a_fault_acts_in_its_window_only(table):
 def test_what_no_fault_can_change_is_refused(fault, words):
     fault = {key: value for key, value in fault.items() if value is not None}
     with pytest.raises(rj.UserError) as error:
-        rj.load_campaign(campaign({"name": "g", "fault": [fault]}))
+        rj.run(campaign({"name": "g", "fault": [fault]}), engine="simd")
     assert words in str(error.value) and str(error.value).count("fault[0]") == 1

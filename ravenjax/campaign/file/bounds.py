@@ -87,10 +87,14 @@ def changeable_parameters(model: Any, robot: Robot, arms: tuple[str, ...]) -> li
     ]
 
 
-def parameter_channel(robot: Robot, known: list[str], name: str) -> tuple[Channel, str]:
+@functools.cache
+def parameter_channel(
+    model: Any, robot: Robot, arms: tuple[str, ...], name: str
+) -> tuple[Channel, str]:
     """Return the channel of a parameter for faults, and the reason why no fault can change the
-    parameter; "" if a fault can. known: parameters that a fault can change.
+    parameter; "" if a fault can. model: a `CampaignConfig` class.
     """
+    known = changeable_parameters(model, robot, arms)
     if name not in known:
         parts = ", ".join(dict.fromkeys(path.partition(".")[0] for path in known))
         return Channel(name, (), "float", "1"), (
@@ -102,15 +106,35 @@ def parameter_channel(robot: Robot, known: list[str], name: str) -> tuple[Channe
     return Channel(name, (), "int32" if row.whole else "float", row.unit, limits), ""
 
 
+def _unread(config: "CampaignConfig", path: str) -> str:
+    # Returns why the parameter at `path` has no effect in this campaign; "" if it has one.
+    if path in config.without_effect:
+        return f"has no effect: {config.without_effect[path]}"
+    for rule in allowed_values(config.robot, path):
+        key, value = rule.read_when or ("", "")
+        if key and getattr(config.campaign, key) != value:
+            return (
+                f"has an effect only with {key} = {value!r}: remove this parameter, or set {key} in"
+                " [campaign]"
+            )
+    return ""
+
+
 def find_invalid_values(config: "CampaignConfig") -> Iterator[Complaint]:
-    """Yield (key, message) of each parameter value that is out of range. Paths are not checked."""
+    """Yield (key, message) of each parameter that a fault cannot change, and of each value that is
+    out of range. Paths of values are not checked.
+    """
+    for g, f, name in dict.fromkeys(config.faulty_parameters()):
+        _, reason = config.parameter_channel(name)
+        if reason := reason or _unread(config, name):
+            yield ("group", g, "fault", f, "channel"), reason
     first_keys: dict[str, Key] = {}
     added = config.own_ranges
     for key, table in config.parameter_tables():
         for path, axis in table.items():
             first_keys.setdefault(path, (*key, path))
             # A check that finds no mistake returns "".
-            messages = [reserved_reason(config.robot, path), config.unread(path)]
+            messages = [reserved_reason(config.robot, path), _unread(config, path)]
             rules = allowed_values(config.robot, path, added)
             messages += [out_of_range(axis, rule) for rule in rules]
             if key[-1] == "cross" and any(path in table for table in _tables_beside(config, key)):
@@ -151,7 +175,9 @@ def _find_path_error(config: "CampaignConfig", path: str, axis: Axis, known: lis
                 f"unknown parameter: this campaign has no {part!r}. Add the section of the file to"
                 " which the parameter belongs"
             )
-        free = [name for name in known if not (reserved_reason(robot, name) or config.unread(name))]
+        free = [
+            name for name in known if not (reserved_reason(robot, name) or _unread(config, name))
+        ]
         return f"unknown parameter{suggest_name(path, free)}"
     # Joints or axes of the vector, if the path names a vector.
     parts = [name.rpartition(".")[2] for name in known if name.rpartition(".")[0] == path]

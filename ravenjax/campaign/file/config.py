@@ -15,7 +15,7 @@ from ravenjax import robots
 from ravenjax.campaign.file import sections
 from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.group import Cross, Fault, Group, Parameters, Run, Section
-from ravenjax.campaign.file.location import Complaint, Key
+from ravenjax.campaign.file.location import Complaint, Key, Where
 from ravenjax.campaign.file.own_part import locate_part
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.outcomes import events
@@ -48,9 +48,9 @@ class CampaignConfig(Section):
     """rule to stop early; without it all runs are computed"""
     group: tuple[Group, ...] = Field(min_length=1)
     """groups of runs"""
-    _source: Path | None = PrivateAttr(None)
-    _repeated: tuple[tuple[int, str], ...] = PrivateAttr(())
-    _cached_channels: tuple[Any, tuple[Channel, ...]] = PrivateAttr((None, ()))
+    _where: Where = PrivateAttr(Where(None, {}, []))
+    _is_being_read: bool = PrivateAttr(False)
+    _cached_names: tuple[Any, tuple[str, ...]] = PrivateAttr((None, ()))
 
     @field_validator("group", "detector", "check", "harm")
     @classmethod
@@ -61,9 +61,14 @@ class CampaignConfig(Section):
         return tables
 
     @property
+    def where(self) -> Where:
+        """The places of the campaign's keys in its file, for error messages."""
+        return self._where
+
+    @property
     def source(self) -> Path | None:
         """The file from which the campaign was read."""
-        return self._source
+        return self._where.source
 
     def with_files(self, folder: Path) -> "CampaignConfig":
         """Return a copy with absolute paths of Python files, which are relative to `folder`.
@@ -108,18 +113,32 @@ class CampaignConfig(Section):
     def robot(self) -> Robot:
         """The campaign's robot, with the user's checks added.
 
-        Its site `parameter` has the parameters that faults name.
+        Its site `parameter` has the parameters that faults name. While a file is being read, these
+        have no units and no ranges, because the robot's tick, which has them, is slow to import.
         """
-        robot = robots.find_robot(self.campaign.robot)
-        groups, channels = self._cached_channels
+        groups, names = self._cached_names
         # A copy of the campaign may have other groups.
         if groups is not self.group:
-            names = dict.fromkeys(name for _, _, name in self._faulty_parameters())
-            channels = tuple(self._parameter_channel(name)[0] for name in names)
-            self._cached_channels = (self.group, channels)
+            names = tuple(dict.fromkeys(name for *_, name in self.faulty_parameters()))
+            self._cached_names = (self.group, names)
+        channels = tuple(
+            Channel(name, (), "float", "1")
+            if self._is_being_read
+            else self.parameter_channel(name)[0]
+            for name in names
+        )
+        robot = robots.find_robot(self.campaign.robot)
         return robot.with_checks(self.own_checks).with_channels(PARAMETER, channels)
 
-    def _faulty_parameters(self) -> Iterator[tuple[int, int, str]]:
+    def parameter_channel(self, name: str) -> tuple[Channel, str]:
+        """See `bounds.parameter_channel`."""
+        from ravenjax.campaign.file import bounds
+
+        model: Any = type(self)
+        robot = robots.find_robot(self.campaign.robot)
+        return bounds.parameter_channel(model, robot, self.campaign.arms, name)
+
+    def faulty_parameters(self) -> Iterator[tuple[int, int, str]]:
         """Yield (group, slot, path) of each fault of a parameter, if faults can change any."""
         for g, group in enumerate(self.group):
             if self.changeable and any(fault.site == PARAMETER for fault in group.fault):
@@ -127,17 +146,6 @@ class CampaignConfig(Section):
                     for f, fault in enumerate(group.faults_of(run)):
                         if fault.site == PARAMETER and fault.channel:
                             yield from ((g, f, name) for name in fault.channel.listed)
-
-    def _parameter_channel(self, name: str) -> tuple[Channel, str]:
-        # Returns the channel of a parameter for faults, and the reason why no fault can change the
-        # parameter; "" if a fault can.
-        # This import needs the robot's tick, which is slow to import.
-        from ravenjax.campaign.file import bounds
-
-        model: Any = type(self)
-        robot = robots.find_robot(self.campaign.robot)
-        known = bounds.changeable_parameters(model, robot, self.campaign.arms)
-        return bounds.parameter_channel(robot, known, name)
 
     @property
     def own_checks(self) -> tuple[Check, ...]:
@@ -183,6 +191,8 @@ class CampaignConfig(Section):
     """Whether each run draws the durations of the console's packets."""
     changeable: ClassVar[str] = ""
     """Regular expression of the beginnings of paths of the parameters that a fault can change."""
+    without_effect: ClassVar[dict[str, str]] = {}
+    """Paths of parameters that the robot never reads, and the reasons as texts."""
     cycles_a_packet: ClassVar[float] = 1.0
     """Mean number of control cycles per packet of the console."""
 
@@ -192,15 +202,15 @@ class CampaignConfig(Section):
 
     def complaints(self) -> Iterator[Complaint]:
         """Yield (key, message) for each error that depends on the robot."""
-        for g, f, name in dict.fromkeys(self._faulty_parameters()):
-            _, reason = self._parameter_channel(name)
-            if reason := reason or self.unread(name):
-                yield ("group", g, "fault", f, "channel"), reason
+        return iter(())
 
     def notices(self) -> Iterator[Complaint]:
         """Yield (key, message) of values without effect in the keys that this robot adds."""
-        for number, name in self._repeated:
-            yield ("group", number, "hazards"), f"{name} is listed twice, but is run once"
+        for number, group in enumerate(self._where.groups):
+            names = group.get("hazards")
+            for name in dict.fromkeys(names) if isinstance(names, list) else ():
+                if names.count(name) > 1:
+                    yield ("group", number, "hazards"), f"{name} is listed twice, but is run once"
 
     def notices_of_runs(self, plan: Any) -> Iterator[tuple[str, np.ndarray, str]]:
         """Yield (key, bool [runs], message) of values without effect in some runs of a `Plan`."""
@@ -225,10 +235,6 @@ class CampaignConfig(Section):
     def axes_by_path(self) -> dict[str, Axis]:
         """Path -> axis of each parameter in the tables of the file; the last table counts."""
         return {path: axis for _, table in self.parameter_tables() for path, axis in table.items()}
-
-    def unread(self, path: str) -> str:
-        """Return why the parameter at `path` has no effect in this campaign, or ""."""
-        return ""
 
     def allows_beyond_16_bits(self, fault: Fault) -> bool:
         """Return whether a fault may have values beyond 16 bits."""

@@ -3,13 +3,15 @@
 import dataclasses
 import os
 from collections.abc import Collection, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import core_schema
 
 from ravenjax.campaign.file import location
-from ravenjax.errors import describe_unknown_name, format_error, format_value, model_at
+from ravenjax.errors import describe_unknown_name, find_mistakes, format_value
+
+Table = TypeVar("Table", bound=BaseModel)
 
 
 class _SectionClass(type(BaseModel)):
@@ -18,14 +20,14 @@ class _SectionClass(type(BaseModel)):
     if not TYPE_CHECKING:
 
         def __call__(cls, **keys: Any) -> Any:
+            raw = toml_value(keys)
             try:
-                return super().__call__(**toml_value(keys))
+                return super().__call__(**raw)
             except ValidationError as error:
-                complaints = []
-                for problem in error.errors():
-                    message = format_error(problem, model_at(cls, problem["loc"][:-1]))
-                    complaints.append(((cls.__name__, *problem["loc"]), message))
-                raise location.Where(None, {}, []).error(complaints) from None
+                raise location.Where(None, {}, []).error(
+                    ((cls.__name__, *key), message)
+                    for key, message in find_mistakes(error, cls, raw)
+                ) from None
 
 
 def _require_types(schema) -> Any:
@@ -66,6 +68,16 @@ class Section(BaseModel, metaclass=_SectionClass):
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> Any:
         return _require_types(handler(source))
+
+
+def parse(model: type[Table], raw: Any) -> tuple[Table | None, list[location.Complaint]]:
+    """Return the tables `raw` of a file as a `model`, or None and all mistakes."""
+    try:
+        return model.model_validate(raw), []
+    except ValidationError as error:
+        return None, list(find_mistakes(error, model, raw))
+    except RecursionError:
+        return None, [((), "the tables are nested too deeply to be read")]
 
 
 def toml_value(value: Any) -> Any:

@@ -5,16 +5,8 @@ import tomllib
 from pathlib import Path
 
 from pydantic import ValidationError
-from pydantic_core import ErrorDetails
 
-from ravenjax.errors import (
-    UserError,
-    format_error,
-    format_value,
-    list_lines,
-    model_at,
-    suggest_name,
-)
+from ravenjax.errors import UserError, find_mistakes, format_value, list_lines, suggest_name
 from ravenjax.robots.raven2.console.profile import ConsoleProfile
 
 AUTO = "auto"
@@ -59,19 +51,16 @@ def profile_choices(name: str) -> tuple[ConsoleProfile, ...]:
 
 def _checked(where: str, text: str) -> ConsoleProfile:
     # Reads a profile from TOML text. where: name of the file for error messages.
+    raw = None
     try:
-        return ConsoleProfile.model_validate(tomllib.loads(text))
+        raw = tomllib.loads(text)
+        return ConsoleProfile.model_validate(raw)
     except ValidationError as error:
-        raise UserError(
-            f"{where}: is not a valid console profile:\n"
-            + list_lines([_line(fault) for fault in error.errors()])
-        ) from None
+        lines = [
+            f"{'.'.join(map(str, key)) or 'the file'}: {message}"
+            for key, message in find_mistakes(error, ConsoleProfile, raw)
+        ]
+        raise UserError(f"{where}: is not a valid console profile:\n{list_lines(lines)}") from None
     # tomllib also raises ValueError for a number with thousands of digits.
     except (ValueError, RecursionError) as error:
         raise UserError(f"{where}: not a TOML file: {error}") from None
-
-
-def _line(fault: ErrorDetails) -> str:
-    # Returns one mistake of a profile as a line: key, value, expected values.
-    message = format_error(fault, model_at(ConsoleProfile, fault["loc"][:-1]))
-    return f"{'.'.join(map(str, fault['loc'])) or 'the file'}: {message}"

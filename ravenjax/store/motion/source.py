@@ -362,13 +362,12 @@ def _bag_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) ->
                 jaws[arm] = _jaws(bag, arm, stamped, tips[arm], options.max_gap_s)
             except UserError as error:
                 notes.append(f"jaws of {arm} are not read: {error}")
-        by_ravenjax = any(topic.startswith("/ravenjax/") for topic in bag.kinds)
     begin_ns = min(int(tip.time_ns[0]) for tip in tips.values())
     tracks, clocks = {}, []
     used = [tip.topic for tip in tips.values()]
     for arm, tip in tips.items():
         samples = _poses(path, arm, tip, begin_ns)
-        frame, frame_notes = _frame(path, arm, tip, options, by_ravenjax)
+        frame, frame_notes = _frame(path, arm, tip, options)
         if (jaw := jaws.get(arm)) is not None:
             jaw_ns, opening, topic = jaw
             used.append(topic)
@@ -429,12 +428,12 @@ def _jaws(
 
 
 def _frame(
-    path: Path, arm: ArmName, tip: TopicMessages, options: ReplayOptions, by_ravenjax: bool
+    path: Path, arm: ArmName, tip: TopicMessages, options: ReplayOptions
 ) -> tuple[Frame, list[str]]:
     """Return the frame that the headers of an arm's pose messages name, and notes.
 
-    by_ravenjax: ravenjax wrote the file; older versions called frame 0 `arm1_base`. An unknown
-    frame is permitted if the options place the motion; its axes then count as those of frame 0.
+    An unknown frame is permitted if the options place the motion; its axes then count as those of
+    frame 0.
     """
     names = [one.header.frame_id for one in tip.messages]
     for number, name in zip(tip.number, names, strict=True):
@@ -447,8 +446,6 @@ def _frame(
     if options.frame is not None or name in ("", frame0_name(arm)):
         return "frame0", []
     if name == f"{ARM_TOPICS[arm]}_base":
-        if by_ravenjax:
-            return "frame0", []
         return "arm_base", [f"{tip.topic} is in frame {name}; it is turned into frame 0"]
     rotation, offset = of_arm(options.rotation, arm), of_arm(options.offset_mm, arm)
     if (rotation, offset, options.place) == (None, None, "recorded"):

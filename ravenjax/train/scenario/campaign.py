@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from pydantic import ValidationError
 
 from ravenjax import resources
 from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import bounds, semantics
 from ravenjax.campaign.file.config import CampaignConfig, config_class_of
 from ravenjax.campaign.file.location import Complaint
+from ravenjax.campaign.file.section import parse
 from ravenjax.hazards import expansion, library
 from ravenjax.train.robot import ROBOT, Arms
 from ravenjax.train.scenario.config import INSTRUCTOR, MAX_FAULTS, Entry, Levels, Scenario
@@ -153,16 +153,14 @@ def find_scenario_errors(scenario: Scenario) -> Iterator[Complaint]:
             yield ("hazard", h, "when"), f"got {entry.when[0]:g}, but the session ends after {last}"
     try:
         groups, entry_numbers = _groups(scenario, scenario.seed)
-        config = _config(scenario, scenario.seed, groups, _UNBOUNDED_S)
     except expansion.WrongGroup as error:
         yield ("hazard", *error.key), error.message
         return
-    except ValidationError as error:
-        for fault in error.errors():
-            key = _scenario_key(scenario, fault["loc"], [])
-            yield key, fault["msg"].removeprefix("Value error, ")
-        return
-    for key, message in (*semantics.find_errors(config), *bounds.find_invalid_values(config)):
+    tables = _tables(scenario, scenario.seed, groups, _UNBOUNDED_S)
+    config, mistakes = parse(config_class_of(ROBOT), tables)
+    if config is not None:
+        mistakes = [*semantics.find_errors(config), *bounds.find_invalid_values(config)]
+    for key, message in mistakes:
         yield _scenario_key(scenario, key, entry_numbers), _scenario_message(key, message)
 
 
@@ -170,7 +168,7 @@ def _scenario_message(key: Key, message: str) -> str:
     """Return a campaign's message for the author of a scenario. For a parameter that other keys of
     the scenario set, the message names these keys.
     """
-    if key[0] == "parameters" and len(key) > 1:
+    if key[:1] == ("parameters",) and len(key) > 1:
         path = f"{bounds.shorten_path(ROBOT, str(key[1]))}."
         for name, keys in _OWN_KEYS.items():
             if path.startswith(f"{name}."):
@@ -228,6 +226,11 @@ def _groups(scenario: Scenario, seed: int) -> tuple[list[Tables], list[int]]:
 def _config(
     scenario: Scenario, seed: int, groups: list[Tables], duration_s: float
 ) -> CampaignConfig:
+    tables = _tables(scenario, seed, groups, duration_s)
+    return config_class_of(ROBOT).model_validate(tables)
+
+
+def _tables(scenario: Scenario, seed: int, groups: list[Tables], duration_s: float) -> Tables:
     # Returns a campaign without motion; the session replaces it by the operator's motion.
     robot, start = scenario.robot, scenario.robot.start
     # Each parameter has one value, the same for every hazard of the session.
@@ -235,27 +238,25 @@ def _config(
     for path, axis in scenario.parameters.items():
         place = axis.places(_rng(seed, f"parameter {path}").random(1))
         parameters[path] = float(axis.at(place)[0])
-    return config_class_of(ROBOT).model_validate(
-        {
-            "campaign": {
-                "name": scenario.name,
-                "seed": seed,
-                "duration_s": duration_s,
-                "arms": scenario.arms,
-                "software": scenario.software,
-                "contact": scenario.contact.on,
-                **robot.model_dump(exclude={"start"}, exclude_none=True),
-            },
-            "operator": {
-                "motion": "still",
-                "scale": scenario.scale,
-                "start": start.model_dump(exclude_none=True),
-            },
-            "haptics": scenario.cue.model_dump(exclude={"on", "blinded"}),
-            "parameters": _CLUTCHED | parameters,
-            "group": groups or [{"name": "none"}],
-        }
-    )
+    return {
+        "campaign": {
+            "name": scenario.name,
+            "seed": seed,
+            "duration_s": duration_s,
+            "arms": scenario.arms,
+            "software": scenario.software,
+            "contact": scenario.contact.on,
+            **robot.model_dump(exclude={"start"}, exclude_none=True),
+        },
+        "operator": {
+            "motion": "still",
+            "scale": scenario.scale,
+            "start": start.model_dump(exclude_none=True),
+        },
+        "haptics": scenario.cue.model_dump(exclude={"on", "blinded"}),
+        "parameters": _CLUTCHED | parameters,
+        "group": groups or [{"name": "none"}],
+    }
 
 
 def _slots(row: _Row) -> list[_Row]:

@@ -147,6 +147,15 @@ KINDS: dict[str, type[Search]] = {
 }
 
 
+class SearchTable(Section):
+    """The section that a search file has in addition to those of a campaign file."""
+
+    search: Search = Field(
+        discriminator="kind",
+        description=f"write a section [search] with the key kind, one of {', '.join(KINDS)}",
+    )
+
+
 @dataclasses.dataclass(frozen=True)
 class SearchConfig:
     """A whole search file."""

@@ -8,14 +8,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from ravenjax.analyses.search.file import template
-from ravenjax.analyses.search.file.config import KINDS, Search, SearchConfig
+from ravenjax.analyses.search.file.config import SearchConfig, SearchTable
 from ravenjax.campaign import loading
 from ravenjax.campaign.file import location, overriding
-from ravenjax.campaign.file.location import Complaint
-from ravenjax.errors import UserError, format_error, format_value, suggest_name
+from ravenjax.campaign.file.section import parse
+from ravenjax.errors import UserError
 
 SECTION = "search"
 FOLDER = "campaigns/searches"
@@ -53,7 +51,8 @@ def from_dict(
         campaign = loading.from_dict(campaign_tables, source, text, campaign_overrides)
     except UserError as error:
         messages.append(str(error))
-    search, complaints = _parse_section(raw)
+    tables, complaints = parse(SearchTable, {SECTION: raw[SECTION]} if SECTION in raw else {})
+    search = tables and tables.search
     if campaign is not None:
         complaints += template.find_search_errors(campaign, search)
     if complaints:
@@ -61,21 +60,3 @@ def from_dict(
     if campaign is None or search is None or messages:
         raise UserError("\n".join(messages))
     return SearchConfig(campaign, search)
-
-
-def _parse_section(raw: dict[str, Any]) -> tuple[Search | None, list[Complaint]]:
-    # Returns the section [search], or None and its mistakes.
-    table = raw.get(SECTION)
-    kind = table.get("kind") if isinstance(table, dict) else None
-    if not isinstance(kind, str) or kind not in KINDS:
-        got = "missing" if kind is None else f"got {format_value(kind)}"
-        expected = f"{', '.join(KINDS)}{suggest_name(kind, KINDS)}"
-        message = f"{got}: write a section [search] with the key kind, one of {expected}"
-        return None, [((SECTION, "kind"), message)]
-    try:
-        return KINDS[kind].model_validate(table), []
-    except ValidationError as error:
-        return None, [
-            ((SECTION, *mistake["loc"]), format_error(mistake, KINDS[kind]))
-            for mistake in error.errors()
-        ]

@@ -62,6 +62,9 @@ class RavenConfig(CampaignConfig):
     hand: Hand | None = None
     """a hand that the cue moves; without this section, the cue moves no hand"""
     changeable: ClassVar[str] = r"(control|plc|plant(?!.*\.kinematic_errors))\."
+    without_effect: ClassVar[dict[str, str]] = {
+        "control.overdrive.dac_max.grasp2": "the original's overdrive check ignores grasp2"
+    }
 
     @model_validator(mode="after")
     def _add_error_parameters(self) -> RavenConfig:
@@ -365,21 +368,6 @@ class RavenConfig(CampaignConfig):
     def cycles_a_packet(self) -> float:
         """Mean number of cycles per packet; 1, the smallest, if the mean differs between runs."""
         return 1.0 if self._packet_axes else packets.mean_cycles(self.campaign.packet_shares)
-
-    def unread(self, path: str) -> str:
-        """Return why the parameter at `path` has no effect in this campaign; "" if it has one."""
-        if path == "control.overdrive.dac_max.grasp2":
-            return "has no effect: the original's overdrive check ignores grasp2"
-        from ravenjax.campaign.file import bounds  # imported late, because it needs the tick
-
-        for quantity in bounds.allowed_values(self.robot, path):
-            key, value = quantity.read_when or ("", "")
-            if key and getattr(self.campaign, key) != value:
-                return (
-                    f"has an effect only with {key} = {value!r}: remove this parameter, or set"
-                    f" {key} in [campaign]"
-                )
-        return ""
 
     def allows_beyond_16_bits(self, fault: Fault) -> bool:
         """Return whether the file states how the fault's values beyond 16 bits are stored. The

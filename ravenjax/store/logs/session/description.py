@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from ravenjax.errors import StoreError, format_error, model_at
+from ravenjax.errors import StoreError, find_mistakes
 from ravenjax.store.files import read_json, require_writable, write_text
 
 FILE = "session.json"
@@ -91,10 +91,9 @@ def read_session(folder: Path) -> dict[str, Any]:
     try:
         SessionHeader.model_validate(header)
     except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(map(str, first["loc"])) or "the file"
-        problem = format_error(first, model_at(SessionHeader, first["loc"][:-1]))
-        raise StoreError(f"{path}: {key}: {problem}; session.mcap contains a copy") from None
+        key, problem = next(find_mistakes(error, SessionHeader, header))
+        place = ".".join(map(str, key)) or "the file"
+        raise StoreError(f"{path}: {place}: {problem}; session.mcap contains a copy") from None
     return header
 
 
