@@ -164,11 +164,11 @@ def _is_explained_by_misspelling(missing: Any, errors: Sequence[Any]) -> bool:
 
 def _key_in_file(loc: tuple[str | int, ...], raw: Any) -> tuple[str | int, ...]:
     # Returns the key in the file for pydantic's location of an error. The location also names
-    # members of unions: the kind of a table, or, at the end, the types of a value.
+    # members of unions: the kind or the class of a table, or, at the end, the types of a value.
     key: tuple[str | int, ...] = ()
-    for part in loc:
+    for index, part in enumerate(loc, start=1):
         is_table, is_list = isinstance(raw, dict), isinstance(raw, list | tuple)
-        if is_table and part not in raw and part == raw.get("kind"):
+        if is_table and part not in raw and (part == raw.get("kind") or index < len(loc)):
             continue
         if is_table:
             raw = raw.get(part)

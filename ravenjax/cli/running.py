@@ -172,8 +172,8 @@ def fault_free(
     Args:
         hours: Total hours of fault-free motion in pedal-down, including existing hours. The report
             states how many hours it needs.
-        engine: auto is the engine that computed the campaign, but never one that needs a GPU:
-            motions run one at a time, which is faster on a CPU
+        engine: as in `ravenjax run`; auto is the engine that computed the campaign, but never one
+            that needs a GPU: motions run one at a time, which is faster on a CPU
         report: write report.html of FOLDER again at the end
     """
     from ravenjax.campaign.inspection.fault_free import extend_fault_free

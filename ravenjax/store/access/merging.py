@@ -89,7 +89,8 @@ def _require_same(first: Path, other: Path, manifest_of: Mapping[Path, Manifest]
     # Refuses the folder `other` if it is no shard of the campaign in `first`.
     here, there = manifest_of[first], manifest_of[other]
     # Shards may differ in their number, and in the device if the engine computes the same on all.
-    portable = selection.engine_properties(here.engine).portable
+    engine = selection.ENGINES.get(here.engine)
+    portable = engine is not None and engine.portable
     allowed = {"shard": here.shard} | ({"device": here.device} if portable else {})
     differences = here.differences(there.model_copy(update=allowed), "there")
     if here.runs != there.runs:

@@ -107,7 +107,7 @@ def test_dump_loads_again(write):
         (
             'motion = "reach"',
             'file = "a.csv"\nrotation = { blue = [0, 0, 0, 1] }',
-            "operator.rotation: got 'blue', expected 'gold' or 'green'",
+            "operator.rotation.blue: got 'blue', expected 'gold' or 'green'",
         ),
         (
             '"free"',

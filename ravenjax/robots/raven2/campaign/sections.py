@@ -42,8 +42,8 @@ def _check_packets(raw) -> Any:
     names = ", ".join(map(repr, packets.CHOICES))
     if isinstance(raw, str) and raw not in packets.CHOICES:
         raise ValueError(
-            f"got {raw!r}, expected one of {names}{suggest_name(raw, packets.CHOICES)}, or a list"
-            " with the shares of packets that last 1, 2, 3, .. cycles"
+            f"got {raw!r}, expected one of {names}, or a list with the shares of packets that last"
+            f" 1, 2, 3, .. cycles{suggest_name(raw, packets.CHOICES)}"
         )
     if not isinstance(raw, list | tuple):
         return raw

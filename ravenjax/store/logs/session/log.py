@@ -8,7 +8,7 @@ with `STANDARD_HZ` messages a second.
     /armN/measured_cp, true_cp,        geometry_msgs/PoseStamped
         model_cp                       pose of the tip at measured, true or model joints
     /armN/haptic_cf                    geometry_msgs/WrenchStamped: force of the cue
-    /tf                                tf2_msgs/TFMessage: frames as in a trace (`trace.log`).
+    /tf                                tf2_msgs/TFMessage: frames as in a trace (`trace_log`).
 
 Every millisecond there is a flat message on /ravenjax/signals, with every signal of the session as
 float32. Events are on /ravenjax/events (std_msgs/String, one JSON object each), and as text on
