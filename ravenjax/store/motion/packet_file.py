@@ -323,7 +323,7 @@ def read_stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketSt
     fields, count = packets.fields, len(arms)
     rows = len(fields)
     no_motion = PacketReading(((0, 0, 0),) * count, ((0.0, 0.0, 0.0, 1.0),) * count, (0,) * count)
-    # The robot ignores a packet until the loop accepts it.
+    # These are the values of packets that the robot ignores. The loop fills in the other packets.
     readings, pedal, accepted = [no_motion] * rows, np.zeros(rows), np.zeros(rows, bool)
     reader, pedal_down = PacketReader(profile, arms), 0.0
     misfits: list[tuple[Sequence, Misfit]] = []
