@@ -170,7 +170,6 @@ class _Lowering:
 
     def _both_branches(self, eqn: core.JaxprEqn, operands: list[_Value]) -> list[_Value]:
         """Return the results of a `cond`: both branches are computed, and one result is selected.
-
         The first branch is the usual one, so the second may be skipped (see `regions`).
         """
         if (count := len(eqn.params["branches"])) != 2:
@@ -185,7 +184,7 @@ class _Lowering:
         return [b.emit("rarely", b.operations[x].dtype, condition, x, y) for x, y in pairs]
 
     def _equation(self, eqn: core.JaxprEqn, operands: list[_Value]) -> int:
-        # Emits one equation of the jaxpr. Returns the number of its result.
+        # Emits one equation of the jaxpr. Returns the index of the operation that has its result.
         aval: Any = eqn.outvars[0].aval
         name = eqn.primitive.name
         if math.prod(aval.shape) != 1:
@@ -193,7 +192,8 @@ class _Lowering:
             raise UnknownPrimitive(f"{got}; expected a single number")
         if name in ("dynamic_slice", "gather"):
             return self._lookup(eqn, operands)
-        return self._operation(eqn, self._dtype(aval), list(map(_require_number, operands)))
+        scalar_operands = [_require_number(operand) for operand in operands]
+        return self._operation(eqn, self._dtype(aval), scalar_operands)
 
     def _operation(self, eqn: core.JaxprEqn, dtype: str, x: list[int]) -> int:
         # Emits the operations of one primitive of JAX on the operands `x`. Returns the result's
@@ -239,9 +239,8 @@ class _Lowering:
         )
 
     def _lookup(self, eqn: core.JaxprEqn, operands: list[_Value]) -> int:
-        """Return the number of a 1-D table at an index.
-
-        Outside of the table the result is its first or last number, or NaN with JAX's mode `fill`.
+        """Return the number of a 1-D table at an index. Outside of the table, the result is the
+        first or last number of the table, or NaN with JAX's mode `fill`.
         """
         table, is_single = operands[0], tuple(eqn.params["slice_sizes"]) == (1,)
         if not isinstance(table, _Table) or len(operands) != 2 or not is_single:
@@ -259,7 +258,8 @@ class _Lowering:
         dtype = b.operations[result].dtype
         if not dtype.startswith("float"):
             raise UnknownPrimitive(
-                f"a gather of {dtype} with mode fill is not supported; use .at[k].get(mode='clip')"
+                f"an array of {dtype} is read with mode 'fill', the default of jnp.take; write"
+                " array.at[k].get(mode='clip')"
             )
         bounds = b.emit("le", "bool", first, index), b.emit("le", "bool", index, last)
         is_inside = b.emit("and", "bool", *bounds)

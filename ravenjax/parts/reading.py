@@ -52,7 +52,8 @@ class Reader:
         elif name in self.known:
             self.taken[name] = self.known[name]
         else:
-            raise FileNotFoundError(2, "The code may read only files that its first run read", name)
+            reason = "no copy is stored, because the code did not read this file in its first run"
+            raise FileNotFoundError(2, reason, name)
         return self.taken[name]
 
     def _run(self, code: str | bytes, path: Path, name: str) -> types.ModuleType:

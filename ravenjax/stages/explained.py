@@ -1,23 +1,23 @@
 """Compares a run with its golden run, number by number, to find where and when a fault first shows.
 
-This module is a `Loop` of `ravenjax.engines.interface`: a robot's loop with an observer. In each
-tick, the observer compares every number at a seam with the golden run's number of the same tick. It
-reads the golden run's numbers from a time series that was computed before. Engines can therefore
-run many lanes at once, and start them from checkpoints of golden runs. The run's outcomes equal
-those of the robot's loop without the observer, bit by bit.
+This module is a `Loop` of `ravenjax.engines.interface`. In each tick it computes the robot's loop,
+and then compares every number at a seam with the golden run's number of the same tick. The numbers
+of the golden run were computed before, and are read from a time series. Engines can therefore run
+many lanes at once, and start them from checkpoints of golden runs. The outcomes of the robot's loop
+do not change by a single bit. For each number, the comparison finds two ticks:
 
-The robot's loop also has
+- `differs`: the first tick in which any bit differs from the golden run's number.
+- `leaves`: the first tick in which the number is outside its normal range while the golden run's
+  number is inside.
 
-    name_signals(setup, signals) -> {name: signal}
-    check_histories(setup, state) -> {name: `stages.check.CheckHistory`}
+Some seams have numbers only in some ticks, as the packet in ticks in which one arrives. Such a seam
+is compared only while its flag is not 0. `Seam.present` is the path of the flag. A path, such as
+`control.arms.ARM.tau_d`, begins with the name of a signal.
 
-and its state has a `monitor`. A number at a seam has a path, such as `control.arms.ARM.tau_d`. The
-first word of a path is the name of a signal.
+The state of the robot's loop must have a field `monitor`, and the loop two more functions:
 
-`differs` is the first tick in which any bit of a number differs from the golden run's number.
-`leaves` is the first tick in which a number is outside its normal range while the golden run's is
-inside. A seam such as the packet has a signal only in some ticks. `Seam.present` is the path of a
-number that is 0 in the other ticks. In those ticks the seam is not compared.
+    name_signals(setup, signals) -> {name of a signal: numbers of the signal}
+    check_histories(setup, state) -> {name of a check: `stages.check.CheckHistory`}
 """
 
 import dataclasses
@@ -75,7 +75,6 @@ class ExplainedState:
 
 def explain_program(program: Any, robot: Robot) -> Any:
     """Return a program of the same runs, each compared with its golden run at the robot's seams.
-
     robot: with the users' checks of the campaign.
     """
     setup = program.setup

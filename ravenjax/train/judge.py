@@ -247,21 +247,23 @@ class Episode:
 
     def record_response(self, response: str, began_ms: int) -> None:
         """Record an operator's response, if it is the first of its kind after `origin_ms`. Report
-        it as an event if it is now the scored response. response: one of those that `Judge` lists.
+        it as an event, unless an earlier response remains the scored one. response: one of those
+        that `Judge` lists.
         """
         # A robot that has halted needs no response by motion.
         is_excluded = self.interrupted or (self.halted and response in _MOTION_RESPONSES)
         if is_excluded or began_ms < self.origin_ms or response in self.responses:
             return
         # Without a response, `scored_response` returns "" or "continue", which are not recorded.
-        has_earlier_response = self.scored_response()[0] in self.responses
+        had_scored_response = self.scored_response()[0] in self.responses
         self.responses[response] = began_ms
-        # An earlier response may remain the scored one.
-        is_scored = not has_earlier_response or self.scored_response()[0] == response
-        # Hands also slow down near a target, so a slow-down is no wrong response.
-        if is_scored and (response != "slow" or response in self.hazard.right_response):
-            ms, is_right = self.reaction_ms(response), self.is_right(response)
-            self.record("response", what=response, ok=is_right, ms=ms)
+        if had_scored_response and self.scored_response()[0] != response:
+            return
+        # Hands also slow down near a target, so a slow-down is reported only as a right response.
+        if response == "slow" and response not in self.hazard.right_response:
+            return
+        ms, is_right = self.reaction_ms(response), self.is_right(response)
+        self.record("response", what=response, ok=is_right, ms=ms)
 
     def is_decided(self, tick: int) -> bool:
         """Whether the outcome is final: after harm, a right response, or the time allowed. If the

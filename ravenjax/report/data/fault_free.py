@@ -116,9 +116,10 @@ def make_fault_free_table(
 
 
 def _golden_column_sql(name: str, available: set[str]) -> str:
-    # Returns SQL for a `golden_` column, from the column of a fault-free run without this prefix.
-    measured = name.removeprefix("golden_")
-    if name not in available and measured in available:
-        return quote_name(measured)
-    # Only the time of a reaction is in neither column. It is -1, because nobody reacts.
-    return quote_name(name) if name in available else "-1"
+    # Returns SQL for the column `name` from a table of fault-free runs. Such runs are golden runs
+    # themselves, so a column without the prefix `golden_` has the same content.
+    for column in (name, name.removeprefix("golden_")):
+        if column in available:
+            return quote_name(column)
+    # Only golden_reaction_ms is missing, because nobody reacts in these runs. -1 means never.
+    return "-1"

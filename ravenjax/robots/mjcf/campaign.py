@@ -240,14 +240,13 @@ its iterations, and the number of iterations.
 @functools.lru_cache(maxsize=8)
 def _along(operator: Operator, robot: Any, ticks: int) -> tuple[np.ndarray, ...]:
     """Return the set points of each joint that move the tip along its path, float32 [ticks].
-
     Each tick's joints are found by damped least squares, from the tick before. Raises UserError.
     """
     from scipy.interpolate import CubicSpline
 
     arm, rows = robot.arm, np.array(operator.tip)
     if any(not c.limit for c in arm.mechanism.constraints):
-        raise UserError("operator.tip: joints of the arm are coupled; expected motion 'sines'")
+        raise UserError("operator.motion: 'tip' needs an arm without coupled joints; write 'sines'")
     rows[:, 4:] = continuous_turns(rows[:, 4:])
     try:
         path = CubicSpline(rows[:, 0], rows[:, 1:], bc_type="clamped")

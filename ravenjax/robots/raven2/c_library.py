@@ -155,8 +155,8 @@ def struct_members(
 
 
 def _array_shape(node) -> tuple[int, ...] | None:
-    # Returns the shape of the array that nested tuples of integers form; () for one integer. None
-    # for a record, and for tuples of different lengths.
+    # Returns the shape of `node` as an array of integers: () for one integer, (2, 7) for a tuple of
+    # two tuples of seven integers. Returns None for a dataclass, and for tuples of unequal lengths.
     try:
         return np.array(node, dtype=int).shape
     except (TypeError, ValueError):

@@ -84,9 +84,8 @@ class RawPackets(NamedTuple):
 
 
 def read_packets(path: Path) -> RawPackets:
-    """Return datagrams and arrival times of a Parquet file or a network capture.
-
-    Raise UserError if the file is damaged or contains no packet stream.
+    """Return datagrams and arrival times of a Parquet file or a network capture. Raise UserError if
+    the file is damaged or contains no packet stream.
     """
     capture = path.suffix.lower() in CAPTURES
     packets = _read_capture(path) if capture else _read_table(path, files.read_table(path))
@@ -206,7 +205,6 @@ def time_packets(
     path: Path, console: str, arms: tuple[ArmName, ...] = ARMS
 ) -> tuple[RawPackets, ConsoleProfile]:
     """Return packets with their arrival times in seconds, and the console profile that fits them.
-
     Raise UserError if no profile fits.
     """
     packets = read_packets(path)
@@ -318,52 +316,52 @@ def _in_seconds(path: Path, packets: RawPackets, profile: ConsoleProfile) -> Raw
 
 
 def read_stream(path: Path, arms: tuple[ArmName, ...], console: str) -> PacketStream:
-    """Return the decoded packets of a Parquet file or a network capture.
-
-    console: name or file of a console profile, or "auto". Raise UserError if they do not fit.
+    """Return the decoded packets of a Parquet file or a network capture. console: name or file of a
+    console profile, or "auto". Raise UserError if the packets do not fit the profile.
     """
     packets, profile = time_packets(path, console, arms)
     fields, count = packets.fields, len(arms)
     rows = len(fields)
-    still = PacketReading(((0, 0, 0),) * count, ((0.0, 0.0, 0.0, 1.0),) * count, (0,) * count)
-    readings, pedal, accepted = [still] * rows, np.zeros(rows), np.zeros(rows, bool)
-    reader, misfits, last = PacketReader(profile, arms), [], fields[0][0] - 1
-    why: Misfit | None = None
-    # Time of the last packet that continued the stream.
-    heard_s = 0.0
+    no_motion = PacketReading(((0, 0, 0),) * count, ((0.0, 0.0, 0.0, 1.0),) * count, (0,) * count)
+    # These are the values of packets that the robot ignores. The loop fills in the other packets.
+    readings, pedal, accepted = [no_motion] * rows, np.zeros(rows), np.zeros(rows, bool)
+    reader, pedal_down = PacketReader(profile, arms), 0.0
+    misfits: list[tuple[Sequence, Misfit]] = []
+    # Sequence number and time of the last packet that belongs to the stream.
+    last, last_s = fields[0][0] - 1, 0.0
     for row, (packet, time_s) in enumerate(zip(fields, packets.time.tolist(), strict=True)):
         number = packet[0]
-        joined = number == last + 1
-        restarts = number < last and _restarts(number, last, time_s - heard_s)
-        result = reader.read(packet, joined and row > 0)
+        is_next = number == last + 1
+        restarts = number < last and _restarts(number, last, time_s - last_s)
+        result = reader.read(packet, is_next and row > 0)
         if isinstance(result, Misfit):
-            misfits.append(packet)
-            why = result
+            misfits.append((packet, result))
         elif number and (number > last or restarts):
             reader.accept_packet()
-            last, heard_s = number, time_s
-            if joined:
+            last, last_s = number, time_s
+            # The first packet after a gap or a restart belongs to the stream, but moves nothing.
+            if is_next:
                 readings[row], accepted[row] = result, True
-        pedal[row] = packet[MODE] if accepted[row] else pedal[row - 1] if row else 0
+                pedal_down = packet[MODE]
+        pedal[row] = pedal_down
     if len(misfits) > MOST_MISFITS * rows:
         others = [other for other in consoles.bundled_profiles() if other != profile]
-        fits = matching_profile(misfits, others, arms)
+        fits = matching_profile([packet for packet, _ in misfits], others, arms)
         advice = "no bundled profile fits them"
         if fits:
             advice = f"they fit {fits}: write operator.console = '{fits}'"
         raise UserError(
-            f"{path}: {len(misfits)} of {rows} packets do not fit console {profile.name}, the last"
-            f" because of {why}; {advice}"
+            f"{path}: {len(misfits)} of {rows} packets do not fit console profile {profile.name};"
+            f" {advice}. The last of these packets breaks the rule for {misfits[-1][1]}"
         )
     delta, quat, grasp = (np.array(column, float) for column in zip(*readings, strict=True))
     return PacketStream(profile, delta, quat, grasp, pedal, accepted, packets)
 
 
 def _restarts(number: int, last: int, silence_s: float) -> bool:
-    """Return whether a packet whose number is below the last one restarts the stream.
-
-    The robot accepts a restart if the number is far below the last one. A recorded session accepts
-    number 1 after QUIET_MS without packets, and any number after RELEASE_MS.
+    """Return whether a packet whose number is below the last one restarts the stream. The robot
+    accepts a restart if the number is far below the last one. A recorded session accepts number 1
+    after QUIET_MS without packets, and any number after RELEASE_MS.
     """
     far = last > RESET_GAP and number < last - RESET_GAP
     return number > 0 and (

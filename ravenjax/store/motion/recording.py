@@ -62,9 +62,8 @@ class HandRecording:
 
 
 def arms_in(path: Path) -> tuple[ArmName, ...]:
-    """Return the arms that a file contains, gold first; gold if it has no names of arms.
-
-    Raise UserError if the file cannot be read.
+    """Return the arms that a file contains, gold first; gold if it has no names of arms. Raise
+    UserError if the file cannot be read.
     """
     require_readable(path)
     found: tuple[ArmName, ...] = ARMS
@@ -103,14 +102,12 @@ def _read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -
             )
     for name in ("rotation", "offset_mm"):
         given = getattr(options, name)
-        if (
-            given
-            and isinstance(given, dict)
-            and (lacking := [arm for arm in arms if arm not in given])
-        ):
+        names = given if isinstance(given, dict) and given else arms
+        lacking = [arm for arm in arms if arm not in names]
+        if lacking:
             raise UserError(
-                f"{path}: operator.{name} has values for {', '.join(given)}, expected also one for"
-                f" {lacking[0]}; write a value without names of arms if all have the same"
+                f"{path}: operator.{name} has a value for {', '.join(names)}, but none for"
+                f" {lacking[0]}; write one for each arm, or a single value without names of arms"
             )
     if kind == STREAM:
         homes: dict[ArmName, Home] = {arm: home_pose(arm) for arm in arms}
@@ -119,9 +116,8 @@ def _read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -
 
 
 def load_recording(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> HandRecording:
-    """Return the recording of `arms`.
-
-    Raise UserError for problems that prevent the replay of every part of the file.
+    """Return the recording of `arms`. Raise UserError for problems that prevent the replay of every
+    part of the file.
     """
     require_readable(path)
     track = _read_track(path, arms, options)
@@ -184,7 +180,9 @@ def require_readable(path: Path) -> None:
 
 
 def _times(track: Track, options: ReplayOptions) -> dict[str, np.ndarray]:
-    """Return seconds of each arm's samples since the first moment at which all arms have one."""
+    """Return the times of each arm's samples, s. Time 0 is the first sample of the arm whose
+    samples begin last. Earlier samples of other arms have negative times.
+    """
     times = {}
     for arm, samples in track.arms.items():
         if samples.time_s is None:
@@ -194,8 +192,8 @@ def _times(track: Track, options: ReplayOptions) -> dict[str, np.ndarray]:
         else:
             stamps.require_plausible(track.path, samples.time_s, track.clock, options)
             times[arm] = samples.time_s
-    begin = max(time_s[0] for time_s in times.values())
-    return {arm: time_s - begin for arm, time_s in times.items()}
+    latest_start = max(time_s[0] for time_s in times.values())
+    return {arm: time_s - latest_start for arm, time_s in times.items()}
 
 
 def _evenly(

@@ -1,9 +1,10 @@
-"""Runs `ravenjax robot`: control software and simulated robot in a process that ITP consoles drive.
+"""Runs `ravenjax robot`: a simulated robot with its control software, driven over a network.
 
-Faults act in this process, so a console cannot detect them in its own packets. If a console sends
-nothing for 5 s, the robot treats the pedal as up, as the real robot does. Increments that arrive
-within one millisecond are summed to one packet, as in raven2's network thread. This packet gets its
-own sequence number. Unlike in a session, only the pedals decide which console drives.
+Consoles send packets to this process. Faults act after a packet has arrived, so a console cannot
+detect them in the packets that it sends. If a console sends nothing for 5 s, the robot treats the
+pedal as up, as the real robot does. Increments that arrive within one millisecond are added up, as
+in raven2's network thread. The robot gets the sum as one packet with a new sequence number. Only
+the foot pedals decide which of several consoles drives the robot.
 """
 
 import contextlib

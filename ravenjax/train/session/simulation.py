@@ -313,13 +313,15 @@ class SimulatedRobot:
 
     def press_estop(self, row: int) -> None:
         """Hold the E-stop button for 100 ms. row: the button's row of the fault table."""
-        # In the golden run nobody presses the button, so it must be computed from now on.
+        # In the golden run nobody presses the button. From now on, the golden run therefore differs
+        # from the robot and must be computed, too. It starts in the present state of the robot.
         if not self._golden_differs:
             self._golden.restore(self._robot.snapshot())
             self._set_golden_differs(True)
-        values = {name: column[row, 0] for name, column in self.blueprint.plan.faults.items()}
-        values |= {"trigger": TRIGGER_CODES["time"], "start": self.next_tick, "duration": 100}
-        self._set_fault(self.blueprint.fault_slots, values)
+        # The pressed button is a fault. Its slot follows the slots of hazards.
+        button = {name: column[row, 0] for name, column in self.blueprint.plan.faults.items()}
+        button |= {"trigger": TRIGGER_CODES["time"], "start": self.next_tick, "duration": 100}
+        self._set_fault(self.blueprint.fault_slots, button)
 
     def _set_fault(self, slot: int, values: Json | None):
         """Set a slot's fault (values None: no fault), and reset the state of the slot."""

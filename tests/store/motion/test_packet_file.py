@@ -69,7 +69,7 @@ def test_tips_follow_the_recorded_console_in_direction_and_scale(shared_data):
 
 def test_under_another_profile_it_is_refused_and_the_right_one_named(shared_data):
     with pytest.raises(
-        UserError, match=r"do not fit console raven.*write operator\.console = 'dv_trainer'"
+        UserError, match=r"do not fit console profile raven.*write operator\.console = 'dv_trainer'"
     ):
         recording.load_recording(shared_data(FILE), ("gold",), ReplayOptions(console="raven"))
 

@@ -184,5 +184,5 @@ def test_public_recording(shared_data):
     assert summary.arms[0].inside == pytest.approx(0.927, abs=1e-3)
     assert summary.arms[0].removed[0] == pytest.approx(0.066, abs=0.002)
     refused(
-        path, "shoulder of green", "Reachable stretches", arms=("gold", "green"), rate_hz=1000.0
+        path, "shoulder of green", "parts can be reached", arms=("gold", "green"), rate_hz=1000.0
     )

@@ -116,7 +116,7 @@ def test_a_rigid_transform_moves_tips_into_frame_0(tmp_path, by_matrix):
         ({"console": "raven"}, "is a table, but operator.console applies to a stream"),
         (
             {"offset_mm": {"green": (0, 0, 0)}},
-            "operator.offset_mm has values for green, expected also one for gold",
+            "operator.offset_mm has a value for green, but none for gold",
         ),
     ],
 )

@@ -189,10 +189,8 @@ class RavenConfig(CampaignConfig):
         if self.operator.motion == "still" and self.operator.seed:
             yield ("operator", "seed"), "motion 'still' is the same for every seed"
         if self.operator.place == "home" and self.operator.offset_mm is not None:
-            yield (
-                ("operator", "offset_mm"),
-                "has no effect with place = 'home', which moves the tip to the home pose",
-            )
+            message = "has no effect with place = 'home', which moves the tip to the home pose"
+            yield ("operator", "offset_mm"), message
         starts = self.operator.start.jpos()
         for joint, (low, high) in self.limits.si().items():
             if self.operator.file is None and not low <= starts[joint] <= high:
@@ -207,25 +205,27 @@ class RavenConfig(CampaignConfig):
             yield ("campaign", "dac_words"), "has no effect without a fault at site usb_out"
 
     def notices_of_runs(self, plan: Any) -> Iterator[tuple[str, np.ndarray, str]]:
-        """See `CampaignConfig.notices_of_runs`."""
+        """Yield (key, runs, message) for each key whose value has no effect in some runs of a plan.
+        runs: whether the value has no effect in each run, bool [runs].
+        """
         paths = self.axes_by_path.keys()
-        groups = plan.rows["group"].cat.codes.to_numpy()
+        group_of_run = plan.rows["group"].cat.codes.to_numpy()
 
-        def groups_without_use(uses: np.ndarray) -> np.ndarray:
-            # Returns whether a run belongs to a group in which no run uses a key, bool [runs].
-            # uses: whether a run uses the key, bool [runs].
-            return ~np.isin(groups, groups[uses])
+        def is_unused_in_group(uses: np.ndarray) -> np.ndarray:
+            # Returns for each run whether no run of its group uses a key, bool [runs].
+            # uses: for each run whether it uses the key, bool [runs].
+            groups_with_use = group_of_run[uses]
+            return ~np.isin(group_of_run, groups_with_use)
 
         if self.campaign.software == "raven2":
             varies_limits = any(path.startswith("control.overdrive.dac_max") for path in paths)
+            # A safety level sets the limits `dac_max` of all joints.
             key = "campaign.level" if self.campaign.level else "control.overdrive.dac_max"
             if self.campaign.level or varies_limits:
-                yield (
-                    key,
-                    # Policy 0 is no_regulation
-                    groups_without_use(plan.numbers("control.overdrive.policy") != 0),
-                    "has no effect with policy 'no_regulation', which ignores these limits",
-                )
+                # Policy 0 is 'no_regulation'.
+                uses_limits = plan.numbers("control.overdrive.policy") != 0
+                message = "has no effect with policy 'no_regulation', which ignores these limits"
+                yield key, is_unused_in_group(uses_limits), message
         if self.detector and "detectors.armed_after" in paths:
             late = plan.numbers("detectors.armed_after") >= plan.ends
             yield "detectors.armed_after", late, "no detector becomes active before the run ends"
@@ -234,13 +234,13 @@ class RavenConfig(CampaignConfig):
             message = "with 0 N per device unit the cue moves no hand"
             yield "hand.newtons_per_unit", forceless, message
         if self.reaction is not None:
-            yield from self._reaction_notices(plan, paths, groups_without_use)
+            yield from self._reaction_notices(plan, paths, is_unused_in_group)
 
     def _reaction_notices(
-        self, plan, paths: Collection[str], groups_without_use: Callable[[np.ndarray], np.ndarray]
+        self, plan, paths: Collection[str], is_unused_in_group: Callable[[np.ndarray], np.ndarray]
     ) -> Iterator[tuple[str, np.ndarray, str]]:
         # Yields (key, which runs, message) for values of [reaction] without effect.
-        # groups_without_use: bool [runs], the run uses a key -> no run of its group uses the key.
+        # is_unused_in_group: bool [runs], the run uses a key -> no run of its group uses the key.
         written = {
             # The parameter in m/s has another name than the key in mm/s
             "correct_speed" if name == "correct_mm_s" else name
@@ -252,7 +252,7 @@ class RavenConfig(CampaignConfig):
         for name, actions in USING_ACTIONS.items():
             uses = np.isin(action, actions)
             if name in written or f"reaction.{name}" in paths:
-                unused = groups_without_use(uses)
+                unused = is_unused_in_group(uses)
                 yield f"reaction.{name}", unused, "has no effect with this reaction.action"
             if name in NEUTRAL_VALUES:
                 neutral = NEUTRAL_VALUES[name]
@@ -262,19 +262,15 @@ class RavenConfig(CampaignConfig):
         # The operator feels the first haptic set
         acts, cap = action != "none", self.haptics.cues()[0].cap
         force = numbers["felt_force"]
-        yield (
-            "reaction.felt_force",
-            acts & (force > np.float32(cap)),
-            f"{force.max():g} device units are never reached: the cue's cap is {cap:g}",
-        )
+        never_felt = acts & (force > np.float32(cap))
+        message = f"{force.max():g} device units are never reached: the cue's cap is {cap:g}"
+        yield "reaction.felt_force", never_felt, message
         # Ticks from the first possible cue to the end. Without a fault, a cue may come at any time
         has_fault = (plan.faults["code"] > 0).any(axis=1) & (plan.acts < plan.ends)
         ticks_left = plan.ends - np.where(has_fault, plan.acts, 0)
-        yield (
-            "reaction.delay_ms",
-            acts & (numbers["delay_ms"] >= ticks_left),
-            "the delay is so long that the run ends before the operator acts",
-        )
+        too_late = acts & (numbers["delay_ms"] >= ticks_left)
+        message = "the delay is so long that the run ends before the operator acts"
+        yield "reaction.delay_ms", too_late, message
 
     @property
     def distances_mm(self) -> tuple[float, float]:

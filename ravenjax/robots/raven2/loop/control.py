@@ -361,14 +361,15 @@ def _inject_poses(
 def _simulated_motors(
     setup: RavenSetup, inputs: Inputs, state: ControlState, mpos: PerArm[Vec], mvel: PerArm[Vec]
 ) -> tuple[PerArm[Vec], PerArm[Vec]]:
-    # Returns motor positions and velocities in a build of the 2015 fork that simulates dynamics.
-    # Motors 1-3 are those of the simulation. The tool motors are as measured. In the build dyn_sim
-    # they are at rest at their desired positions.
+    # Returns motor positions and velocities for the 2015 fork's simulator builds, which read motors
+    # 1-3 from a simulation. The build dyn_sim_tools reads the tool motors as measured. In the build
+    # dyn_sim, the tool motors rest at their last desired positions.
+    tool_mpos, tool_mvel = mpos, mvel
     if setup.build == "dyn_sim":
-        mpos = tuple(motors.mpos_d for motors in state.motor_control)
-        mvel = for_each_arm(setup, Vec.full(7, narrow_numbers(setup, 0.0)))
+        tool_mpos = tuple(motors.mpos_d for motors in state.motor_control)
+        tool_mvel = for_each_arm(setup, Vec.full(7, narrow_numbers(setup, 0.0)))
     positions, velocities = [], []
-    for simulated, arm_mpos, arm_mvel in zip(inputs.simulated, mpos, mvel, strict=True):
+    for simulated, arm_mpos, arm_mvel in zip(inputs.simulated, tool_mpos, tool_mvel, strict=True):
         mpos_1_to_3, mvel_1_to_3 = simulated
         positions.append(Vec((*narrow_numbers(setup, mpos_1_to_3), *arm_mpos[3:])))
         velocities.append(Vec((*narrow_numbers(setup, mvel_1_to_3), *arm_mvel[3:])))

@@ -96,7 +96,8 @@ def _remember_packet_times(history: Vec, console: Console) -> Vec:
 
 
 def _react(state: reaction.ReactionState, console: Console) -> reaction.ReactionState:
-    # Decides whether the reaction to the cue begins; sets how packets then deviate from the plan.
+    # Decides whether the reaction to the cue begins. `deviate` then tells the console how a packet,
+    # with the motion from row `timing.before` to row `timing.row`, deviates from the plan.
     setup, params = console.setup, console.params.stages["reaction"]
     reacted = reaction.react_to_cue(setup, params, state, console.signal.tick, console.timing.row)
     console.deviate = lambda timing: reaction.packet_deviation(

@@ -77,25 +77,26 @@ class Coupling:
         return Vec(torques)
 
     def congruence(self, weights: Vec) -> list[list[Scalar]]:
-        """Return the lower triangle of the symmetric matrix T^T diag(weights) T; other entries 0.
-
-        T is the motor matrix, and Z the index of the insertion.
+        """Return the lower triangle of the symmetric matrix T^T W T; the other entries are 0. T is
+        the motor matrix, and W the diagonal matrix of the weights.
         """
-        # T is the product R rows diag(1 / gain). R is the unit matrix, but R[i][Z] is ratio[i] for
-        # tool motors i. First compute the lower triangle of inner = R^T diag(weights) R.
+        # T is the matrix product R `rows` diag(1 / gain). R is the unit matrix, but in the column Z
+        # of the insertion, R[i][Z] is ratio[i] for each tool motor i.
+        # Step 1: compute the lower triangle of inner = R^T W R.
         inner: list[list[Scalar]] = [[0.0] * N for _ in range(N)]
         for i in range(N):
             inner[i][i] = weights[i]
             if i > Z:
-                shared = mul(self.ratio[i], weights[i])
-                inner[i][Z] = shared
-                inner[Z][Z] = add(inner[Z][Z], mul(self.ratio[i], shared))
-        # Then compute the lower triangle of outer = rows^T inner rows, and divide it by the gains.
+                weighted_ratio = mul(self.ratio[i], weights[i])
+                inner[i][Z] = weighted_ratio
+                inner[Z][Z] = add(inner[Z][Z], mul(self.ratio[i], weighted_ratio))
+        # Step 2: compute the lower triangle of outer = rows^T inner rows, term by term.
         outer: list[list[Scalar]] = [[0.0] * N for _ in range(N)]
         for i in range(N):
             for j in range(i + 1):
                 for row, column, factor in _terms(self.rows, i, j):
                     outer[row][column] = add(outer[row][column], mul(factor, inner[i][j]))
+        # Step 3: divide row i and column i of `outer` by gain[i].
         inverse = [_divide(1.0, gain) for gain in self.gain]
         return [
             [mul(outer[i][j], mul(inverse[i], inverse[j])) if j <= i else 0.0 for j in range(N)]
@@ -109,8 +110,7 @@ def _divide(a: Scalar, b: Scalar) -> Scalar:
 
 
 def _terms(rows: Sequence[Vec], i: int, j: int) -> list[tuple[int, int, float]]:
-    """Return what the entry M[i][j] of a symmetric M adds to the lower half of R^T M R. R: `rows`.
-
+    """Return what the entry M[i][j] of a symmetric M adds to the lower half of rows^T M rows.
     A term is (row, column, factor): entry [row][column] contains factor times M[i][j] (= M[j][i]).
     """
     places = [(i, j)] if i == j else [(i, j), (j, i)]

@@ -408,10 +408,12 @@ def true_tips(
     states: PerArm[PlantState],
     robots: PerArm[PlantOutput],
 ) -> PerArm[Vec]:
-    """Return the true tip of each arm, m in registered frame 0."""
+    """Return the true tip of each arm, m in frame 0 of the arm, after the registration
+    `PlantState.frame` if there is one. `params`, `states`, `robots`: one entry per arm.
+    """
     return tuple(
-        kinematic_errors.true_tip(arm, plant.kinematic_errors, state.frame, out.jpos)
-        for arm, plant, state, out in zip(setup.arms, params, states, robots, strict=True)
+        kinematic_errors.true_tip(arm, arm_params.kinematic_errors, state.frame, output.jpos)
+        for arm, arm_params, state, output in zip(setup.arms, params, states, robots, strict=True)
     )
 
 

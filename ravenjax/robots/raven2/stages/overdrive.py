@@ -1,12 +1,18 @@
 """Overdrive detection: the only check on the DAC commands (raven2: overdrive_detect.cpp).
 
-The check goes through mechanisms and joints in order. grasp2, index 7 of the original's eight
-joints, is never checked. If a command exceeds the instant limit, it becomes 0 and the soft E-stop
-is raised. The commands of the other joints are still written in that cycle. If a command exceeds
-the limit of its joint, raven2's policy (see `POLICIES`) is to do nothing, to clip, or to count. One
-counter counts for all joints and arms. After more than `HARD_SAMPLES` such commands, the next
-becomes 0, raises the soft E-stop and restarts the counter. A command above the instant limit, or a
-clipped one, also resets the counter. The older fork of 2015 always clips, at every run level.
+The check goes through arms and joints in order, except for the joint grasp2, and compares the size
+of each command with two limits. A command above the instant limit (`MAX_INST_DAC`) becomes 0, and
+the soft E-stop is raised. The other joints' commands are still written in that cycle. The limit of
+each joint (`LEVELS`) is lower than the instant limit. In raven2, a policy decides what happens to a
+command between these two limits in the run levels 1 to 3:
+
+- no_regulation: nothing.
+- soft_regulation: the command is clipped to the joint's limit.
+- hard_regulation: one counter for all joints and arms counts the command. If the counter was above
+  `HARD_SAMPLES` before, the command becomes 0, the soft E-stop is raised, and the counter restarts.
+  A command above the instant limit resets the counter.
+
+The fork of 2015 has no policies: it clips at every run level.
 """
 
 from functools import reduce

@@ -1,9 +1,10 @@
 """State machine: run level from the PLC's pins, initialisation sublevels, soft E-stop flag.
 
 raven2: state_machine.cpp, init.cpp, rt_process_preempt.cpp. Homing is not simulated: the software
-starts as if homing were complete, in cartesian mode. Sublevel 3 therefore sets `initialized`, and
-the PLC may change to pedal-up. After an E-stop the robot passes sublevels 0, 1, 2 (11 cycles) and 3
-again, as the real robot does in cartesian mode.
+starts as if homing were complete, in cartesian mode. In run level init, the software passes through
+the sublevels 0, 1 and 2, and stays in sublevel 3. Sublevel 2 lasts 11 cycles. Sublevel 3 sets the
+flag `initialized`. The PLC reads this flag, and then changes the run level to pedal-up. After an
+E-stop the robot passes through the same sublevels, as the real robot does in cartesian mode.
 """
 
 from functools import reduce
@@ -110,9 +111,8 @@ def advance_sublevel(
 
 
 def raise_soft_estop(state: StateMachineState, tick: Scalar, tripped: Scalar) -> StateMachineState:
-    """Return the state with the soft E-stop flag set if `tripped`.
-
-    The flag stops the watchdog at once, and sets DACs to 0 from the next cycle until run level 0.
+    """Return the state with the soft E-stop flag set if `tripped`. The flag stops the watchdog at
+    once, and sets DACs to 0 from the next cycle until run level 0.
     """
     return replace(
         state,

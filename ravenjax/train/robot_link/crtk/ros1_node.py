@@ -1,11 +1,14 @@
 """Runs a ROS 1 node in the Python that has rospy. It imports nothing of ravenjax.
 
-The argument is the descriptor of a socket that `multiprocessing.connection` reads and writes. The
-first message is a pair of lists [[topic, type, md5, definition, latched], ...]: the topics to
-publish and the topics to subscribe to. Later messages in both directions are pairs: the number of a
-topic in its list, and the bytes of a ROS message. The node also sends ("ready", None), ("error",
-text) and ("connected", number of publishers of subscribed topics). An empty md5 accepts any message
-definition; the node then sends ("defined", (number of the topic, definition of its publisher)).
+The node and ravenjax exchange pairs over a socket, by `multiprocessing.connection`. The argument of
+the program is the socket's file descriptor. The first pair comes from ravenjax: a list of topics to
+publish, and a list of topics to subscribe to. A topic is [name, type, md5, definition, latched].
+Both sides then send (index of a topic in its list, bytes of a ROS message). The node also sends:
+
+- ("ready", None) when it has started, or ("error", text) if it cannot start
+- ("connected", number of publishers of the subscribed topics) when this number changes
+- ("defined", (index of a topic, message definition of its publisher)) before the first message of a
+  topic with an empty md5, which accepts messages of any definition
 """
 
 import os
