@@ -465,10 +465,11 @@ def _parameters() -> Iterator[str]:
     yield "# Parameters"
     yield _WRITTEN
     yield (
-        "The parameters that `[parameters]` and `[cross]` may set or vary, with the values of one"
-        " gold arm under the software raven2. `ravenjax parameters FILE` prints the parameters of"
-        " the robot in a campaign. A path names one number, or one number for each joint or axis;"
-        " `PATH.elbow` names the number of the elbow."
+        "This page lists the parameters that you can write in `[parameters]` and `[cross]` of a"
+        " campaign. The column *value* gives the default for a robot with one gold arm and the"
+        " software raven2. `ravenjax parameters FILE` prints the parameters of the robot of a"
+        " campaign. A parameter is one number, or several numbers, one for each joint or axis. To"
+        " change the number of one joint only, add the joint to the path: `PATH.elbow`."
     )
     yield markdown_table(PARAMETER_COLUMNS, ((f"`{path}`", *rest) for path, *rest in rows))
 

@@ -134,20 +134,18 @@ def find_mistakes(
     for mistake in mistakes:
         if _is_explained_by_misspelling(mistake, mistakes):
             continue
-        loc, message = mistake["loc"], _describe_mistake(mistake, model)
+        kind, loc, message = mistake["type"], mistake["loc"], _describe_mistake(mistake, model)
         key = _key_in_file(loc, raw)
-        # A validator of a whole table may write "key: message". This key is then added, unless it
-        # is the last part.
-        name, colon, rest = message.partition(": ")
-        if mistake["type"].startswith("union_tag"):
+        if kind.startswith("union_tag"):
+            # Pydantic reports the table, but the mistake is in its key `kind`.
             key = (*key, "kind")
-        elif (
-            mistake["type"] == "value_error"
-            and colon
-            and name in _model_at(model, loc).model_fields
-            and name not in key[-1:]
-        ):
-            key, message = (*key, name), rest
+        elif kind == "value_error":
+            # A validator of a table may begin its message with the key that is wrong: "key: ..".
+            # This key becomes the end of the path, unless the path already ends with it.
+            name, colon, rest = message.partition(": ")
+            names_key = colon and name in _model_at(model, loc).model_fields
+            if names_key and name not in key[-1:]:
+                key, message = (*key, name), rest
         yield key, message
 
 

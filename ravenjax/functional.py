@@ -207,16 +207,17 @@ def load(
     vary: Sequence[str] = (),
     precision: Precision = CAMPAIGN,
 ) -> Model:
-    """Return the functions and inputs of a campaign.
+    """Return a campaign's simulation as functions, with the parameters and faults of all its runs.
 
-    vary: paths of parameters to add to `Model.params`, each with the campaign's value. precision:
+    vary: paths of parameters to add to `Model.params`, with the campaign's values. precision:
     float64 also requires `jax_enable_x64`. Raise UserError for a campaign that cannot be run.
     """
     config = campaign if isinstance(campaign, CampaignConfig) else load_campaign(campaign)
     plan = make_plan(config, precision)
     varied, faults = plan.lanes(range(plan.runs), plan.runs)
     for path in vary:
-        found = paths.named_numbers(plan.program.params, plan.program.setup, path)
-        varied = {name: np.full(plan.runs, value) for name, value in found.items()} | varied
+        numbers = paths.named_numbers(plan.program.params, plan.program.setup, path)
+        # Parameters that the campaign itself varies keep their values: `varied` comes last.
+        varied = {name: np.full(plan.runs, value) for name, value in numbers.items()} | varied
     params, faults = jax.tree.map(jnp.asarray, (varied, faults))
     return Model(plan.program, tuple(map(jnp.asarray, plan.columns)), params, faults)

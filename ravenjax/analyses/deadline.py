@@ -114,17 +114,18 @@ class Actor(PlannedCampaign):
     def harmful(
         self, pairs: FaultActions, at: np.ndarray, horizon: int | None = None, alone: bool = False
     ) -> np.ndarray:
-        """Return whether harm occurs despite the action at tick `at`, bool [pairs].
+        """Return whether harm occurs although the action begins at tick `at`, bool [pairs].
 
-        Harm is an unintended motion, a harm that the campaign defines, or a failed run. If
-        `limit_counts`, motion beyond `limit_mm` while the robot coasts to a stop is harm, too.
-        horizon: simulated ticks after the action; None: all. alone: actions without the faults.
+        Harm is an unintended motion, a harm that the campaign defines, or a failed run. Motion
+        beyond `limit_mm` while the robot coasts to a stop is harm, too. horizon: number of ticks to
+        simulate after the action; None: all. alone: True simulates the actions without the faults.
         """
         if not len(at):
             return np.zeros(0, bool)
         outcomes = self.run(pairs, at, horizon, alone)
         # unintended_first_ms is also the time of a harm that the campaign defines.
         harms = (outcomes["unintended_first_ms"] >= 0) | (outcomes["failed_ms"] >= 0)
+        # A campaign may define a harm that replaces the limit `limit_mm`.
         if not self.config.limit_counts:
             return harms
         limit_mm = np.float32(self.config.outcomes.limit_mm)

@@ -148,12 +148,11 @@ class Computation:
             ]
             self.progress.note(
                 f"in {stands_still.sum()} of {len(stands_still)} golden runs the robot stands still"
-                f" for up to {int(halted_ms.max()):,} of {duration_ms:,} ms in which it should"
-                " move. The robot stops without a fault, and faults after that have no effect. See"
-                " column golden_halted_ms. Checks that tripped in these runs:"
-                f" {', '.join(tripped) or 'none'}. `ravenjax trace` of a run shows when, and the"
-                " positions and set points of each joint. Write a shorter campaign.duration_s,"
-                " another motion, or a check that permits more"
+                f" for up to {int(halted_ms.max()):,} of {duration_ms:,} ms, although it should"
+                " move (column golden_halted_ms). Faults have no effect after the robot stops."
+                f" Checks that tripped in these runs: {', '.join(tripped) or 'none'}. `ravenjax"
+                " trace` shows how the joints of a run move. To prevent the stop, shorten"
+                " campaign.duration_s, change the motion, or change the limits of the checks"
             )
         config = self.plan.config
         alarms = {

@@ -67,13 +67,14 @@ class Printing(ABC, Generic[Where]):
         waiting: dict[int, list[tuple[int, Where]]] = {}
 
         def get_value(i: int):
-            # Loads or prints a value at its first use. Then come stores that waited for the load.
+            # Returns the text of number `i`. At its first use, a number in memory is loaded.
             if i not in values:
                 operation = program.operations[i]
                 if operation.name == "constant":
                     values[i] = self._constant(operation.dtype, operation.value)
                 else:
                     values[i] = self._load(types[i], sources[i])
+                    # After the load, results that replace this number in memory can be stored.
                     write(waiting.pop(i, []))
             return values[i]
 

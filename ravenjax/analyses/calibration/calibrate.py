@@ -131,7 +131,7 @@ class LoggedRobot:
         return [JOINTS[j] for j in self.log.joints if travel[j] <= fitting.MIN_NOISE[j]]
 
     def calibrated(self, plant: robot.PlantParams, unknowns: Sequence[Unknown]) -> Calibration:
-        """Fit `unknowns` to the log's first half. Raises UserError if the log is too short."""
+        """Fit `unknowns` to the log's first half. Raises UserError for a short log or no motion."""
         if len(self.log.desired) < SHORTEST:
             raise UserError(
                 f"the log lasts {len(self.log.desired) * 1e-3:.3g} s, expected at least"
@@ -146,10 +146,11 @@ class LoggedRobot:
         base = parameters.prior_robot(plant, unknowns)
         setup = self._setup(unknowns)
         predict = replays.make_predictor(setup, base, unknowns, first)
-        # Rounding to whole counts hides small changes. The slopes need replays without rounding.
-        continuous = dataclasses.replace(setup, whole_counts=False)
-        smooth = replays.make_predictor(continuous, base, unknowns, first)
-        best = fitting.fit_parameters(predict, first.measured, len(unknowns), smooth)
+        # Encoders and DAC round to whole counts, which hides the effect of a small change of a
+        # parameter. The fit therefore computes derivatives from replays without rounding.
+        unrounded = dataclasses.replace(setup, whole_counts=False)
+        predict_unrounded = replays.make_predictor(unrounded, base, unknowns, first)
+        best = fitting.fit_parameters(predict, first.measured, len(unknowns), predict_unrounded)
         return Calibration(tuple(unknowns), base, best)
 
     def following_errors(

@@ -91,14 +91,16 @@ def start_state(
 ) -> LoopState:
     """Return the state of a robot at rest, with zero integrals in the controller.
 
-    `whole_counts`: as in `read_encoders`. Only a filter needs more than the latest reading.
+    `whole_counts`: as in `read_encoders`.
     """
     zero = Vec(jnp.asarray(0.0, setup.precision.real) for _ in range(JOINTS))
-    past = (read_encoders(setup, plant, whole_counts),) * READINGS
+    # At rest, all past readings are equal, and the low-pass filter's past outputs equal them.
+    history = (read_encoders(setup, plant, whole_counts),) * READINGS
     return LoopState(
         plant=plant,
-        readings=past if controller.filtered else past[:1],
-        outputs=past if controller.filtered else (),
+        # Without the filter, the controller uses only the last reading, for the speed.
+        readings=history if controller.filtered else history[:1],
+        outputs=history if controller.filtered else (),
         integral=zero,
         commands=(zero,) * setup.command_delay,
     )

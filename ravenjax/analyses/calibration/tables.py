@@ -1,4 +1,4 @@
-"""Makes the tables and figures of a calibration: following errors, fitted parameters, intervals."""
+"""Makes tables and figures of a calibration: each joint's following error, fitted parameters."""
 
 from collections.abc import Sequence
 from pathlib import Path

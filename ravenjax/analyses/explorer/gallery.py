@@ -29,9 +29,9 @@ class Card:
 def build_gallery(folder: Path, sources: Sequence[str | Path] = ()) -> list[Card]:
     """Write the pages of campaigns and an index page. Return the entries of the index.
 
-    sources: campaign files or names; empty: all bundled campaigns. The entry of a campaign that
-    cannot become a page has the reason. Raises UserError for a source that is not a campaign, for
-    two campaigns of the same name, and if no campaign can become a page.
+    sources: campaign files or names; empty: all bundled campaigns. The entry of a campaign
+    without a page has the reason. Raises UserError for a source that is not a campaign, for two
+    campaigns of the same name, and if no campaign can have a page.
     """
     configs = [
         loading.load_campaign(source, runs=False)
@@ -48,13 +48,13 @@ def build_gallery(folder: Path, sources: Sequence[str | Path] = ()) -> list[Card
     cards = [_write_page(config, folder) for config in configs]
     if not any(card.file for card in cards):
         reasons = "; ".join(f"{card.campaign}: {card.reason}" for card in cards)
-        raise UserError(f"none of these campaigns can become a page: {reasons}")
+        raise UserError(f"no web page can be made of any of these campaigns: {reasons}")
     files.write_text(folder / INDEX, page.fill("index.html.j2", cards=cards))
     return cards
 
 
 def _write_page(config: CampaignConfig, folder: Path) -> Card:
-    # Writes the page of a campaign, if it can become a page. Returns its entry of the index.
+    # Writes the page of a campaign, if it can have one. Returns its entry of the index.
     campaign, file, reason = config.campaign, f"{config.campaign.name}.html", ""
     try:
         files.write_text(folder / file, page.render_page(config))

@@ -68,7 +68,7 @@ def question_plan(config: CampaignConfig) -> Plan:
     """
     ready = plan.make_plan(config)
     if config.campaign.noise:
-        raise UserError("a page cannot draw noise for each run: set campaign.noise to false")
+        raise UserError("this web page cannot simulate noise: set campaign.noise to false")
     program = ready.program
     if not program.setup.injection.sites:
         raise UserError(

@@ -1,9 +1,10 @@
 """Tests whether new fault-free operations still resemble those on which a monitor was calibrated.
 
-The test uses only the first operation of each operator, result folder or log. Later operations
-share the operator's motion or the robot, so they are not independent of the first. The score of
-each term of the monitor is tested separately, and so is the largest score. Holm's method keeps the
-error rate of all tests together at the stated level.
+The test uses one operation of each simulated operator, because other operations of this operator
+have the same motion. It also uses one operation of each result folder of `ravenjax run`, which has
+only one operator, and of each log. A monitor computes several scores. Each score is tested
+separately, and so is their maximum. Holm's method limits the probability that any of these tests
+finds a change that does not exist.
 """
 
 import csv

@@ -100,8 +100,8 @@ def read_monitor(folder: Path) -> tuple[Monitor, dict[str, Any]]:
         ) from None
     except (ValueError, KeyError, TypeError) as error:
         raise StoreError(
-            f"{path}: does not describe a monitor ({type(error).__name__}: {error}); calibrate"
-            " again. The stored operations are used, so nothing is simulated again"
+            f"{path}: does not describe a monitor ({type(error).__name__}: {error}). To write this"
+            " file again, repeat `ravenjax monitor calibrate`, which reads the stored simulations"
         ) from None
     for name, digest in content.get("sha256", {}).items():
         file = files.path_inside(folder, name)

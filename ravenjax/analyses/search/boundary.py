@@ -1,13 +1,13 @@
 """Finds the smallest harmful value of a fault (searches of kind "boundary").
 
-A group of faults may contain lists. Each combination of their values is called a *cell*. The search
-finds the smallest harmful value in each cell, for both signs. It computes all cells in parallel,
-with one batch of runs per step. It scans the range, then bisects every interval at whose ends the
-outcomes differ. An ordinary campaign repeats the runs at both ends of every final interval and must
-give the same outcomes.
+The other keys of the fault may be lists, such as several durations. Each combination of list
+entries and a sign (+ or -) is called a *cell*. The search finds the smallest harmful value in each
+cell. First it tries a few values over the whole range. It then bisects the interval between the
+smallest harmful value and the harmless value below it. A campaign repeats the runs at both ends of
+the final interval, to confirm their outcomes.
 
-The scan shows which cells have no single threshold. A cell that is never or always harmful is
-censored. If harm begins and ends more than once along the range, the report states this.
+If all tried values are harmless, or all are harmful, the result of the cell is only a bound. If
+some larger value is harmless again, the report states this.
 """
 
 import dataclasses

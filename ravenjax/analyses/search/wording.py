@@ -28,11 +28,11 @@ def describe_inputs(inputs: Sequence[Mapping[str, Any]]) -> str:
 
 
 def describe_case(case: Mapping[str, Any]) -> str:
-    """Return a case, given as values by axis name, as text such as "duration 8 ms"."""
+    """Return a case as text such as "duration 8 ms". case: axis name -> value of the axis."""
     parts = []
     for axis, value in case.items():
         name, _, unit = short_axis_name(axis).partition(", ")
-        # The word "end", the end of the run, has no unit.
+        # A duration may be the word "end" instead of a number: until the run ends.
         has_unit = unit and value != "end"
         parts.append(f"{name} {value} {unit}" if has_unit else f"{name} {value}")
     return ", ".join(parts)

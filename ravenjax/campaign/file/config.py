@@ -253,7 +253,7 @@ class CampaignConfig(Section):
         ]
         checks = [
             # The name is part of the paths of parameters.
-            [c.name, part.hash_source(c.part), c.at, c.acts, c.consecutive, c.threshold]
+            [c.name, part.hash_source(c.source), c.at, c.acts, c.consecutive, c.threshold]
             for c in self.check
             if c.acts != "watch"
         ]
@@ -281,10 +281,10 @@ class CampaignConfig(Section):
     def own_parts(self) -> Iterator[tuple[str, OwnSource]]:
         """Yield (prefix of its parameters, code) of each of the user's files. Raises UserError."""
         for detector in self.detector:
-            if (source := detector.part) is not None:
+            if (source := detector.source) is not None:
                 yield f"detectors.own.{detector.name}", source
         for check in self.check:
-            yield f"checks.own.{check.name}", check.part
+            yield f"checks.own.{check.name}", check.source
 
 
 def robot_of(raw: Any, folder: Path | None = None) -> Robot:

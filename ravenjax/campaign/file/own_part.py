@@ -39,7 +39,7 @@ AnySection = TypeVar("AnySection", bound=Section)
 _READ_FILES: dict[tuple[str, Path, str], OwnSource] = {}
 
 
-def part_source(name: str, file: Path, sha256: str | None, what: str) -> OwnSource:
+def own_source(name: str, file: Path, sha256: str | None, what: str) -> OwnSource:
     """Return the code of a user's file.
 
     A changed file is read again. what: "check" or "detector". Raise UserError if the file cannot be
@@ -69,5 +69,5 @@ def locate_part(
     if file is None:
         return table
     path = folder.absolute() / file
-    code = part_source(name, path, getattr(table, sha256), what)
+    code = own_source(name, path, getattr(table, sha256), what)
     return table.model_copy(update={key: path, sha256: part.hash_source(code)})

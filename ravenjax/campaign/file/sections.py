@@ -217,20 +217,20 @@ class Detector(Section):
                 fusion=fusion,
                 consecutive=count,
                 thresholds=len(self.threshold),
-                part=self.part,
+                part=self.source,
                 stops=self.acts == "stop",
             )
             uses.append((name, use))
         return tuple(uses)
 
     @property
-    def part(self) -> OwnSource | None:
+    def source(self) -> OwnSource | None:
         """Return the code of the detector's file; None for a built-in detector. Raise UserError for
         a file that cannot be used or was changed.
         """
         if self.file is None:
             return None
-        return own_part.part_source(self.name, self.file, self.sha256, "detector")
+        return own_part.own_source(self.name, self.file, self.sha256, "detector")
 
 
 class OwnCheck(Section):
@@ -254,14 +254,14 @@ class OwnCheck(Section):
     """number of consecutive ticks above the threshold before the check trips"""
 
     @property
-    def part(self) -> OwnSource:
+    def source(self) -> OwnSource:
         """Code of the check's file. Raise UserError if it cannot be used or was changed."""
-        return own_part.part_source(self.name, self.file, self.sha256, "check")
+        return own_part.own_source(self.name, self.file, self.sha256, "check")
 
     @property
     def use(self) -> CheckUse:
-        """Return the check in the form that the tick uses. Raise UserError as `part`."""
-        return CheckUse(self.name, self.part, self.at, self.acts, self.consecutive)
+        """Return the check in the form that the tick uses. Raise UserError as `source`."""
+        return CheckUse(self.name, self.source, self.at, self.acts, self.consecutive)
 
     @property
     def check(self) -> Check:

@@ -45,26 +45,32 @@ class StepCode:
         self.tables = tuple(tables)
 
         def make():
-            # Traces the three functions and prints them as one module. row: (tick, step inputs).
+            # Traces the three functions and prints them as one module. Returns its text, the kinds
+            # of the state and of the outcomes, and the number of a tick's outputs.
+            def step_with_row(inputs, state, row, tables):
+                tick, step_inputs = row
+                return step(inputs, state, tick, step_inputs, tables)
+
             begin_program, state = traced.trace_function(begin, self.inputs.shapes())
             columns = tuple(jax.ShapeDtypeStruct((n,), np.float32) for n in self.tables)
             step_program, (_, outputs) = traced.trace_function(
-                lambda inputs, state, row, tables: step(inputs, state, row[0], row[1], tables),
-                *(self.inputs.shapes(), state, self.step_inputs.shapes(), columns),
+                step_with_row, self.inputs.shapes(), state, self.step_inputs.shapes(), columns
             )
             finish_program, outcomes = traced.trace_function(finish, self.inputs.shapes(), state)
             dtypes = [x.dtype for x in tree.tree_leaves(outputs)]
             if any(dtype != np.float32 for dtype in dtypes):
                 raise TypeError("every output of a tick must be float32")
-            kind, fixed, row = RecordKind.of(state), self.inputs.layout, self.step_inputs.layout
-            # A transition is a program with the layouts of its inputs: fixed, state, step inputs.
-            # Tables need no layout. The state is an output of `begin`, a step input of `finish`.
+            state_kind = RecordKind.of(state)
+            fixed, row = self.inputs.layout, self.step_inputs.layout
+            # Layouts of a transition: inputs that stay fixed, the state that the program replaces,
+            # and inputs of a step. `finish` replaces no state, so it reads the state as an input.
             transitions = {
                 "begin": StateTransition(begin_program, fixed, EMPTY, EMPTY),
-                "step": StateTransition(step_program, fixed, kind.layout, row),
-                "finish": StateTransition(finish_program, fixed, EMPTY, kind.layout),
+                "step": StateTransition(step_program, fixed, state_kind.layout, row),
+                "finish": StateTransition(finish_program, fixed, EMPTY, state_kind.layout),
             }
-            return transition.print_module(transitions), kind, RecordKind.of(outcomes), len(dtypes)
+            text = transition.print_module(transitions)
+            return text, state_kind, RecordKind.of(outcomes), len(dtypes)
 
         # The generated code depends on the CPU's instructions.
         types = [str(kind.layout) + repr(kind.record) for kind in (self.inputs, self.step_inputs)]

@@ -26,7 +26,6 @@ number] if they are equal in a group.
 
 import collections
 import dataclasses
-from collections.abc import Sequence
 
 from ravenjax.engines.gpu.cuda import CudaPrinter
 from ravenjax.engines.printing import LoopPrinting, render_template
@@ -150,23 +149,24 @@ class _CudaModule(LoopPrinting[str]):
         return read_counts, first_readers
 
     def _divide_state(self):
-        """Return the indices of a lane's state in device memory, and of those in shared memory.
+        """Return the numbers of a lane's state in device memory, and those in shared memory.
 
-        Numbers that are read least are in device memory. Both are in the order of first use,
-        because one instruction loads VECTOR consecutive words.
+        Numbers are indices in the state. Shared memory has those that a tick reads most often. Both
+        are in the order of first use, because one instruction loads VECTOR consecutive words.
         """
         read_counts, first_readers = self._count_reads()
-        # Index in the state -> operation that loads it; else -1, which is read 0 times. The state
-        # comes after the `self.inputs` inputs of the lane.
-        operation_of = {k - self.inputs: i for i, k in self.step.reads.items()}
+        # Index in the state -> operation of `step` that loads this number. In `step.reads`, the
+        # state follows the inputs of the lane.
+        loads = {k - self.inputs: i for i, k in self.step.reads.items()}
         numbers = (*self.split.lane_state, *self.split.held_state)
-        order = sorted(numbers, key=lambda k: read_counts[operation_of.get(k, -1)])
-        device_words = max(0, len(order) - self.form.shared_words)
-
-        def sort_by_first_use(part: Sequence[int]):
-            return tuple(sorted(part, key=lambda k: first_readers.get(operation_of.get(k, -1), -1)))
-
-        return sort_by_first_use(order[:device_words]), sort_by_first_use(order[device_words:])
+        # -1 stands for no operation: a tick may not load the number.
+        read_count = {k: read_counts[loads.get(k, -1)] for k in numbers}
+        first_use = {k: first_readers.get(loads.get(k, -1), -1) for k in numbers}
+        by_reads = sorted(numbers, key=read_count.__getitem__)
+        device_words = max(0, len(numbers) - self.form.shared_words)
+        parts = by_reads[:device_words], by_reads[device_words:]
+        in_device, in_shared = (tuple(sorted(part, key=first_use.__getitem__)) for part in parts)
+        return in_device, in_shared
 
     def _row_order(self):
         """Return the operations of a row: those that a tick reads, then those only for results."""
@@ -181,21 +181,21 @@ class _CudaModule(LoopPrinting[str]):
         return tuple(k for k in self.split.shared_state if k in indices)
 
     def _state_in_loop(self):
-        """Return the words of the state in the loop over ticks: index in the state -> C code.
+        """Return the C code of each word of a thread's state in the loop, by index in the state.
 
-        Words that are read often lie in shared memory `room`, [vector, thread, member of vector].
-        Others lie in device memory `state`, [word, thread]; C++ class `Far` accesses them if they
-        are many. Both pointers begin at this thread's first word, so no index has the thread.
+        Array `state` in device memory has the shape [word, thread], and array `room` in shared
+        memory [vector, thread, VECTOR]. Both pointers point to the first word of this thread.
         """
+        # For many words in device memory, class `Far` compiles faster than plain C.
         is_plain = len(self.in_device_memory) <= _MAX_PLAIN_WORDS
-        template = "state[{} * {}]" if is_plain else "Far{{state + {} * {}}}"
-        threads, places = self.form.threads, {}
+        threads, code = self.form.threads, {}
         for position, k in enumerate(self.in_device_memory):
-            places[k] = template.format(position, threads)
+            distance = f"{position} * {threads}"
+            code[k] = f"state[{distance}]" if is_plain else f"Far{{state + {distance}}}"
         for position, k in enumerate(self.in_shared):
             vector, member = divmod(position, VECTOR)
-            places[k] = f"room[{vector * threads * VECTOR + member}]"
-        return places
+            code[k] = f"room[{vector * threads * VECTOR + member}]"
+        return code
 
     def _state_word(self, position: int) -> str:
         return f"state[{position} * {self.form.threads}]"

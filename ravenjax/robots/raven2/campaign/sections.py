@@ -348,7 +348,7 @@ class Operator(Section):
         """
         if self.hands is None:
             return None
-        return own_part.part_source("hands", self.hands, self.hands_sha256, "operator")
+        return own_part.own_source("hands", self.hands, self.hands_sha256, "operator")
 
     def locate_files(self, folder: Path) -> Operator:
         """Return the section with absolute paths of its files in `folder`. Raises UserError."""
@@ -458,7 +458,7 @@ class OwnStages(Section):
     def parts(self) -> Iterator[tuple[str, OwnSource]]:
         """Yield (stage, code of its file). Raises UserError if a file is unusable or changed."""
         for stage, file in self.files():
-            yield stage, own_part.part_source(stage, file, self.sha256.get(stage), "stage")
+            yield stage, own_part.own_source(stage, file, self.sha256.get(stage), "stage")
 
     def locate_files(self, folder: Path) -> OwnStages:
         """Return the section with absolute paths of its files in `folder`, and their hashes."""
