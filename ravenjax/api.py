@@ -179,12 +179,12 @@ def check_monitor(
 ) -> pd.DataFrame:
     """Test whether scores of new fault-free operations have a monitor's calibrated distribution.
 
-    The table has a row for the monitor's score and for each signal's score. Columns: place (median
-    rank of the new scores among the scores of the calibration, 0 to 1), martingale (largest value
-    of a sequential test), p (p-value of a rank test and this sequential test together), adjusted
-    (p, corrected for the number of scores), shifted (whether adjusted is at most `level`). The
-    attrs contain the level, and the numbers of new units, operations, hours and alarms. sources: as
-    for `ravenjax monitor check`. Raise UserError and StoreError.
+    The table has a row for the monitor's score, then one for each signal's. Columns: score, place
+    (median rank of the new scores among the scores of the calibration, 0 to 1), martingale (largest
+    value of a sequential test), p (p-value of a rank test and this sequential test together),
+    adjusted (p, corrected for the number of scores), shifted (whether adjusted is at most `level`).
+    The attrs contain the level, and the numbers of new units, operations, hours and alarms.
+    sources: as for `ravenjax monitor check`. Raise UserError and StoreError.
     """
     from ravenjax.analyses.monitors import checking
 

@@ -10,7 +10,7 @@ Parameters are a dict from path to number, and faults are a record of numbers; b
 `Model.params` and `Model.faults` contain the values of all runs of the campaign, with leaves of
 shape [runs], so that `jax.vmap` computes the campaign. You can also call a part of a robot alone,
 such as the nominal model of the Raven-II (docs/tutorials/jax.md). Give the part `Model.setup` and
-the field of `Model.record(params)` that contains the part's parameters.
+the field of `Model.record(params)` with its parameters, or of `stages` for an optional stage.
 
 For the Raven-II, the derivatives of the nominal model are exact over any number of ticks. Those of
 everything after the DAC are exact only over one tick. Derivatives through the control software are

@@ -179,7 +179,7 @@ class Actor(PlannedCampaign):
 def find_deadlines(
     folder: Path, engine: str, group: str | None, report: Callable[[str], None]
 ) -> pd.DataFrame:
-    """Return the deadlines of the harmful faults of a result folder, as `read_deadlines` does.
+    """Return the deadlines of a folder's harmful faults, as `explained.read_deadlines` does.
 
     group: only the faults of this group. Faults that do not harm when run again are left out.
     report: is called with a line about the progress. Raise UserError, and StoreError as

@@ -7,7 +7,7 @@ model and with the run's golden run. The monitor does not influence the robot.
 
 Hazards (`ravenjax.outcomes` defines them) are judged while the robot is live. Let a be the distance
 from the golden run, b the distance from the nominal model, and d = min(a, b). Let c be the distance
-from the golden run without its motion in those ticks in which this robot stood still:
+from the golden run without its motion in the ticks in which this robot stood still or was not live:
 
     unintended motion:  min(d, c) > limit
     loss of motion:     d > limit and (min(d, c) <= limit or c < d / 2)

@@ -3,7 +3,7 @@
 Use Wilson's interval for display. Use Clopper and Pearson's for guarantees, because it never covers
 less than promised (Brown, Cai, DasGupta, Statistical Science 16, 2001). Both assume that the n
 trials are independent. Repeats of a deterministic run are not independent, so count distinct
-faults, or resample clusters (`bootstrap.units`).
+faults, or resample clusters (`stats.units`).
 """
 
 import math

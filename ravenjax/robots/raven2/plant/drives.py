@@ -7,9 +7,10 @@ those of the shaft (the units of the model's authors, see models/raven2/mechanic
     Im w' = drive - tau_c sgn(w) - tau_v w - reaction_scale * lambda
 
 `lambda` is the torque of the cable (below), and `reaction_scale` the authors' factor of this torque
-on the motor. The sign in the dry friction is that of the last step; all other terms are implicit.
-The speed at the end of a step is therefore an affine function of the speeds q' of the joints, and
-is eliminated from the equations of the links (T: see below; other numbers: `EliminatedMotor`):
+on the motor. The dry friction depends on the joint's speed of the last step; all other terms are
+implicit. The speed at the end of a step is therefore an affine function of the speeds q' of the
+joints, and is eliminated from the equations of the links (T: see below; other numbers:
+`EliminatedMotor`):
 
     w = (known_torque + coupling * T q') * inverse
 
