@@ -203,7 +203,7 @@ def test_results_and_logs_are_checked(one_arm, tmp_path, capsys):
     log.write_text("".join(lines))
     result = checking.check_exchangeability(folder, [log])
     for twice in (log, tmp_path / "result"):
-        with pytest.raises(UserError, match="Check the sources separately"):
+        with pytest.raises(UserError, match="Check the two sources separately"):
             checking.check_exchangeability(folder, [twice, twice])
     assert result.attrs["units"] == 1 and set(result["score"]) > {"score"}
     rows = list(csv.DictReader(lines))
