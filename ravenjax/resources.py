@@ -1,6 +1,6 @@
-"""Finds files of bundled campaigns and models.
+"""Finds bundled campaigns and models, and reads data files and templates of the package.
 
-A file is searched for at an explicit path, in the working directory, and in the package.
+A campaign or model is searched for at its path, in the working directory, and in the package.
 """
 
 import tomllib

@@ -99,9 +99,7 @@ def from_record(
         raise where.error([(error.key, error.message)]) from None
     if robot.name.endswith(robots.MJCF):
         raw = raw | {"campaign": raw["campaign"] | {"robot": robot.name}}
-    config = _validate(robot, raw, where, Path.cwd() if source is None else source.parent)
-    config._where = where
-    return config
+    return _validate(robot, raw, where, Path.cwd() if source is None else source.parent)
 
 
 def validate_tables(raw: Any, source: Path | None = None) -> CampaignConfig:
@@ -117,9 +115,9 @@ def _validate(
     config, mistakes = parse(config_class_of(robot), raw)
     if config is None:
         raise where.error(mistakes)
-    config._is_being_read = True
     if folder is not None:
         config = config.with_files(folder)
+    config._where, config._is_being_read = where, True
     mistakes += semantics.find_errors(config)
     if not mistakes and (runs := design.count_rows(config)) > design.MOST_RUNS:
         expected = f"expected at most {design.MOST_RUNS}"

@@ -24,7 +24,7 @@ from ravenjax.vocabulary.effects import (
     WITHOUT_VALUE,
 )
 from ravenjax.vocabulary.legal import find_illegal_value, find_rounding, legal_values
-from ravenjax.vocabulary.sites import Channel, Site
+from ravenjax.vocabulary.sites import PARAMETER, Channel, Site
 
 LARGEST_FLOAT32 = 3.4028234663852886e38
 """Largest number of single precision, in which values are stored."""
@@ -85,8 +85,9 @@ def _find_group_errors(config: CampaignConfig, group: Group) -> Iterator[Complai
     for key, faults in runs or [((), group.fault)]:
         for f, fault in enumerate(faults):
             errors = list(_find_fault_errors(config, group, fault))
-            # Values can be checked only if site, channel and effect are correct.
-            if not errors:
+            # Values can be checked only if site, channel and effect are correct, and the ranges of
+            # parameters are known (see `CampaignConfig.robot`).
+            if not errors and not (fault.site == PARAMETER and config._is_being_read):
                 unfit = find_unfit_values(config, group, fault, config.allows_beyond_16_bits(fault))
                 errors = [("value", message) for message in itertools.islice(unfit, 1)]
             for name, message in errors:

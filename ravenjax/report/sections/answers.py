@@ -163,6 +163,7 @@ def _content(runs: Runs, _: Path):
         "most_classes": MOST_CLASSES,
         "axis_end": interval_scale,
         "known": runs.once(detection_answers),
+        "halt_ms": HALT_MS,
         "classes": {
             kind: rows
             for kind in CLASSES
