@@ -94,7 +94,8 @@ def from_record(
             raw, where.number_in_file = expansion.expand_tables(raw, robot)
             if where.number_in_file:
                 where.groups = groups
-                where.names = [str(group.get("name")) for group in raw["group"]]
+                names = [group.get("name") for group in raw["group"]]
+                where.names = [name if isinstance(name, str) else "" for name in names]
     except expansion.WrongGroup as error:
         raise where.error([(error.key, error.message)]) from None
     if robot.name.endswith(robots.MJCF):

@@ -35,6 +35,11 @@ def test_three_hundred_mutants_end_in_no_traceback(tmp_path):
     assert 150 < sum(fate) < 300, "some are refused, and some are still files of their kind"
 
 
+def test_names_of_groups_that_have_no_text_are_refused(tmp_path):
+    # Their names are an integer of 4,400 digits, and a list in many lists.
+    assert all(refused(number, tmp_path) for number in (6802, 8766, 11039))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("block", range(5))
 def test_five_thousand_mutants_end_in_no_traceback(tmp_path, block):

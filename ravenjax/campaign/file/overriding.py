@@ -75,7 +75,8 @@ def _find_entry(table: list[Any], part: str, override: str) -> int:
         return names.index(part)
     if part.isdecimal() and int(part) < len(table):
         return int(part)
-    others = f" or one of the names {', '.join(map(str, names))}" if any(names) else ""
-    hint = suggest_name(part, [str(name) for name in names])
+    texts = [name for name in names if isinstance(name, str)]
+    others = f" or one of the names {', '.join(texts)}" if texts else ""
+    hint = suggest_name(part, texts)
     expected = f"a number 0..{len(table) - 1}{others}{hint}"
     raise UserError(f"--set {override}: got {part!r}, expected {expected}")
