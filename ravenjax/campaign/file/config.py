@@ -162,7 +162,7 @@ class CampaignConfig(Section):
         """Names of the optional stages of the robot's tick for which the file asks: by a section
         with the name of the stage, or by a true key or property of [campaign] with this name.
         """
-        names, keys = self.robot.stages, self.campaign
+        names, keys = robots.find_robot(self.campaign.robot).stages, self.campaign
         return tuple(name for name in names if getattr(self, name, getattr(keys, name, None)))
 
     @property

@@ -384,9 +384,10 @@ class RavenConfig(CampaignConfig):
             "limits": self.limits.si(),
             **self.model_dump(mode="json", include={"hand"}, exclude_none=True),
         }
-        stages = () if self.controller is None else self.controller.parts()
-        digests = {stage: part.hash_source(source) for stage, source in stages}
-        return content | sections | ({"controller": digests} if digests else {})
+        if self.controller is not None:
+            parts = self.controller.parts()
+            sections["controller"] = {stage: part.hash_source(source) for stage, source in parts}
+        return content | sections
 
 
 LONGEST_HISTORY_MS = 8192
