@@ -37,13 +37,13 @@ def render_rows(template: Path, **values: Any) -> list[tuple[str, str]]:
     return [(name, content) for name, bar, content in lines if bar]
 
 
-def render_text(template: Path, **values: Any) -> str:
-    """Render a Jinja template to text."""
+def render_text(*templates: Path, **values: Any) -> str:
+    """Render Jinja templates, as one text: a template can use what those before it set."""
     # Most processes need no template, and the import is slow.
     import jinja2
 
     return jinja2.Template(
-        template.read_text(encoding="utf-8"),
+        "".join(template.read_text(encoding="utf-8") for template in templates),
         trim_blocks=True,
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,

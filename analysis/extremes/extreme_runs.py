@@ -20,7 +20,7 @@ from typing import Any, NamedTuple, get_args
 import numpy as np
 import pandas as pd
 
-from ravenjax.campaign import loading, plan, runner
+from ravenjax.campaign import loading, plan
 from ravenjax.campaign.executors.protocol import FinishedChunk, Local, Work
 from ravenjax.campaign.file import bounds
 from ravenjax.campaign.file.config import CampaignConfig
@@ -375,7 +375,7 @@ def _table(ready: plan.Plan, engine: str) -> pd.DataFrame:
     """Return what `ravenjax.run` would return."""
     backend, shape, tables = (
         selection.select_engine(engine, ready.program.setup.precision),
-        runner.shape_of(ready),
+        ready.shape,
         {},
     )
 

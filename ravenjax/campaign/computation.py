@@ -258,7 +258,8 @@ class Computation:
             block = dataclasses.replace(block, ends=self._fast_forward.last_end[golden])
         result = self.kernel.run(block, self.plan.columns, self._count)
         # Lanes after the last row only fill the block.
-        columns = take_rows(outcomes.select_golden_outcomes(result.outcomes), slice(len(rows)))
+        golden_outcomes = outcomes.select_golden_outcomes(self.plan.shape, result.outcomes)
+        columns = take_rows(golden_outcomes, slice(len(rows)))
         self._fault_free_outcomes.append(columns)
         return Computed(self.plan.golden[rows], result.reference[:, :, : len(rows)], columns)
 
@@ -270,7 +271,7 @@ class Computation:
         kernel = cast(BranchingKernel, self.kernel)
         block = self._block(np.array([row]), golden_runs.computed.result(), harmless=True)
         trunk, columns = kernel.trunk(block, self.plan.columns, last_tick, ends)
-        return Branches(trunk, ends, outcomes.select_golden_outcomes(columns))
+        return Branches(trunk, ends, outcomes.select_golden_outcomes(self.plan.shape, columns))
 
     def _golden_outcomes(self, rows: np.ndarray, golden_runs: GoldenRuns) -> Columns:
         # Returns the outcomes that the golden run of each row has at the end of the row's run.

@@ -24,14 +24,17 @@ Columns = Mapping[str, np.ndarray]
 
 MAY_BE_INFINITE = (*schema.MAY_BE_INFINITE, "tissue_depth_mm", "tip_distance_mm")
 """Endings of outcome names that an engine returns as infinite if nothing was measured."""
+OVERLOAD = "cable_overload"
+"""Column of the first cable that was overloaded."""
 
 
-def select_golden_outcomes(outcomes: Columns) -> dict[str, np.ndarray]:
+def select_golden_outcomes(shape: schema.Shape, outcomes: Columns) -> dict[str, np.ndarray]:
     """Return the outcomes of golden runs that the rows of their faulty runs need."""
+    stored = schema.golden_outcomes(shape)
     return {
         name: values
         for name, values in outcomes.items()
-        if schema.kept_of_golden(name) or _GOLDEN_ONLY.fullmatch(name)
+        if name in stored or _GOLDEN_ONLY.fullmatch(name)
     }
 
 
@@ -47,10 +50,10 @@ def result_columns(
     sites: list[Any] = [runs[f"fault{slot}_site"].array for slot in range(count_slots(runs))]
     jumps_ms = {rule: measures.pop(f"jump_{rule}_ms") for rule in ("code", "text", "tip")}
     measures.setdefault("restart_ms", np.full(len(runs), -1, np.int32))
-    if schema.OVERLOAD in measures:
+    if OVERLOAD in measures:
         # The engine returns -1 for no cable, which is the first word.
-        cable_numbers = measures[schema.OVERLOAD].astype(np.int32) + 1
-        measures[schema.OVERLOAD] = schema.word_column(cable_numbers, cable_names(config))
+        cable_numbers = measures[OVERLOAD].astype(np.int32) + 1
+        measures[OVERLOAD] = schema.word_column(cable_numbers, cable_names(config))
     depth, distance = measures["tissue_depth_mm"], measures["tip_distance_mm"]
     out: dict[str, Any] = {
         **{
@@ -69,9 +72,9 @@ def result_columns(
         "tissue_depth_mm": np.maximum(depth, 0),
         "tip_distance_mm": np.where(np.isfinite(distance), distance, np.nan),
         **{
-            f"golden_{name}": np.asarray(golden_runs[name])
-            for name in measures
-            if schema.kept_of_golden(name)
+            f"golden_{name}": np.asarray(values)
+            for name, values in golden_runs.items()
+            if not _GOLDEN_ONLY.fullmatch(name)
         },
     }
     out["golden_tissue_depth_mm"] = np.maximum(out["golden_tissue_depth_mm"], 0)

@@ -20,6 +20,7 @@ from ravenjax.faults.clocks import Clocks
 from ravenjax.faults.fault import Faults, FaultSlot
 from ravenjax.numbers import paths
 from ravenjax.numbers.setup import CAMPAIGN, Precision, Setup
+from ravenjax.store import schema
 from ravenjax.store.motion.summary import MotionSummary
 
 
@@ -70,6 +71,26 @@ class Plan:
         observe = self.config.campaign.observe_ms
         return span.observation_ends(
             self.faults, self.program.ticks, observe and observe // self.tick_ms, self.clocks
+        )
+
+    @cached_property
+    def shape(self) -> schema.Shape:
+        """Counts and names on which the columns of the result table depend."""
+        config, setup = self.config, self.program.setup
+        return schema.Shape(
+            robot=config.campaign.robot,
+            arms=setup.arms,
+            joints=setup.joints,
+            slots=setup.injection.slots,
+            cues=setup.cues,
+            checks=tuple(config.robot.checks),
+            parameters=tuple(table.varied_parameters(self.rows)),
+            stages=setup.stages,
+            detectors=tuple(use.thresholds for use in setup.detectors),
+            harms=tuple(harm.name for harm in setup.harms),
+            observes=self.program.ends,
+            own_checks=config.own_checks,
+            stops=config.stops,
         )
 
     @property

@@ -16,13 +16,13 @@ from ravenjax import interruption
 from ravenjax.campaign import compile_cache, notices
 from ravenjax.campaign.executors.protocol import Executor, FinishedChunk, Local, Work
 from ravenjax.campaign.executors.shards import Shard
-from ravenjax.campaign.faults import run_id, table
+from ravenjax.campaign.faults import run_id
 from ravenjax.campaign.file.config import CampaignConfig
 from ravenjax.campaign.plan import Plan, make_plan
 from ravenjax.campaign.progress import OnProgress, Progress, ProgressFile
 from ravenjax.engines.interface import Engine
 from ravenjax.errors import StoreError, require_utf8
-from ravenjax.store import files, manifest, parts, schema
+from ravenjax.store import files, manifest, parts
 from ravenjax.store.access import lock
 from ravenjax.store.folder import ResultFolder, Results
 
@@ -146,7 +146,7 @@ def make_manifest(plan: Plan, engine: Engine) -> manifest.Manifest:
         seed=config.campaign.seed,
         runs=plan.runs,
         duration_ms=config.campaign.duration_ms,
-        shape=shape_of(plan),
+        shape=plan.shape,
         cues=tuple(
             manifest.CueRecord(
                 threshold_mm=cue.threshold_m * 1e3,
@@ -170,24 +170,4 @@ def make_manifest(plan: Plan, engine: Engine) -> manifest.Manifest:
         engine=engine.name,
         settings=compile_cache.engine_settings(engine.name),
         device=f"{engine.device} ({'+'.join(setup.arms)})",
-    )
-
-
-def shape_of(plan: Plan) -> schema.Shape:
-    """Return the counts and names on which the columns of the result table depend."""
-    setup = plan.program.setup
-    return schema.Shape(
-        robot=plan.config.campaign.robot,
-        arms=setup.arms,
-        joints=setup.joints,
-        slots=setup.injection.slots,
-        cues=setup.cues,
-        checks=tuple(plan.config.robot.checks),
-        parameters=tuple(table.varied_parameters(plan.rows)),
-        stages=setup.stages,
-        detectors=tuple(use.thresholds for use in setup.detectors),
-        harms=tuple(harm.name for harm in setup.harms),
-        observes=plan.program.ends,
-        own_checks=plan.config.own_checks,
-        stops=plan.config.stops,
     )

@@ -1,13 +1,12 @@
 """Defines the result table: one row per run, with input columns and outcome columns.
 
 Each column has a name, the smallest type that can store it, a unit and a meaning, listed in
-columns.csv.j2. results/README.md describes them in prose. The names of repeated columns (fault
-slots, cues, checks, arms, varied parameters) depend on a `Shape`, which counts them.
+columns.csv.j2 and in the robot's template. results/README.md describes them in prose. The names of
+repeated columns (fault slots, cues, checks, arms, varied parameters) depend on a `Shape`.
 """
 
 import csv
 import functools
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,6 +37,7 @@ class Column(NamedTuple):
     dtype: str  # name of an Arrow type, or "category" for dictionary-encoded words
     unit: str
     meaning: str
+    golden: str = ""  # "golden": the table also has the golden run's value, as `golden_<name>`
 
 
 _USUAL = robots.find_robot(robots.DEFAULT)
@@ -67,10 +67,11 @@ def table_columns(shape: Shape) -> tuple[Column, ...]:
     """Return all columns of a campaign's table, in order."""
     robot = robots.find_robot(shape.robot).with_checks(shape.own_checks)
     text = resources.render_text(
+        *robot.columns,
         Path(__file__).with_name("columns.csv.j2"),
         shape=shape,
         levels=", ".join(f"{number} {name}" for number, name in enumerate(robot.run_levels)),
-        checks=[robot.check(name) for name in shape.checks],
+        checks=map(robot.check, shape.checks),
         needs_own_columns=checks.needs_own_columns(shape.own_checks, shape.stops),
     )
     rows: list[Column] = []
@@ -79,29 +80,24 @@ def table_columns(shape: Shape) -> tuple[Column, ...]:
             rows.append(Column(name, *others))
             continue
         # A line with only a name stands for the golden run's columns of all columns before.
-        for one in [one for one in rows if kept_of_golden(one.name)]:
-            rows.append(one._replace(name=GOLDEN + one.name, meaning=f"golden run: {one.meaning}"))
+        rows += [
+            Column(GOLDEN + c.name, *c[1:3], f"golden run: {c.meaning}") for c in rows if c.golden
+        ]
     return tuple(rows)
 
 
 OBSERVED = "observed_ms"
 """Column of the time at which a run ended."""
-OVERLOAD = "cable_overload"
-"""Column of the first cable that was overloaded."""
 MAY_BE_INFINITE = ("_margin", "_score")
 """Endings of column names that are infinite if nothing was measured."""
 
 GOLDEN = "golden_"
 """Prefix of columns with outcomes of the golden run."""
-_OF_GOLDEN = re.compile(
-    r"(cue|detector)\d+_(first_ms|score)|reaction_ms|hand_mm|tissue_depth_mm|tip_path_mm|pedal_down_ms|halted_ms"
-    r"|peak_live_deviation_mm|contact_\w+|cable_load|cable_overload_first_ms|check_\w+_(first_ms|count)"
-)
 
 
-def kept_of_golden(name: str) -> bool:
-    """Return whether the outcome `name` of the golden run is stored, as `golden_<name>`."""
-    return _OF_GOLDEN.fullmatch(name) is not None
+def golden_outcomes(shape: Shape) -> list[str]:
+    """Return the outcomes whose value in the golden run is stored, as `golden_<name>`."""
+    return [column.name for column in table_columns(shape) if column.golden]
 
 
 # --- Arrow

@@ -8,6 +8,7 @@ import dataclasses
 import functools
 import importlib
 from collections.abc import Mapping
+from pathlib import Path
 from types import ModuleType
 
 from ravenjax.vocabulary.checks import Check
@@ -54,6 +55,9 @@ class Robot:
     series: Mapping[str, str] = dataclasses.field(default_factory=dict)
     signals: tuple[Signal, ...] = ()  # signals that a user's check can use, in the tick's order
     hazards: str = ""  # folder with its hazard library, see `ravenjax.hazards`; "": none
+    # optional stages of the tick for which a campaign file can ask, see `CampaignConfig.stages`
+    stages: tuple[str, ...] = ()
+    columns: tuple[Path, ...] = ()  # template with the columns of these stages, if they have any
     # Other files than Python modules that the robot's code reads, from models/ or from the folder
     # of its module. The hash of the code includes them
     files: tuple[str, ...] = ()

@@ -142,7 +142,7 @@ def describe_program(config: CampaignConfig) -> dict[str, Any]:
             "replay": _replay_program(ready, tick),
             **action_programs,
         },
-        "verdict": _verdict(config, tick),
+        "verdict": _verdict(ready, tick),
         "examples": _example_faults(ready),
         "worker": Path(__file__).with_name("static").joinpath("worker.js").read_text("utf-8"),
     }
@@ -255,9 +255,8 @@ def _channels(ready: Plan) -> list[dict[str, Any]]:
     return rows
 
 
-def _verdict(config: CampaignConfig, tick: TracedTick) -> dict[str, Any]:
+def _verdict(ready: Plan, tick: TracedTick) -> dict[str, Any]:
     """Return the names, checks and rules from which the page derives the verdict of a run."""
-    robot_checks = [config.robot.check(name) for name in checks.check_names(tick.outcomes)]
     return {
         "responses": verdict.RESPONSES,
         "told": verdict.TOLD,
@@ -272,15 +271,15 @@ def _verdict(config: CampaignConfig, tick: TracedTick) -> dict[str, Any]:
                 "response": check.response,
                 "watches": check.action == "watch",
             }
-            for check in robot_checks
+            for check in map(ready.config.robot.check, checks.check_names(tick.outcomes))
         ],
         "failures": failures.CAUSES,
         "failure_of_tip": failures.CODES["tip"],
         "failure_of_outcome": failures.CODES["outcome"],
         "may_be_infinite": outcomes.MAY_BE_INFINITE,
-        "cables": outcomes.cable_names(config),
-        "overload": schema.OVERLOAD,
-        "kept_of_golden": [name for name in tick.outcomes if schema.kept_of_golden(name)],
+        "cables": outcomes.cable_names(ready.config),
+        "overload": outcomes.OVERLOAD,
+        "golden_outcomes": schema.golden_outcomes(ready.shape),
     }
 
 

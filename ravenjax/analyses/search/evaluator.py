@@ -20,7 +20,7 @@ from ravenjax import interruption
 from ravenjax.analyses.search.file.outcome import Outcome
 from ravenjax.analyses.search.file.template import Template
 from ravenjax.analyses.search.journal import Journal
-from ravenjax.campaign import compile_cache, memory_windows, plan, runner
+from ravenjax.campaign import compile_cache, memory_windows, plan
 from ravenjax.campaign.computation import Computation
 from ravenjax.campaign.executors.protocol import finish_chunk
 from ravenjax.campaign.faults import design, run_id, table
@@ -52,8 +52,7 @@ class Evaluator:
         self._computes_margins = margins
         # One run per case: settings that select code are equal for all points.
         self._plan = plan.make_plan(template.config)
-        self.shape = runner.shape_of(self._plan)
-        complaints = [text for outcome in wanted for text in outcome.complaints(self.shape)]
+        complaints = [text for outcome in wanted for text in outcome.complaints(self._plan.shape)]
         if complaints:
             source = f"{template.config.source}: " if template.config.source is not None else ""
             raise UserError("\n".join(f"{source}search: {complaint}" for complaint in complaints))
@@ -123,7 +122,7 @@ class Evaluator:
         stored_rows = self._computed.get_indexer(self._requested)
         numbers = np.arange(self.runs, dtype=np.int32)
         table = parts.concatenate_parts(self._tables).iloc[stored_rows]
-        return schema.conform_table(table.assign(index=numbers, pair=numbers), self.shape)
+        return schema.conform_table(table.assign(index=numbers, pair=numbers), self._plan.shape)
 
     def _compute_runs(self, rows: pd.DataFrame):
         # Computes the runs as a campaign does, and stores each finished part in the journal. A part
@@ -137,7 +136,7 @@ class Evaluator:
         with interruption.delay_signals(), contextlib.closing(computation.blocks(chunks)) as blocks:
             for part in memory_windows.assemble_parts(chunks, blocks):
                 done = finish_chunk(
-                    ready, part, lambda columns: schema.conform_table(columns, self.shape)
+                    ready, part, lambda columns: schema.conform_table(columns, self._plan.shape)
                 )
                 tables.append(done.packed)
                 if self._journal is not None:

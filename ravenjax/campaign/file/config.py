@@ -157,8 +157,13 @@ class CampaignConfig(Section):
         """Whether a detector may stop the robot."""
         return any(detector.acts == "stop" for detector in self.detector)
 
-    stages: ClassVar[tuple[str, ...]] = ()
-    """Names of the optional stages of the robot's tick that the file asks for."""
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """Names of the optional stages of the robot's tick for which the file asks: by a section
+        with the name of the stage, or by a true key or property of [campaign] with this name.
+        """
+        names, keys = robots.find_robot(self.campaign.robot).stages, self.campaign
+        return tuple(name for name in names if getattr(self, name, getattr(keys, name, None)))
 
     @property
     def slots(self) -> int:

@@ -105,8 +105,9 @@ class Replayer(PlannedCampaign):
             own[schema.OBSERVED] = self.plan.ends[[row]] * tick_ms
         reference = np.asarray(golden.reference)[:, :, 0]
         series = read_series(self.config.robot, program, signals, reference)
+        stored = outcomes.select_golden_outcomes(self.plan.shape, fault_free)
         own_row = self.plan.rows.iloc[row : row + 1]
-        columns = outcomes.result_columns(self.config, own_row, own, fault_free)
+        columns = outcomes.result_columns(self.config, own_row, own, stored)
         # Series have a value per tick, and are repeated to a value per millisecond.
         return Replay(
             row=pd.DataFrame(columns).iloc[0],

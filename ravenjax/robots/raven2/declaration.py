@@ -121,6 +121,7 @@ ROBOT = Robot(
     ranges=_read_ranges(),
     series=_TABLES["series"],
     hazards=str(Path(__file__).with_name("hazards")),
+    columns=(Path(__file__).with_name("columns.csv.j2"),),
     signals=tuple(_signal(name, table) for name, table in _TABLES["signals"].items()),
     **_ROBOT,
 )

@@ -10,7 +10,6 @@ import tiny_campaign as tiny
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ravenjax.campaign import runner
 from ravenjax.campaign.executors import choose_executor, ray_cluster, shards
 from ravenjax.campaign.executors.protocol import Local, Work, finish_chunk
 from ravenjax.campaign.executors.shards import Shard
@@ -78,7 +77,7 @@ def test_a_shard():
 def work():
     plan = make_plan(tiny.config(runs=60))
     engine = selection.select_engine("simd", plan.program.setup.precision)
-    pack = functools.partial(parts.encode_part, shape=runner.shape_of(plan), config_hash="tiny")
+    pack = functools.partial(parts.encode_part, shape=plan.shape, config_hash="tiny")
     return Work(plan, engine, pack, lambda _: None, Progress("", 60, 60, plan.program.ticks, None))
 
 

@@ -187,7 +187,7 @@ export function judge(description, measures, golden, faulty) {
   if (rules.overload in out) out[rules.overload] = rules.cables[out[rules.overload] + 1];
   out.tissue_depth_mm = Math.max(out.tissue_depth_mm, 0);
   if (!Number.isFinite(out.tip_distance_mm)) out.tip_distance_mm = NaN;
-  for (const name of rules.kept_of_golden) out[`golden_${name}`] = golden[name];
+  for (const name of rules.golden_outcomes) out[`golden_${name}`] = golden[name];
   out.golden_tissue_depth_mm = Math.max(out.golden_tissue_depth_mm, 0);
   const did = response(rules, measures, golden);
   const stopped = did.response === "stopped";

@@ -28,7 +28,6 @@ from ravenjax.robots.raven2.campaign.sections import (
 )
 from ravenjax.robots.raven2.console.motions import MOTIONS
 from ravenjax.robots.raven2.geometry.tools import DEFAULT_TOOLS
-from ravenjax.robots.raven2.plant import parameter_sets
 from ravenjax.robots.raven2.plant.kinematic_errors import MEASURED
 from ravenjax.stages.channel import DELAY_MS, JITTER_MS
 from ravenjax.vocabulary import packets
@@ -112,18 +111,6 @@ class RavenConfig(CampaignConfig):
         """Name of the motion in tables."""
         return self.operator.label
 
-    @property
-    def stages(self) -> tuple[str, ...]:
-        """See `CampaignConfig.stages`."""
-        asked_for = {
-            "reaction": self.reaction,
-            "hand": self.hand,
-            # Only realistic tensions can be compared with a cable's strength
-            "overload": parameter_sets.has_realistic_tension(self.campaign.parameter_set),
-            "contact": self.campaign.contact,
-        }
-        return tuple(name for name, wanted in asked_for.items() if wanted)
-
     def lines(self) -> Iterator[tuple[str, str]]:
         """Yield (heading, text) for each line that describes the settings of the campaign."""
         yield from super().lines()
@@ -146,8 +133,7 @@ class RavenConfig(CampaignConfig):
         # Describes the operator's reaction to the cue in words.
         if self.reaction is None:
             return ""
-        varies = "reaction.action" in self.axes_by_path
-        variation = "as reaction.action varies, or " * varies
+        variation = "as reaction.action varies, or " * ("reaction.action" in self.axes_by_path)
         return f"; at the cue: {variation}{MEANINGS[self.reaction.action]}"
 
     def settings(self) -> dict[str, Any]:
@@ -155,8 +141,7 @@ class RavenConfig(CampaignConfig):
         return super().settings() | {
             "software": self.campaign.software,
             "operator": self.operator.model_dump(mode="json", exclude_none=True),
-            "reaction": self.reaction and self.reaction.model_dump(mode="json"),
-            "hand": self.hand and self.hand.model_dump(mode="json"),
+            **self.model_dump(mode="json", include={"reaction", "hand"}),
         }
 
     def generated_motions(self) -> tuple[str, ...]:
@@ -397,11 +382,12 @@ class RavenConfig(CampaignConfig):
             "campaign": {**campaign, "tools": self.tools},
             "operator": operator,
             "limits": self.limits.si(),
+            **self.model_dump(mode="json", include={"hand"}, exclude_none=True),
         }
-        hand = {} if self.hand is None else {"hand": self.hand.model_dump(mode="json")}
-        stages = () if self.controller is None else self.controller.parts()
-        digests = {stage: part.hash_source(source) for stage, source in stages}
-        return content | sections | hand | ({"controller": digests} if digests else {})
+        if self.controller is not None:
+            parts = self.controller.parts()
+            sections["controller"] = {stage: part.hash_source(source) for stage, source in parts}
+        return content | sections
 
 
 LONGEST_HISTORY_MS = 8192

@@ -104,13 +104,13 @@ def _file_values(config: RavenConfig) -> dict[str, Any]:
     }
     if config.campaign.kinematic_errors == "measured":
         values["plant.kinematic_errors.registered"] = np.int32(1)
-    if config.reaction is not None:
-        numbers = config.reaction.model_dump()
+    # The sections of optional stages
+    sections = config.model_dump(include={*config.stages})
+    if numbers := sections.get("reaction"):
         numbers["action"] = np.int32(ACTIONS.index(numbers["action"]))
         numbers["correct_speed"] = numbers.pop("correct_mm_s") / 1e3  # m/s
-        values |= {f"reaction.{name}": number for name, number in numbers.items()}
-    if config.hand is not None:
-        values |= {f"hand.{name}": value for name, value in config.hand.model_dump().items()}
+    for stage, numbers in sections.items():
+        values |= {f"{stage}.{name}": number for name, number in numbers.items()}
     for joint, limits in config.limits.si().items():
         for side, value in zip(("lower", "upper"), limits, strict=True):
             # The software stores its limits as float32

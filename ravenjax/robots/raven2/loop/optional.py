@@ -2,8 +2,9 @@
 its name, or if the stage's function `needed` returns true.
 
 To add a stage, add an entry to STAGES. `TickParams.stages` then holds the stage's parameters, which
-a campaign varies as `NAME.parameter`. `TickState.stages` holds the stage's state, and the result
-table holds its outcomes. A run fails if one of the stage's `numbers` is not finite.
+a campaign varies as `NAME.parameter`. `TickState.stages` holds the stage's state. The result table
+holds its outcomes, which `columns.csv.j2` lists. A campaign file can ask for the stages in `stages`
+of `declaration.toml`. A run fails if one of the stage's `numbers` is not finite.
 """
 
 import dataclasses

@@ -261,8 +261,7 @@ def _move_robot(
         commands = where(params.usb.command_delay == ticks, earlier, commands)
     rows = control.rows_of(current_cmd=commands, **mechanical_faults)
     plant_signals = tuple(plant.PlantSignal(brakes=brakes, **row) for row in rows)
-    touched = params.stages.get("contact")
-    moved = plant.step_all(setup, params.plant, state.plant, plant_signals, touched)
+    moved = plant.step_all(setup, params.plant, state.plant, plant_signals, params.stages)
     robots = tuple(out for _, out in moved)
     state = replace(
         state,

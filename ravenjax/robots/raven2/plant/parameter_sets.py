@@ -58,12 +58,3 @@ def nominal_set(name: str) -> str:
     The published sets differ as robots of one kind do, so they have the same nominal model.
     """
     return name if name == DEFAULT else "traj3"
-
-
-def has_realistic_tension(name: str) -> bool:
-    """Return whether cable forces of this set are realistic, so that they agree with statics.
-
-    Only realistic forces can be compared with a cable's strength. In the published sets, a motor
-    pulls its cable twelve times as hard as a real motor.
-    """
-    return name == DEFAULT

@@ -19,7 +19,9 @@ difference of large numbers is computed, so float32 is exact enough for every en
 """
 
 import dataclasses
+from collections.abc import Mapping
 from functools import partial, reduce
+from typing import Any
 
 import numpy as np
 
@@ -184,13 +186,14 @@ def step_all(
     params: PerArm[PlantParams],
     states: PerArm[PlantState],
     signals: PerArm[PlantSignal],
-    touched: contact.ContactParams | None = None,
+    stages: Mapping[str, Any] = {},
 ) -> PerArm[tuple[PlantState, PlantOutput]]:
     """Compute `step` for every arm, and the contact between the instruments of two arms.
 
-    The force between the instruments is solved with the equations of both arms.
+    The force between the instruments is solved with the equations of both arms. stages: parameters
+    of the optional stages in the tick.
     """
-    arms = setup.arms
+    arms, touched = setup.arms, stages.get("contact")
     if touched is None or len(arms) < 2:
         return map_arms(setup, partial(step, touched=touched), params, states, signals)
     arm_ticks = map_arms(setup, partial(_ArmTick, touched=touched), params, states, signals)

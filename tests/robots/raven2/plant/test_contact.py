@@ -115,7 +115,8 @@ def stepper(arms: tuple[ArmName, ...], ticks: int):
         load = robot.PlantSignal(Vec(command), jnp.int32(0))
 
         def tick(states, _):
-            moved = robot.step_all(one, params, states, (load,) * len(arms), touched)
+            stages = {"contact": touched}
+            moved = robot.step_all(one, params, states, (load,) * len(arms), stages)
             return tuple(new for new, _ in moved), tuple(out for _, out in moved)
 
         return jax.lax.scan(tick, states, None, length=ticks)
