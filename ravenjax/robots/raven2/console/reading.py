@@ -176,8 +176,9 @@ class PacketReader:
         if before is None:
             return _NO_ROTATION, orientation
         x, y, z, w = before
+        # The orientation times the inverse of the last orientation
         turn = mapping.quat_mul(Vec(orientation), Vec((-x, -y, -z, w)))
-        # Of the two quaternions of a rotation, the one with a positive w has the smaller angle
+        # `turn` and -turn are the same rotation; the one with a positive w has the smaller angle
         return (-turn if turn[3] < 0.0 else turn), orientation
 
     def _describe_form(self) -> str:

@@ -119,8 +119,8 @@ def update_monitor(
     tick: Scalar,
 ) -> monitor.MonitorState:
     """Return the monitor's state after this tick, in which `update_model_and_cue` gave `observed`.
-
-    golden: contains the golden run; None: the monitor compares with the nominal model instead.
+    clean: newest packet, before faults. fresh: bool, it was sent in this tick. golden: input of the
+    tick with the golden run; None: the monitor compares with the nominal model instead.
     """
     model_tips = tuple(out.tip_position for out in observed.models)
     pos = _to_um(observed.tips) if robot.pos is None else cast_to_real(setup, robot.pos)

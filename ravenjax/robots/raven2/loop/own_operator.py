@@ -84,6 +84,7 @@ def init(start: Start) -> OwnOperatorState:
         grasp=None,
         lifted=None,
     )
+    # um, mrad, um
     motion, closing, offset = zeros, zero, zeros
     plan = for_each_arm(setup, (motion, closing, offset))
     # The file is called once, because its results show which keys it returns.
@@ -153,6 +154,7 @@ def _advance_pace(pace: OwnPace, share: Scalar, continues: Scalar, lag_sent: Sca
     # A comparison with NaN is false, so NaN gives the planned pace.
     share = jnp.where(share < 1.0, jnp.maximum(share, 0.0), 1.0)
     behind = pace.fraction + jnp.where(continues, 1.0 - share, 0.0)
+    # `lag` counts whole rows, and `fraction` keeps the rest.
     whole_rows = as_int(behind)
     return OwnPace(
         fraction=behind - lax.convert_element_type(whole_rows, behind.dtype),

@@ -141,6 +141,7 @@ def check_histories(setup: RavenSetup, state: TickState) -> dict[str, check.Chec
     """Return the history of each check over all arms, by the check's name in result columns."""
     user_checks = zip(setup.checks, state.files.histories, strict=True)
     out = {f"{OWN}{use.name}": history for use, history in user_checks}
+    # `_CHECKS`: name -> path of a stage's state in `TickState`, and the history's field in it
     for name, (stage, field) in _CHECKS.items():
         stage_state = attrgetter(stage)(state)
         # The state of a stage is a tuple if the stage treats each arm separately.
@@ -194,14 +195,15 @@ def act(
     holds = is_taken["hold"] & (state.plc.runlevel == run_levels.PEDAL_DOWN)
     # The operator acts as if a cue were felt in this tick.
     felt = first_tick(tick, lifts_foot, operator_state.felt)
-    # A delay of one tick makes the motors follow the command of the last tick, which is replaced.
+    # With a delay of one tick, set below, the motors follow the last tick's command, replaced here.
     last_tick, *earlier = state.commands
     state = replace(
         state,
         commands=(where(holds, good_command, last_tick), *earlier),
         stages={**state.stages, "reaction": replace(operator_state, felt=felt)},
     )
-    # Limits of -1 are exceeded by every command, and by every time without an edge.
+    # The limit -1 makes the overdrive check trip at every command, and the PLC's watchdog trip at
+    # every time since the pin's last edge.
     overdrive_params, watchdog = params.control.overdrive, params.plc.watchdog_ticks
     limit = jnp.where(is_taken["stop"] & begins, -1, overdrive_params.max_inst_dac)
     operator_params = replace(

@@ -113,7 +113,8 @@ def params(
         brakes=drives.BrakeParams(),
         stops=drives.stop_params(_tool(setup, arm)),
         kinematic_errors=kinematic_errors.no_errors(),
-        # Sizes of noise are assumed: encoders as the rounding of a count, torques as one DAC count.
+        # Sizes of noise are assumed: of encoders 1/sqrt(12) count, the rms error of rounding to a
+        # count; of torques one DAC count.
         encoder_noise=12.0**-0.5 if setup.noise else 0.0,
         torque_noise=transmission.TORQUE_PER_COUNT[0] if setup.noise else 0.0,
     )
@@ -186,9 +187,8 @@ def step_all(
     signals: PerArm[PlantSignal],
     touched: contact.ContactParams | None = None,
 ) -> PerArm[tuple[PlantState, PlantOutput]]:
-    """Compute `step` for every arm, and the contact between the instruments of two arms.
-
-    The force between the instruments is solved with the equations of both arms.
+    """Compute `step` for every arm, and the contact between the instruments of two arms. The force
+    between the instruments is solved together with the equations of both arms.
     """
     arms = setup.arms
     if touched is None or len(arms) < 2:
@@ -199,6 +199,7 @@ def step_all(
         jpos, jvel = (left.jpos(), right.jpos()), (left.state.jvel, right.state.jvel)
         touching = contact.find_instrument_contact(arms, touched, jpos, jvel, left.dt)
         rows, present_force = touching.separation_rows, touching.normal.force
+        # A row times a force is the load of this force on the joints of its arm.
         systems = [arm.equations(rows[i] * present_force) for i, arm in enumerate(arm_ticks)]
         # The changes of joint speeds are linear in the contact force. Solved with `present_force`,
         # they are speed_gains; each newton more adds gains_per_newton.
@@ -229,7 +230,7 @@ class _ArmTick:
         self._brakes = cast(brakes, "int32")
         self._torques = _commanded_torques(setup, self.arm, params, state, self.signal)
         self._coupling = _coupling(setup, self.arm, params)
-        # One entry per substep: magnitudes of the cables' tension differences, contact forces
+        # One entry per substep: magnitudes of the cables' tension differences; contact forces
         self._tensions: list[Vec] = []
         self._touches: list[contact.Touch] = []
 
@@ -306,8 +307,8 @@ class _ArmTick:
         return solve_spd(system, right)
 
     def move(self, speed_gains: Vec, pressed: tuple[Vec, Scalar] | None = None) -> None:
-        """Set the state at the end of one substep. pressed: direction and magnitude (N) of the
-        other instrument's force. speed_gains: by how much joint speeds change, rad/s and m/s.
+        """Set the state to that at the end of the substep. speed_gains: changes of the joint speeds
+        in it, rad/s and m/s. pressed: direction and magnitude (N) of the other instrument's force.
         """
         state = self.state
         if self._tips:
@@ -316,7 +317,7 @@ class _ArmTick:
                 direction, force = pressed
                 touch = replace(touch, force=touch.force + direction * force, instrument=force)
             self._touches.append(touch)
-        # The same changes in rad/s of motor angle.
+        # The changes of the joint speeds in rad/s of motor angle.
         link_gains = self._coupling.to_motors(speed_gains)
         mvel, stretch, motors, tensions = [], [], [], []
         for i, motor in enumerate(self._solved):
@@ -346,7 +347,7 @@ class _ArmTick:
         self._tensions.append(Vec(tensions).map(jnp.abs))
 
     def end(self) -> tuple[PlantState, PlantOutput]:
-        """Return the state after the tick, and outputs; contact forces are means of substeps."""
+        """Return state and outputs: largest tensions and mean contact forces of the substeps."""
         dtype, state = self.setup.precision.real, self.state
         state = replace(
             state,
@@ -369,7 +370,7 @@ class _ArmTick:
 def observe_robot(
     setup: RavenSetup, arm: ArmName, params: PlantParams, state: PlantState, scale: Vec = _ONES
 ) -> PlantOutput:
-    """Return the outputs of a state, with noise of encoders. scale: `PlantSignal.cable_scale`."""
+    """Return the outputs of a state, with encoder noise. scale: factor of each cable's forces."""
     scale = _cable_scale(state, scale)
     tensions = []
     for i, lever in enumerate(transmission.CABLE_PER_MOTOR):
@@ -378,6 +379,7 @@ def observe_robot(
         tensions.append(drives.cable_tension(stiffness, 0.0, stretch, 0.0))
     tension, dtype = Vec(tensions), setup.precision.real
     signs = transmission.encoder_signs(arm, _tool(setup, arm), setup.software)
+    # `motors` contains angles from the reference, whose whole counts are `count_ref`.
     turned = Vec(drives.angle_in_radians(motor, dtype) for motor in state.motors)
     counts = Vec(motor.count for motor in state.motors) + state.count_ref
     if setup.noise:
