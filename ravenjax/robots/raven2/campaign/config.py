@@ -114,7 +114,7 @@ class RavenConfig(CampaignConfig):
 
     @property
     def stages(self) -> tuple[str, ...]:
-        """See `CampaignConfig.stages`."""
+        """Names of the optional stages of the tick that this campaign needs."""
         asked_for = {
             "reaction": self.reaction,
             "hand": self.hand,
@@ -274,7 +274,7 @@ class RavenConfig(CampaignConfig):
 
     @property
     def distances_mm(self) -> tuple[float, float]:
-        """See `CampaignConfig.distances_mm`."""
+        """Distance from the nominal model without a fault, and largest possible distance, mm."""
         return HEALTHY_MM, REACH_MM
 
     def complaints(self) -> Iterator[Complaint]:

@@ -84,7 +84,6 @@ class PacketReader:
 
     def read(self, fields: Sequence, is_next: bool = True) -> PacketReading | Misfit:
         """Return the increments that a packet commands, or the first rule that it breaks.
-
         fields: as unpacked by `FIELDS`. is_next: whether the packet follows the last packet of the
         stream; otherwise only its content is checked. `accept_packet` changes the stream's state.
         """

@@ -44,7 +44,6 @@ def params(
     parameter_set: str = parameter_sets.DEFAULT,
 ) -> TickParams:
     """Return all parameters with their default values, for a run that starts at `start_jpos`.
-
     start_jpos: 7 joints per arm, rad and m. parameter_set: mechanics, one of `parameter_sets.Name`.
     """
     return TickParams(
@@ -129,7 +128,6 @@ def advance(
     setup, params: TickParams, faults: fault.Faults, state: TickState, now, motion, golden
 ) -> tuple[TickState, tuple[Scalar, ...], TickSignals]:
     """Compute tick `now`; return the new state, the `reference_series`, and all signals.
-
     golden: `reference_series` of the golden run in this tick.
     """
     inputs = Input(now, motion, reference_from(setup, golden))

@@ -207,7 +207,6 @@ class UserFiles:
         self, held: usb.UsbOut, boards: usb.UsbOut, plc_runlevel: Scalar
     ) -> usb.UsbOut:
         """Return the values of the USB boards after users' checks.
-
         held: values of the boards in the last tick. boards: values that the software wrote.
         """
         self.note(held_cmd=held.current_cmd, pins=boards.pins, plc_runlevel=plc_runlevel)
@@ -364,7 +363,6 @@ def _limit_commands(
     trips: Sequence[Scalar], values: PerArm[Vec], commands: PerArm[Vec]
 ) -> PerArm[Vec]:
     """Return commands after a check that limits: where it trips, `values` saturated to 16 bits.
-
     Commands of an arm that are all 0 stay 0, so that no check cancels an E-stop.
     """
     nonzero = (reduce(or_, (x != 0 for x in command)) for command in commands)

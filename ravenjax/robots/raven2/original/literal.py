@@ -135,7 +135,6 @@ def _wrap(value: Scalar, turns: int) -> Scalar:
 
 def _dh_variables(arm: str, jpos: Vec) -> Vec:
     """Return the DH variables theta1, theta2, d3, theta4, theta5, theta6; angles within -pi..pi.
-
     jpos: joints 1-5 and the jaws' yaw. As in the original, d3 is wrapped like an angle.
     """
 

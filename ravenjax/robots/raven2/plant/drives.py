@@ -241,7 +241,6 @@ def step_brakes(
     params: BrakeParams, state: BrakeState, commanded: Scalar
 ) -> tuple[BrakeState, Scalar]:
     """Compute one tick with the PLC's command (1: on).
-
     Returns the new state, and the dry friction that the brakes add to motors 1-3 (N m).
     """
     commanded = as_int(commanded)

@@ -30,7 +30,7 @@ pedal is up the model stands still, and its target is its pose, as in the robot.
 import numpy as np
 
 from ravenjax.numbers import cast_to_real, describe_fields
-from ravenjax.numbers.algebra import mul, solve_spd
+from ravenjax.numbers.algebra import dot, mul, solve_spd
 from ravenjax.numbers.vec import Scalar, Vec, as_int, clamp, record, replace, to_int32, where
 from ravenjax.robots.raven2.dynamics import link_dynamics
 from ravenjax.robots.raven2.geometry import kinematics, limits, mapping, transmission
@@ -249,7 +249,7 @@ def _commanded_pose(
     gain, lowest, highest = stored.jaw_commands(setup.software)
     position_um = state.position_um + mapping.position_from_itp(arm, command.delta_um)
     quat = mapping.quat_mul(mapping.quat_from_itp(arm, command.quat), state.quat)
-    square = quat[0] * quat[0] + quat[1] * quat[1] + quat[2] * quat[2] + quat[3] * quat[3]
+    square = dot(quat, quat)
     grasp = clamp(state.grasp_mrad - gain * command.grasp_mrad, lowest, highest)
     # The quaternion is divided by its length: near 1, 1 / sqrt(square) is 1.5 - 0.5 square.
     return position_um, quat * (1.5 - 0.5 * square), as_int(grasp)

@@ -122,7 +122,6 @@ def params(
 
 def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> PlantState:
     """Return the state at rest with the brakes on. Cables are stretched by the links' weight.
-
     jpos0: joints that the software reports (rad, m). With kinematic errors, the true joints differ.
     """
     coupling, errors = _coupling(setup, arm, params), params.kinematic_errors
@@ -134,11 +133,10 @@ def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> Pl
     )
     zeros = cast_to_real(setup, no_speed)
     torques = coupling.motor_torques(gravity_load)
-    stretches = []
-    for i, lever in enumerate(transmission.CABLE_PER_MOTOR):
-        stiffness = params.cable_stiffness[i] * params.cable_stiffness_scale
-        stretches.append(drives.resting_stretch(lever, stiffness, torques[i]))
-    stretch = Vec(stretches)
+    stretch = Vec(
+        drives.resting_stretch(lever, _stiffness(params, i, scale=1.0), torques[i])
+        for i, lever in enumerate(transmission.CABLE_PER_MOTOR)
+    )
     # The software computes `jpos0` from motor angles with the nominal coupling.
     angles = _nominal_coupling(setup, arm).to_motors(jpos0) + stretch
     motors = tuple(drives.advance_angle(drives.REFERENCE, angle) for angle in angles)
@@ -170,7 +168,6 @@ def step(
     touched: contact.ContactParams | None = None,
 ) -> tuple[PlantState, PlantOutput]:
     """Compute one tick (1 ms, `setup.substeps` steps) with the DAC command of this tick.
-
     The next tick reads `PlantOutput`. touched: contact parameters; None: no contact.
     """
     tick = _ArmTick(setup, arm, params, state, signal, touched)

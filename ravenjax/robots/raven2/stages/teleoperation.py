@@ -85,9 +85,8 @@ def accumulate_increments(
     accepted: Scalar,
     packet: Packet,
 ) -> TeleoperationState:
-    """Return the state after a packet. If it is `accepted` (bool), its increments are added.
-
-    A packet of an absolute console sets the poses instead.
+    """Return the state after a packet. If it is `accepted` (bool), its increments are added to the
+    accumulated poses. A packet of an absolute console sets these poses instead.
     """
 
     def add_packet(i: int, arm: ArmName) -> Accumulator:
@@ -163,10 +162,7 @@ def hand_over(
 def reset_origin(
     setup: RavenSetup, state: TeleoperationState, reset: Scalar, desired: PerArm[StoredPose]
 ) -> TeleoperationState:
-    """Return the state with accumulated poses reset to the desired poses if `reset`.
-
-    A reset counts as an update.
-    """
+    """Return the state. If `reset`, accumulated poses become the desired poses, as by an update."""
 
     def restart(i: int, _: ArmName) -> Accumulator:
         # Returns one arm's accumulated pose: if `reset`, the desired pose. The accumulated opening
