@@ -164,7 +164,7 @@ class RavenConfig(CampaignConfig):
         return tuple(MOTIONS)
 
     def notices(self) -> Iterator[Complaint]:
-        """See `CampaignConfig.notices`."""
+        """Yield (key, message) for settings without effect, and for values that may be mistakes."""
         yield from super().notices()
         for name, section in (("operator.start", self.operator.start), ("limits", self.limits)):
             for key, angle in section.model_dump(exclude_none=True).items():
@@ -333,7 +333,7 @@ class RavenConfig(CampaignConfig):
 
     @property
     def random_packets(self) -> bool:
-        """Whether the length of packets is drawn in some run."""
+        """Whether the length of packets is drawn in some run: in distributions other than 0."""
         return self.campaign.packet_choice != packets.EVERY_CYCLE or any(
             any(axis.values) for axis in self._packet_axes
         )

@@ -65,7 +65,7 @@ def _describe_body(
 
 
 def _describe_joint(model: mujoco.MjModel, joint: int, arm: str, index: int) -> dict[str, Any]:
-    # Returns the description of a joint; see `describe_figure`.
+    # Returns the description of a joint, with axis and anchor (m) in the frame of its body.
     return {
         "arm": arm,
         "index": index,

@@ -176,7 +176,7 @@ class _Path:
         while True:
             depth = self.rng.uniform(0.003, 0.005)
             tip = self.pose[:3]
-            yield self.move((tip[0], tip[1], depth), pace=0.6)
+            yield self.move((tip[0], tip[1], depth), pace=0.6)  # press
             yield self.dwell(self.rng.uniform(0.05, 0.15))
             yield self.move((tip[0], tip[1], -0.002), pace=0.8)
             if abs(side + 0.004 * direction) > 0.013:
@@ -195,11 +195,11 @@ class _Path:
             source, target = (int(i) for i in self.rng.permutation(free)[:2])
             turn = math.radians(self.rng.uniform(-35.0, 35.0))
             yield self.move((*pegs[source], lift), (0.0, 0.0, 0.0), open_mrad)
-            yield self.move((*pegs[source], 0.002), pace=0.7)
+            yield self.move((*pegs[source], 0.002), pace=0.7)  # down to the object
             yield self.move(grasp=closed_mrad)
             yield self.move((*pegs[source], lift))
             yield self.move((*pegs[target], lift), (0.0, 0.0, turn))
-            yield self.move((*pegs[target], 0.002), pace=0.7)
+            yield self.move((*pegs[target], 0.002), pace=0.7)  # down onto the other peg
             yield self.move(grasp=open_mrad)
             yield self.move((*pegs[target], lift))
             source = target
@@ -213,14 +213,14 @@ class _Path:
         while True:
             entry = self.rng.uniform(-0.010, -0.006)
             yield self.move((entry, row, -0.006), (0.0, 0.0, -roll / 2.0), closed_mrad)
-            yield self.move((entry, row, 0.0), pace=0.7)
-            yield self.arc(radius, math.radians(150.0), roll)
+            yield self.move((entry, row, 0.0), pace=0.7)  # pierce
+            yield self.arc(radius, math.radians(150.0), roll)  # drive the needle through
             yield self.move(grasp=open_mrad)
             yield self.move((self.pose[0], row, -0.008))
-            yield self.move((self.pose[0] + 0.003, row, 0.001), (0.0, 0.0, 0.0))
+            yield self.move((self.pose[0] + 0.003, row, 0.001), (0.0, 0.0, 0.0))  # to its other end
             yield self.move(grasp=closed_mrad)
             beside = self.pose[0] - 0.006, row + 0.006, -0.012
-            yield self.move(beside, (math.radians(10.0), 0.0, roll / 3.0))
+            yield self.move(beside, (math.radians(10.0), 0.0, roll / 3.0))  # pull
             row = -0.009 if row > 0.006 else row + self.rng.uniform(0.003, 0.005)
 
 

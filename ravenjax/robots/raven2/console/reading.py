@@ -163,6 +163,7 @@ class PacketReader:
             if square == 1.0:  # the vector is zero, because Qw is 1
                 return _NO_ROTATION, None
             angle = math.sqrt(x * x + y * y + z * z)
+            # Half a turn is refused as too large. Without the bound, still larger angles could pass
             half_angle = min(0.5 * angle * self.profile.orientation.rad, math.pi / 2)
             factor = math.sin(half_angle) / angle if angle else 0.0
             return (x * factor, y * factor, z * factor, math.cos(half_angle)), None

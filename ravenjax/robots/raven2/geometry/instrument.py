@@ -29,6 +29,7 @@ class InstrumentPoint(NamedTuple):
     def velocity(self, jvel: Vec) -> Vec:
         """Return the velocity in m/s at joint velocities (7, rad/s and m/s)."""
         velocity = _NO_MOTION
+        # v=speed binds the speed of this column
         for column, speed in zip(self.columns, jvel, strict=True):
             velocity = velocity.map(lambda total, x, v=speed: add(total, mul(x, v)), column)
         return velocity

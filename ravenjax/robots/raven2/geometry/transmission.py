@@ -121,6 +121,7 @@ def motor_from_joint(
 
 def joint_from_motor(arm: str, tool: str, mpos: Vec, software: str = "raven2") -> Vec:
     """Return the joints (7, rad and m) at the motor angles `mpos` (7, rad)."""
+    # The inverse of `motor_from_joint`, joint by joint
     shoulder = mpos[0] * (1.0 / TR[0])
     elbow = mpos[1] * (1.0 / TR[1]) - C01 * shoulder
     insertion = mpos[2] * (1.0 / TR[2]) - C02 * shoulder - C12 * elbow

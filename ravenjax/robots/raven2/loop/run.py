@@ -164,7 +164,7 @@ def name_signals(setup: RavenSetup, signals: TickSignals) -> dict[str, Any]:
 
 
 make_injector = RavenInjector
-"""See `ravenjax.engines.interface.Loop`."""
+"""Makes the injector of a tick, as the protocol `ravenjax.engines.interface.Loop` requires."""
 
 ACTIONS = ("pedal", "estop", "stop", "hold")
 """Names of the actions that `ravenjax deadline` tries; see `stages.acted`."""

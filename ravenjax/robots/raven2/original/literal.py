@@ -193,11 +193,11 @@ def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> ki
     lowest_cost = kinematics.NO_SOLUTION_COST
     best = Vec.full(6, 0.0)
     for theta, valid in solutions:
-        # The roll may differ by a turn from the solution.
+        # theta4 (index 3), the roll, may differ by a turn from the solution.
         turned = jnp.where(measured[3] > theta[3], theta[3] + 2 * PI, theta[3] - 2 * PI)
         is_far = jnp.abs(measured[3] - theta[3]) > kinematics.ROLLOVER
         theta = theta.replace(3, jnp.where(is_far, turned, theta[3]))
-        differences = measured - theta
+        differences = measured - theta  # index 2 is d3, in m
         differences = differences.replace(2, differences[2] * kinematics.INSERTION_WEIGHT)
         cost = dot(differences, differences)
         is_nearer = valid & (cost < lowest_cost)  # never true for NaN

@@ -210,7 +210,7 @@ def init_target(arm: ArmName, jpos: Vec) -> TargetState:
     return TargetState(
         position_um=pose.position.map(lambda p: to_int32(p * UM_PER_M)),
         quat=mapping.quat_from_matrix(pose.rotation),
-        grasp_mrad=to_int32((jpos[5] + jpos[6]) * 1000.0),
+        grasp_mrad=to_int32((jpos[5] + jpos[6]) * 1000.0),  # opening: grasp1 + grasp2
         jpos_d=jpos,
     )
 

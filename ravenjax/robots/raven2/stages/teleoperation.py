@@ -137,8 +137,9 @@ def hand_over(
 ) -> tuple[TeleoperationState, PerArm[StoredPose]]:
     """Check whether the console has timed out. Return the new state, and the arms' desired poses.
 
-    In pedal-down, desired poses become the accumulated poses if these were updated, or if the
-    time-out has just tripped. Otherwise they remain. Called once per cycle.
+    In pedal-down, desired poses become the accumulated poses, the sums of the packets' increments,
+    if a packet has updated these, or if the time-out has just tripped. Otherwise desired poses
+    remain. Called once per cycle.
     """
     fresh = state.updated != 0
     age = jnp.where(fresh, 0, state.age_ticks + 1)
