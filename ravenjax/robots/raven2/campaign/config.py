@@ -430,6 +430,7 @@ def _age_ms(faults: Iterable[Fault], longest_packet: int) -> float:
         return 0.0
     # The delays of several faults, in packets, add up. Add one packet for the age of the newest
     # packet, and one because a packet contains the motion since the packet before it
+    # DELAY_MS[1] and JITTER_MS[1] are the longest delays of a channel with jitter
     age = (sum(delays) + 2) * longest_packet
     return age + math.ceil(DELAY_MS[1] + JITTER_MS[1]) if has_jitter else age
 

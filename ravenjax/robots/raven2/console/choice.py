@@ -67,6 +67,7 @@ class ProfileChoice:
         if len(self.readers) == 1:
             return
         self._packets += 1
+        # Disputed are packets that profiles read differently
         self._disputed_packets += any(result != self._results[0] for result in self._results)
         for reader, result in zip(self.readers, self._results, strict=True):
             name = reader.profile.name

@@ -278,7 +278,8 @@ def _hand_motion(arm: ArmName, poses: np.ndarray) -> tuple[np.ndarray, np.ndarra
     if arm == "green":
         # gold mirrored at the x-z plane of frame 0; rotations mirror as pseudovectors
         hand, turn = hand * [1.0, -1.0, 1.0], turn * [-1.0, 1.0, -1.0]
-    # The matrix turns columns from ITP to frame 0. A row times this matrix turns back, to ITP
+    # The matrix turns columns from ITP to frame 0. A row times this matrix turns back, to ITP. The
+    # hand moves 1 / NOMINAL_SCALE times as far as the tip
     from_itp = np.array(ITP_AXES[arm])
     return _multiply(hand, from_itp) / NOMINAL_SCALE * 1e6, _quaternions(_multiply(turn, from_itp))
 

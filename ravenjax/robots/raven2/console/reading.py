@@ -135,6 +135,7 @@ class PacketReader:
         mrad = profile.jaw.mrad
         increment: float = jaw
         if profile.jaw.form == "positions":
+            # The bounds apply to the scaled value, whatever direction of values closes the jaw
             position = jaw * abs(mrad)
             if not profile.jaw.lowest_mrad <= position <= profile.jaw.highest_mrad:
                 ends = f"{profile.jaw.lowest_mrad:g}..{profile.jaw.highest_mrad:g} mrad"

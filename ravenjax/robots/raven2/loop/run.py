@@ -156,7 +156,7 @@ def name_signals(setup: RavenSetup, signals: TickSignals) -> dict[str, Any]:
     as the nine numbers of the matrix, row by row.
     """
     out = dict(vars(signals))
-    for name in ("pos", "pos_d"):
+    for name in ("pos", "pos_d"):  # measured and desired tip
         matrices = [getattr(arm, name).rotation for arm in signals.control.arms]
         out[f"{name}_quaternion"] = [quat_from_matrix(widen_numbers(setup, m)) for m in matrices]
         out[f"{name}_matrix"] = [[x for row in m for x in row] for m in matrices]

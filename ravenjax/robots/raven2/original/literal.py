@@ -64,7 +64,7 @@ def inverse_matrix(m: Vec) -> Vec:
         (cofactor(1, 2, 2, 0), cofactor(0, 0, 2, 2), cofactor(0, 2, 1, 0)),
         (cofactor(1, 0, 2, 1), cofactor(0, 1, 2, 0), cofactor(0, 0, 1, 1)),
     )
-    factor = 1.0 / dot(m[0], Vec(row[0] for row in rows))
+    factor = 1.0 / dot(m[0], Vec(row[0] for row in rows))  # 1 / determinant
     return matrix(*(tuple(mul(x, factor) for x in row) for row in rows))
 
 
