@@ -71,8 +71,8 @@ def damped_spring(
     """Return the force `spring * (1 + damping * closing)`, at least 0, linearised for a step.
     closing: present closing speed, m/s. spring, stiffness: undamped force (N) and its derivative by
     depth (N/m), at the depth that this speed causes at the end of the step `dt` (s). damping: s/m.
-    `rate` of the result, the derivative by the closing speed, has two terms: the speed changes the
-    depth, by closing dt, and the damping factor.
+    `rate` of the result, the derivative by the closing speed, has two terms, because the speed
+    changes both the depth, by closing dt, and the damping factor.
     """
     damping_factor = 1.0 + damping * closing
     in_contact = damping_factor > 0.0
