@@ -53,7 +53,7 @@ def init(setup: RavenSetup, arm: ArmName, tool: str, jpos: Vec) -> MotorControlS
 
 
 def motor_targets(setup: RavenSetup, arm: ArmName, tool: str, jpos_d: Vec, mpos: Vec) -> Vec:
-    """Return the motor positions (rad) for desired joints `jpos_d` (rad, m), at motors `mpos`.
+    """Return the motor positions (rad) for desired joints `jpos_d` (rad, m). mpos: measured, rad.
 
     As in raven2, contributions of joints are computed in the narrow type (float). The contribution
     of the *measured* insertion motor to the tool motors is computed in the wide type (double).
