@@ -42,29 +42,32 @@ def _channels(table: dict[str, Any]) -> list[tuple[str, str, tuple[str | int, ..
 
 
 def _site(name: str, table: dict[str, Any]) -> Site:
-    # Returns a fault site from its table in declaration.toml.
+    # Returns a fault site from its table in declaration.toml. A row of `channels` describes one or
+    # several channels. usual, pedal: their values without a fault, as in `Channel`.
     channels = []
-    for group in table.pop("channels"):
-        field, usual = _FIELDS.get(group.get("field")), group.get("usual")
-        pedal = tuple(group.get("pedal", ()))
-        for channel, unit, path in _channels(group):
-            channels.append(Channel(channel, path, group["kind"], unit, field, usual, pedal))
+    for row in table.pop("channels"):
+        field, usual = _FIELDS.get(row.get("field")), row.get("usual")
+        pedal = tuple(row.get("pedal", ()))
+        for channel, unit, path in _channels(row):
+            channels.append(Channel(channel, path, row["kind"], unit, field, usual, pedal))
     return Site(name, channels=tuple(channels), **_DEFAULTS | table)
 
 
 def _seam(name: str, table: dict[str, Any]) -> Seam:
     # Returns a seam from its table in declaration.toml.
     channels = tuple(
-        SeamChannel(channel, unit, group.get("site", name), path)
-        for group in table.pop("channels")
-        for channel, unit, path in _channels(group)
+        SeamChannel(channel, unit, row.get("site", name), path)
+        for row in table.pop("channels")
+        for channel, unit, path in _channels(row)
     )
     table["present"] = tuple(table.get("present", ()))
     return Seam(name, channels=channels, **_DEFAULTS | table)
 
 
 def _signal(name: str, table: dict[str, Any]) -> Signal:
-    # Returns a recorded signal from its table in declaration.toml.
+    # Returns a recorded signal from its table in declaration.toml. The table of jpos contains names
+    # = "joints", unit = "rad", linear = "m" and against = ["jpos_d", "model_jpos"]. names: key of
+    # _NAME_SETS. linear: unit of the insertion. against: signals with similar values.
     names, linear_unit = table.pop("names", ""), table.pop("linear", "")
     return Signal(
         name,

@@ -82,10 +82,7 @@ def params(setup: RavenSetup, parameter_set: str = parameter_sets.DEFAULT) -> Ro
 def begin_robot(
     setup: RavenSetup, params: RobotParams, start: PerArm[Vec], level: Scalar
 ) -> tuple[RobotState, RobotSignals]:
-    """Return state and signals of a robot at rest with joints `start` (rad, m).
-
-    level: run level of the PLC, int32.
-    """
+    """Return state and signals of a robot at rest at joints `start` (rad, m). level: run level."""
     arms = map_arms(setup, plant.init, params.arms, start)
     state = RobotState(plc.init(setup, level), arms)
     responses = map_arms(setup, plant.observe_robot, params.arms, arms)

@@ -149,7 +149,7 @@ class RavenConfig(CampaignConfig):
         return tuple(MOTIONS)
 
     def notices(self) -> Iterator[Complaint]:
-        """See `CampaignConfig.notices`."""
+        """Yield (key, message) for settings without effect, and for values that may be mistakes."""
         yield from super().notices()
         for name, section in (("operator.start", self.operator.start), ("limits", self.limits)):
             for key, angle in section.model_dump(exclude_none=True).items():
@@ -259,7 +259,7 @@ class RavenConfig(CampaignConfig):
 
     @property
     def distances_mm(self) -> tuple[float, float]:
-        """See `CampaignConfig.distances_mm`."""
+        """Distance from the nominal model without a fault, and largest possible distance, mm."""
         return HEALTHY_MM, REACH_MM
 
     def complaints(self) -> Iterator[Complaint]:
@@ -318,7 +318,7 @@ class RavenConfig(CampaignConfig):
 
     @property
     def random_packets(self) -> bool:
-        """Whether the length of packets is drawn in some run."""
+        """Whether the length of packets is drawn in some run: in distributions other than 0."""
         return self.campaign.packet_choice != packets.EVERY_CYCLE or any(
             any(axis.values) for axis in self._packet_axes
         )
@@ -416,6 +416,7 @@ def _age_ms(faults: Iterable[Fault], longest_packet: int) -> float:
         return 0.0
     # The delays of several faults, in packets, add up. Add one packet for the age of the newest
     # packet, and one because a packet contains the motion since the packet before it
+    # DELAY_MS[1] and JITTER_MS[1] are the longest delays of a channel with jitter
     age = (sum(delays) + 2) * longest_packet
     return age + math.ceil(DELAY_MS[1] + JITTER_MS[1]) if has_jitter else age
 

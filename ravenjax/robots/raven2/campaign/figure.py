@@ -26,10 +26,11 @@ def describe_figure() -> dict[str, Any]:
     """Return JSON of the bodies in the model's order, parents first, and of the cameras.
 
     A body has: parent (index, -1: none), position (m) and quaternion (w first) in its parent,
-    `joint` (arm, index, kind, axis, anchor, home, zero) or null, and meshes. A joint's `home` and
-    `zero` are its positions (rad, m) in the home pose and in the drawn pose of the bodies. A mesh
-    has: colour (sRGB, 0 to 1), `low` and `size` (m) of a box, `corners` and `faces` (base64 of
-    little-endian uint16 [n, 3]). A corner is at low + size * corner / STEPS.
+    `joint` (arm, index, kind, axis, anchor, home, zero) or null, and meshes. `home` (rad, m) is the
+    joint's position in the robot's home pose. At the joint's position `zero`, the body has the
+    stated position and quaternion. A mesh has: colour (sRGB, 0 to 1), `low` and `size` (m) of a
+    box, `corners` and `faces` (base64 of little-endian uint16 [n, 3]). A corner is at low + size *
+    corner / STEPS.
     """
     model = arm_model.operating_scene()
     # MuJoCo's number of each joint -> its arm, and its index in the arm
@@ -64,7 +65,7 @@ def _describe_body(
 
 
 def _describe_joint(model: mujoco.MjModel, joint: int, arm: str, index: int) -> dict[str, Any]:
-    # Returns the description of a joint; see `describe_figure`.
+    # Returns the description of a joint, with axis and anchor (m) in the frame of its body.
     return {
         "arm": arm,
         "index": index,

@@ -41,6 +41,7 @@ def operator_bounds(config: RavenConfig) -> Bounds:
     if config.campaign.console == "absolute":  # the opening is then not clamped
         return Bounds(lower, upper)
     jaws = teleoperation.params(RavenSetup(software=config.campaign.software))
+    # Gain of the packets' increments, and bounds of the opening, mrad
     opening = float(jaws.grasp_gain), float(jaws.grasp_min_mrad), float(jaws.grasp_max_mrad)
     return Bounds(lower, upper, opening)
 

@@ -171,7 +171,8 @@ def _pedal_phases(
     # Packet k contains row k of the motion. If lengths are drawn, the motion has a row per tick
     foot_changes = changed_rows * (1 if drawn else cycles)
     foot_changes = foot_changes[foot_changes < ticks]
-    # A change of the foot waits for the next packet. None: the times of pedal-down are unknown
+    # A change of the foot waits for the next packet. None: the times of pedal-down are unknown,
+    # also if the effects of two changes may overlap
     max_delay: int | None = max(drawn - 1, 0)
     effects_overlap = max_delay and (np.diff(foot_changes) <= max_delay + LATENCY).any()
     if unknown or effects_overlap:

@@ -51,6 +51,7 @@ def prepare_campaign(
         hands=config.operator.own,
         packets=_packet_shares(config, varied.get(PACKETS)),
         packet_history=config.packet_history,
+        # The longest delay of all runs; NaN: a run without a value
         command_delay=int(np.nan_to_num(varied.get(DELAY, 0)).clip(0, LONGEST_DELAY).max()),
         checks=tuple(check.use for check in config.check),
     )
@@ -61,6 +62,7 @@ def prepare_campaign(
         columns=tuple(motion.table().T),
         motion=motion,
         operator=None if replay is None else hands.summarize_replay(replay, varied.get(SCALE)),
+        # Parameter that gets a random key in each run -> what the key is for
         keys=({NOISE_KEY: "noise"} if setup.noise else {})
         | ({PACKET_KEY: "packets"} if setup.packets else {}),
     )

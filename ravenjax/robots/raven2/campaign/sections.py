@@ -163,7 +163,7 @@ class RavenCampaign(CampaignSection):
 
     @property
     def packet_shares(self) -> tuple[float, ...]:
-        """Shares of packets that last 1, 2, 3, .. cycles."""
+        """Shares of packets that last 1, 2, 3, .. cycles, by name or as listed."""
         if isinstance(self.packets, str):
             return packets.SHARES[self.packet_choice]
         return self.packets

@@ -67,6 +67,7 @@ class ProfileChoice:
         if len(self.readers) == 1:
             return
         self._packets += 1
+        # Disputed are packets that profiles read differently
         self._disputed_packets += any(result != self._results[0] for result in self._results)
         for reader, result in zip(self.readers, self._results, strict=True):
             name = reader.profile.name
@@ -88,13 +89,15 @@ class ProfileChoice:
             self.reason = "; ".join(f"Not profile {name}: {why}" for name, why in ruled_out.items())
 
     def _complaint(self, name: str) -> str:
-        """Return why packets rule out a profile, by the rules of the module; "" if they do not."""
+        """Return why packets rule out a profile: too many break its rules, or it would move the jaw
+        too far while another profile fits all packets. Returns "" if they do not rule it out.
+        """
         count = self._misfits[name]
         if count > max(MAX_CHANCE_MISFITS, MAX_CHANCE_SHARE * self._disputed_packets):
             return f"{count} of the first {self._packets} packets have {self._last_misfits[name]}"
-        others_fit = any(count == 0 for other, count in self._misfits.items() if other != name)
+        another_fits = any(n == 0 for other, n in self._misfits.items() if other != name)
         for arm, travel in zip(self._arms, self._travel[name], strict=True):
-            if others_fit and abs(travel) > JAW_TRAVEL_MRAD:
+            if another_fits and abs(travel) > JAW_TRAVEL_MRAD:
                 return (
                     f"the first {self._packets} packets would move the jaw of {arm} by {travel}"
                     f" mrad, more than its travel of {JAW_TRAVEL_MRAD:g} mrad"

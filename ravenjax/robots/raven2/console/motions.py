@@ -124,6 +124,7 @@ class _Path:
         """Return a random tip offset [m] and rotation vector [rad] near the home pose."""
         direction = self.rng.normal(size=3)
         offset = direction / np.linalg.norm(direction, axis=0) * self.rng.uniform(0.5, 1.0)
+        # Half axes of an ellipsoid about the home tip, m
         tip = offset * np.array([0.012, 0.012, 0.008])
         return tip, self.rng.uniform(-1.0, 1.0, 3) * np.radians([12.0, 12.0, 40.0])
 
@@ -143,7 +144,7 @@ class _Path:
         while True:
             reach = self.move(*self.draw_target())
             yield reach
-            # both arms share the pedal, so their cycles have equal length
+            # Reach and dwell take 1.4 s together: both arms share the pedal, so cycles are equal
             yield self.dwell(1.4 - reach.ticks * TICK_S)
             yield self.release(0.6)
             yield self.dwell(0.4)  # the robot needs some cycles to enter pedal-down
@@ -161,20 +162,21 @@ class _Path:
             out[:, 1] = radius * (sin(start + phase) - sin(start))
             return out
 
-        # The speed of the run-up follows `minimum_jerk`, whose integral is the polynomial. The mean
-        # of this speed is half the final speed
+        # In the run-up, the speed rises as `minimum_jerk`, whose integral is the polynomial. It is
+        # 1/2 at the end, so the run-up covers half of `angle`, the angle at the full speed
         ticks, angle = round(run_up_s / TICK_S), speed * run_up_s
         yield Segment(ticks, lambda s: poses(angle * s**2 * s**2 * (2.5 - 3.0 * s + s**2)))
         while True:
             yield Segment(round(round_s / TICK_S), lambda s: poses(angle / 2.0 + 2.0 * math.pi * s))
 
     def palpate(self) -> Segments:
-        # Presses the tissue at one place after the other. The row of places turns at both ends.
+        # Presses the tissue at one place after the other, 4 mm apart along a. The row reverses at
+        # 13 mm from home. Tips are (a, b, c), m; c grows into the tissue, and -2 mm is above it.
         side, direction = 0.0, 1.0
         while True:
             depth = self.rng.uniform(0.003, 0.005)
             tip = self.pose[:3]
-            yield self.move((tip[0], tip[1], depth), pace=0.6)
+            yield self.move((tip[0], tip[1], depth), pace=0.6)  # press
             yield self.dwell(self.rng.uniform(0.05, 0.15))
             yield self.move((tip[0], tip[1], -0.002), pace=0.8)
             if abs(side + 0.004 * direction) > 0.013:
@@ -183,7 +185,8 @@ class _Path:
             yield self.move((side, self.rng.uniform(-0.004, 0.004), -0.002), pace=0.8)
 
     def peg_transfer(self) -> Segments:
-        # Moves an object from one peg to another peg, again and again. Grasps grow as jaws close.
+        # Moves an object from one peg to another peg, again and again. Tips are (a, b, c), m; c
+        # grows toward the pegs' base. Grasps grow as jaws close.
         open_mrad, closed_mrad, lift = 0.0, 900.0, -0.010
         pegs = [(a, b) for a in (-0.010, 0.0, 0.010) for b in (-0.008, 0.008)]
         source = -1
@@ -192,31 +195,32 @@ class _Path:
             source, target = (int(i) for i in self.rng.permutation(free)[:2])
             turn = math.radians(self.rng.uniform(-35.0, 35.0))
             yield self.move((*pegs[source], lift), (0.0, 0.0, 0.0), open_mrad)
-            yield self.move((*pegs[source], 0.002), pace=0.7)
+            yield self.move((*pegs[source], 0.002), pace=0.7)  # down to the object
             yield self.move(grasp=closed_mrad)
             yield self.move((*pegs[source], lift))
             yield self.move((*pegs[target], lift), (0.0, 0.0, turn))
-            yield self.move((*pegs[target], 0.002), pace=0.7)
+            yield self.move((*pegs[target], 0.002), pace=0.7)  # down onto the other peg
             yield self.move(grasp=open_mrad)
             yield self.move((*pegs[target], lift))
             source = target
 
     def suture(self) -> Segments:
-        # Sews: pierces, turns the needle through the tissue, pulls, moves on along the wound.
+        # Sews: pierces, turns the needle through the tissue, pulls, moves on along the wound. Tips
+        # are (a, b, c), m: the wound runs along b, and c grows into the tissue.
         open_mrad, closed_mrad = 300.0, 1100.0
         roll, radius = math.radians(100.0), 0.006
         row = -0.009
         while True:
             entry = self.rng.uniform(-0.010, -0.006)
             yield self.move((entry, row, -0.006), (0.0, 0.0, -roll / 2.0), closed_mrad)
-            yield self.move((entry, row, 0.0), pace=0.7)
-            yield self.arc(radius, math.radians(150.0), roll)
+            yield self.move((entry, row, 0.0), pace=0.7)  # pierce
+            yield self.arc(radius, math.radians(150.0), roll)  # drive the needle through
             yield self.move(grasp=open_mrad)
             yield self.move((self.pose[0], row, -0.008))
-            yield self.move((self.pose[0] + 0.003, row, 0.001), (0.0, 0.0, 0.0))
+            yield self.move((self.pose[0] + 0.003, row, 0.001), (0.0, 0.0, 0.0))  # to its other end
             yield self.move(grasp=closed_mrad)
             beside = self.pose[0] - 0.006, row + 0.006, -0.012
-            yield self.move(beside, (math.radians(10.0), 0.0, roll / 3.0))
+            yield self.move(beside, (math.radians(10.0), 0.0, roll / 3.0))  # pull
             row = -0.009 if row > 0.006 else row + self.rng.uniform(0.003, 0.005)
 
 
@@ -274,7 +278,8 @@ def _hand_motion(arm: ArmName, poses: np.ndarray) -> tuple[np.ndarray, np.ndarra
     if arm == "green":
         # gold mirrored at the x-z plane of frame 0; rotations mirror as pseudovectors
         hand, turn = hand * [1.0, -1.0, 1.0], turn * [-1.0, 1.0, -1.0]
-    # The matrix turns columns from ITP to frame 0. A row times this matrix turns back, to ITP
+    # The matrix turns columns from ITP to frame 0. A row times this matrix turns back, to ITP. The
+    # hand moves 1 / NOMINAL_SCALE times as far as the tip
     from_itp = np.array(ITP_AXES[arm])
     return _multiply(hand, from_itp) / NOMINAL_SCALE * 1e6, _quaternions(_multiply(turn, from_itp))
 

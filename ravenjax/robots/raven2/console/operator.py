@@ -70,6 +70,7 @@ def look_up_row(table: tuple[Any, ...], row: Scalar) -> MotionRow:
     row = clamp(as_int(row), 0, table[0].shape[0] - 1)
     values = [column.at[row].get(mode="clip", wrap_negative_indices=False) for column in table]
     width = len(ARM_COLUMNS)
+    # The last column is the pedal
     arms = [values[i : i + width] for i in range(0, len(values) - 1, width)]
     return MotionRow(
         position=tuple(Vec(arm[0:3]) for arm in arms),

@@ -67,11 +67,12 @@ def empty_packet(setup: RavenSetup) -> Packet:
 
 def fill_fields(fields: Any, packet: Packet, arms: tuple[ArmName, ...]) -> None:
     """Write a packet of these arms into a zeroed datagram (`U_STRUCT`). Other arms do not move."""
+    # The int32 becomes the unsigned number with the same bits
     fields["sequence"] = int(packet.sequence) % 2**32
     fields["surgeon_mode"] = int(packet.surgeon_mode)
     fields["Qw"] = 1.0  # no rotation
     for i, arm in enumerate(arms):
-        slot = ARMS.index(arm)
+        slot = ARMS.index(arm)  # index in each pair of fields
         numbers = *packet.delta[i], *packet.quat[i], packet.grasp[i]
         for name, value in zip((*DELTAS, *QUATS, "grasp"), numbers, strict=True):
             fields[name][slot] = value

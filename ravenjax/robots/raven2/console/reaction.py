@@ -80,6 +80,7 @@ def react_to_cue(
     """Return the state after the decision whether the action begins in this tick.
     packet: row of the motion in this tick's packet, int32.
     """
+    # A tick is 1 ms
     since_felt = lax.convert_element_type(tick - state.felt, setup.precision.real)
     delay_over = since_felt >= params.delay_ms
     begins = (params.action != NONE) & (state.felt >= 0) & delay_over & (state.acted < 0)
@@ -125,7 +126,7 @@ def feel_cue(
 
     def correction(tip: Vec, model_tip: Vec, off_plan: Vec) -> Vec:
         # Returns the motion of one tip in this tick that brings it nearer to the planned place, m.
-        # The nominal model follows the hands, which are off the plan by `off_plan`
+        # The nominal model follows the hands, which have moved its tip off the plan by `off_plan`
         error = model_tip - off_plan - tip
         distance = norm(error)
         speed = jnp.minimum(distance * params.correct_per_s, params.correct_speed)

@@ -84,7 +84,6 @@ class PacketReader:
 
     def read(self, fields: Sequence, is_next: bool = True) -> PacketReading | Misfit:
         """Return the increments that a packet commands, or the first rule that it breaks.
-
         fields: as unpacked by `FIELDS`. is_next: whether the packet follows the last packet of the
         stream; otherwise only its content is checked. `accept_packet` changes the stream's state.
         """
@@ -136,6 +135,7 @@ class PacketReader:
         mrad = profile.jaw.mrad
         increment: float = jaw
         if profile.jaw.form == "positions":
+            # The bounds apply to the scaled value, whatever direction of values closes the jaw
             position = jaw * abs(mrad)
             if not profile.jaw.lowest_mrad <= position <= profile.jaw.highest_mrad:
                 ends = f"{profile.jaw.lowest_mrad:g}..{profile.jaw.highest_mrad:g} mrad"
@@ -164,6 +164,7 @@ class PacketReader:
             if square == 1.0:  # the vector is zero, because Qw is 1
                 return _NO_ROTATION, None
             angle = math.sqrt(x * x + y * y + z * z)
+            # Half a turn is refused as too large. Without the bound, still larger angles could pass
             half_angle = min(0.5 * angle * self.profile.orientation.rad, math.pi / 2)
             factor = math.sin(half_angle) / angle if angle else 0.0
             return (x * factor, y * factor, z * factor, math.cos(half_angle)), None
@@ -176,8 +177,9 @@ class PacketReader:
         if before is None:
             return _NO_ROTATION, orientation
         x, y, z, w = before
+        # The orientation times the inverse of the last orientation
         turn = mapping.quat_mul(Vec(orientation), Vec((-x, -y, -z, w)))
-        # Of the two quaternions of a rotation, the one with a positive w has the smaller angle
+        # `turn` and -turn are the same rotation; the one with a positive w has the smaller angle
         return (-turn if turn[3] < 0.0 else turn), orientation
 
     def _describe_form(self) -> str:

@@ -97,9 +97,8 @@ def solve_by_mjx(
 
 @functools.cache
 def _mjx_model(arm: ArmName) -> Any:
-    """Return the arm's compiled model for MJX, with a tendon for each pair of joints.
-
-    The damping of the tendons couples the speeds of two joints; see `solve_by_mjx`.
+    """Return the arm's compiled model for MJX, with a tendon for each pair of joints. The tendon's
+    damping, which `solve_by_mjx` sets, couples the speeds of the two joints.
     """
     import mujoco
 

@@ -28,5 +28,6 @@ def view_pose(name: str) -> tuple[np.ndarray, np.ndarray, float]:
             focus[0] = position[0]
         return position, focus, float(_ENDOSCOPE_FOV)
     camera, (focus, factor) = arm_model.operating_scene().camera(name), _CAMERAS[name]
+    # `factor` times as far from the focus as in the model, whose picture is wider than a window
     position = focus + factor * (camera.pos - focus)
     return position, np.array(focus), float(np.radians(camera.fovy[0]))

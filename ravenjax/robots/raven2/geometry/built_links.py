@@ -33,15 +33,15 @@ def jaw_axis_position(arm: str, jpos: Vec, errors: LinkErrors) -> Vec:
     # The green arm has the other twist of link 2, and frame 0 is rotated by 180 deg about x
     gold = geometry.flip > 0
     twist2 = sub(PI - LINK23, errors.twist23) if gold else add(LINK23, errors.twist23)
-    sign2 = -1.0 if geometry.zero2 else 1.0  # theta2 differs from the elbow by half a turn or 0
+    sign2 = -1.0 if geometry.zero2 else 1.0  # cos(theta2) / cos(elbow), as theta2 = elbow + zero2
     angle1, angle4 = jpos[0] + geometry.zero1, jpos[3]
     s5, c5 = jnp.sin(jpos[4]), jnp.cos(jpos[4])  # theta5 = wrist - 90 deg
     reach = add(LW, errors.wrist_length)
-    point = Vec((reach * s5, 0.0, -reach * c5))  # frame 4: alpha4 = 90 deg
+    point = Vec((reach * s5, 0.0, -reach * c5))  # in frame 4; axis 5 is at 90 deg to axis 4
     depth = jpos[2] + sub(D4, errors.tool_length)
     point = _rotate_z(point, jnp.cos(angle4), jnp.sin(angle4))
-    point = Vec((add(point[0], errors.length34), point[1], point[2] + depth))  # frame 3
-    # theta3 = +-90 deg
+    point = Vec((add(point[0], errors.length34), point[1], point[2] + depth))  # in frame 3
+    # The rotation about z3 by theta3 = +-90 deg
     point = Vec((mul(-geometry.side, point[1]), mul(geometry.side, point[0]), point[2]))
     point = _to_previous_frame(point, errors.length23, twist2)
     point = _rotate_z(point, sign2 * jnp.cos(jpos[1]), sign2 * jnp.sin(jpos[1]))

@@ -42,6 +42,8 @@ def joint_gravity_torque(arm: str, jpos: Vec, gravity: Scalar = GRAVITY) -> Vec:
     z2 = m2 * link2[2] + m3 * cos23 * jpos[2]
     x1 = m1 * link1[0] + c2 * x2 - s2 * y2
     y1 = m1 * link1[1] + cos12 * (s2 * x2 + c2 * y2) - sin12 * z2
+    # A torque balances the z component of moment x gravity. The force of joint 3 balances the
+    # weight of link 3 along z3, which is (0, -sin23, cos23) in frame 2.
     return Vec((y1 * gx - x1 * gy, y2 * hx - x2 * hy, m3 * (sin23 * hy - cos23 * hz)))
 
 

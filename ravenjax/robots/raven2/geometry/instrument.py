@@ -29,6 +29,7 @@ class InstrumentPoint(NamedTuple):
     def velocity(self, jvel: Vec) -> Vec:
         """Return the velocity in m/s at joint velocities (7, rad/s and m/s)."""
         velocity = _NO_MOTION
+        # v=speed binds the speed of this column
         for column, speed in zip(self.columns, jvel, strict=True):
             velocity = velocity.map(lambda total, x, v=speed: add(total, mul(x, v)), column)
         return velocity
@@ -52,7 +53,8 @@ class InstrumentLine(NamedTuple):
 def jaw_tips(arm: str, jpos: Vec) -> tuple[InstrumentPoint, InstrumentPoint]:
     """Return the tips of jaw 1 and jaw 2 at `jpos` (7, rad and m)."""
     chain = kinematics.chain_axes(arm, jpos)
-    # The jaws rotate about axis 6 by -grasp1 and by grasp2
+    # Indices of joints begin at 0: 5 is grasp1, 6 is grasp2. Jaw 1 rotates about the z axis of
+    # Denavit-Hartenberg frame 6 by -grasp1, jaw 2 by grasp2
     first = _jaw_tip(arm, chain, jpos[5], sign=-1.0, joint=5)
     return first, _jaw_tip(arm, chain, jpos[6], sign=1.0, joint=6)
 
@@ -79,7 +81,7 @@ def _jaw_tip(
     arm: str, chain: kinematics.ChainAxes, angle: Scalar, sign: float, joint: int
 ) -> InstrumentPoint:
     # Returns the tip of a jaw. angle, joint: position of the jaw's joint, and its index from 0 (5:
-    # grasp1, 6: grasp2). sign: direction in which the joint rotates the jaw about axis 6.
+    # grasp1, 6: grasp2). sign: direction in which the joint rotates the jaw about z6.
     to_tip, tip_per_angle = _jaw_vector(chain, mul(sign, angle))
     position = chain.tip + to_tip
     jaw_motion = scale(sign, tip_per_angle)
@@ -91,6 +93,7 @@ def _jaw_tip(
 
 def _jaw_vector(chain: kinematics.ChainAxes, angle: Scalar) -> tuple[Vec, Vec]:
     """Return the vector from jaw axis to jaw tip at `angle` (rad), m, and its derivative, m/rad."""
+    # x5 cos(angle) - y4 sin(angle) is x6, the direction of a jaw at this angle
     c, s = jnp.cos(angle) * JAW_LENGTH, jnp.sin(angle) * JAW_LENGTH
     return chain.x5 * c - chain.y4 * s, -(chain.x5 * s + chain.y4 * c)
 
@@ -99,7 +102,9 @@ def _positioning_columns(
     arm: str, chain: kinematics.ChainAxes, position: Vec, from_wrist: Vec
 ) -> tuple[Vec, ...]:
     """Return the Jacobian's columns of joints 1-5. from_wrist: vector from wrist to point, m."""
-    flip = GEOMETRY[arm].flip  # axis 1 is (0, 0, flip), axis 5 is -y4
+    flip = GEOMETRY[arm].flip
+    # Cross products of axis and lever. The axes of joints 1 to 5 are (0, 0, flip), z2, z3, z3 and
+    # -y4. Joint 3 moves along its axis
     return (
         Vec((mul(-flip, position[1]), mul(flip, position[0]), 0.0)),
         cross(chain.z2, position),

@@ -78,6 +78,7 @@ def wrap_angle(angle: Scalar) -> Scalar:
 def theta_from_joint(arm: str, jpos: Vec) -> Theta:
     """Return the Denavit-Hartenberg variables of the joints `jpos` (7), angles in [-pi, pi]."""
     geometry = GEOMETRY[arm]
+    # If zero2 is 0, no operation is needed
     return Theta(
         theta1=wrap_angle(jpos[0] + geometry.zero1),
         theta2=wrap_angle(jpos[1] + geometry.zero2) if geometry.zero2 else wrap_angle(jpos[1]),
@@ -89,8 +90,9 @@ def theta_from_joint(arm: str, jpos: Vec) -> Theta:
 
 
 def joint_from_theta(arm: str, theta: Theta, grasp_rad: Scalar) -> Vec:
-    """Return the joints (7) of Denavit-Hartenberg variables, whose angles are in [-pi, pi]. The
-    resulting angles are also in [-pi, pi], except that the roll is theta4 itself.
+    """Return the joints (7) of Denavit-Hartenberg variables, whose angles are in [-pi, pi]. Joint
+    angles are brought into this range, too. Only the roll remains theta4, which the caller may have
+    shifted by a turn.
     """
     geometry = GEOMETRY[arm]
     grasp1, grasp2 = jaw_angles(theta.theta6, grasp_rad)

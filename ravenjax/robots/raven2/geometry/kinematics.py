@@ -123,6 +123,7 @@ def tip_velocity(arm: str, jpos: Vec, jvel: Vec) -> Vec:
     velocities `jvel` (7, rad/s and m/s). The speeds of the jaws have no effect.
     """
     chain = chain_axes(arm, jpos)
+    # Angular velocity of link 2: the shoulder turns about z1 = (0, 0, +-1), the elbow about z2
     shoulder = jvel[0] if GEOMETRY[arm].flip > 0 else -jvel[0]
     angular = chain.z2 * jvel[1]
     angular = angular.replace(2, angular[2] + shoulder)
@@ -238,16 +239,18 @@ def _solve_depth(arm: str, wrist: _Wrist, axes: _Axes, depth: Scalar) -> _BendPa
 
 
 def _split_bends(arm: str, pair: _BendPair) -> tuple[Theta, Theta]:
-    """Return the DH variables of both bends of the elbow. e, m, alpha, beta: see the module."""
+    """Return the DH variables of both bends of the elbow. z1 is the shoulder's axis, z3 that of the
+    insertion, m = z1 x z3, and e = m x z3.
+    """
     side, cos23 = GEOMETRY[arm].side, GEOMETRY[arm].cos23
-    (x, y), (c2, s2), (e, f) = pair.axis, pair.theta2, pair.roll
+    (x, y), (c2, s2), (roll_e, roll_m) = pair.axis, pair.theta2, pair.roll
     # The angle from a vector (p, q) to (u, v) is atan2(p v - q u, p u + q v). theta1 is the angle
     # from (b1, -b2), x and y of the insertion axis z3 in frame 1, to (x, y), those in frame 0.
-    # theta4 is the angle from x3 to x4. Along e and m, x3 is (beta, -alpha), and x4 is (e, f). Bend
-    # 1 has -theta2 in place of theta2, therefore -s2, -b1 and -alpha
+    # theta4 is the angle from x3 to x4. Along e and m, x3 is (beta, -alpha), and `roll` is a
+    # positive multiple of x4. Bend 1 has -theta2 in place of theta2, therefore -s2, -b1 and -alpha
     b1, b2 = s2 * GM3, c2 * (GM2 * GM3) + GM1 * cos23
     alpha, beta = s2 * (side * GM1), c2 * (-side * GM1 * cos23) - side * GM2 * GM3
-    fa, ea, fb, eb = f * alpha, e * alpha, f * beta, e * beta
+    fa, ea, fb, eb = roll_m * alpha, roll_e * alpha, roll_m * beta, roll_e * beta
     theta2 = jnp.atan2(s2, c2)
     bends = (
         (jnp.atan2(b2 * x + b1 * y, b1 * x - b2 * y), theta2, jnp.atan2(fb + ea, eb - fa)),
@@ -261,8 +264,8 @@ def _split_bends(arm: str, pair: _BendPair) -> tuple[Theta, Theta]:
 
 
 def inverse_candidates(arm: str, pose: Pose) -> tuple[tuple[Theta, Scalar], ...]:
-    """Return the eight solutions as (variables, whether they are valid), by side, depth and bend.
-    The validity is wrong if a wrist is at the remote centre.
+    """Return the eight solutions as (variables, whether they exist), in the order of side, depth
+    and bend. The truth value is wrong if a wrist is at the remote centre.
     """
     wrists, axes = _find_wrists(arm, pose)
     pairs = [_solve_depth(arm, wrist, axes, depth) for wrist in wrists for depth in (False, True)]

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from ravenjax import resources
 from ravenjax.numbers import Scalar, Vec, jnp
-from ravenjax.numbers.algebra import matvec, minus, plus, transpose
+from ravenjax.numbers.algebra import matvec, minus, norm, plus, transpose
 from ravenjax.robots.raven2.arms import ArmName
 from ravenjax.robots.raven2.dynamics import arm_model
 
@@ -71,12 +71,13 @@ def tissue_surface(arm: ArmName, point: Vec) -> Surface:
     """
     x, y, z = to_world(arm, point)
     axis_y, slope = _vessel_axis(x)
-    # d^2 is VESSEL_LEAN offset^2, d offset/dx is -slope. rise: (-dh/dx, -dh/dy, 1), h: the height
+    # d^2 is VESSEL_LEAN offset^2. The derivative of `offset` by x is -slope
     offset, scale = y - axis_y, VESSEL_LEAN / VESSEL_RADIUS**2
     profile = jnp.maximum(1.0 - scale * (offset * offset), 0.0)
     ridge_slope = (4.0 * VESSEL_HEIGHT * scale) * (profile * offset)  # -dh/dy of the ridge
     depth = _dome_height(x, y) + VESSEL_HEIGHT * (profile * profile) - z
     rise_x = 2.0 * TISSUE_SAG[0] * x - ridge_slope * slope
+    # The normal (-dh/dx, -dh/dy, 1) of the surface of height h
     rise = Vec((rise_x, 2.0 * TISSUE_SAG[1] * y + ridge_slope, 1.0))
     _, rotation = frame0_in_world(arm)
     depth = jnp.where(_is_over_tissue(x, y), depth, -1.0)
@@ -110,5 +111,4 @@ def tip_distance(arms: tuple[ArmName, ...], tips: tuple[Vec, ...]) -> Scalar:
     """Return the distance of the two tips, m; infinite with one arm."""
     if len(arms) < 2:
         return jnp.asarray(jnp.inf, tips[0][0].dtype)
-    dx, dy, dz = minus(to_world(arms[0], tips[0]), to_world(arms[1], tips[1]))
-    return jnp.sqrt(dx * dx + dy * dy + dz * dz)
+    return norm(minus(to_world(arms[0], tips[0]), to_world(arms[1], tips[1])))

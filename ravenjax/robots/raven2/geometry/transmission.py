@@ -63,8 +63,8 @@ CABLE_PER_MOTOR = (_CAPSTAN42 / GP42,) * 3 + (_CAPSTAN32 / GP32,) * 4
 
 
 def coupling_signs(arm: str, tool: str, software: str = "raven2") -> Vec:
-    """Return the signs (1 or -1) with which the insertion motor turns the four tool motors. The
-    order is tool_roll, wrist, grasp1, grasp2.
+    """Return the signs (1 or -1) with which the insertion motor turns the tool motors tool_roll,
+    wrist, grasp1, grasp2. They depend on the adapter of the tool and on the arm.
     """
     style = find_tool(tool).style
     sign = 1.0 if style == "raven" else -1.0
@@ -111,6 +111,7 @@ def motor_from_joint(
         TR[2] * (insertion + C02 * shoulder + C12 * elbow),
     )
     insertion_part = (mpos[2] if mpos_insertion is None else mpos_insertion) * (1.0 / GB_RATIO)
+    # A turn of the wrist also turns the jaws by this part, which the motors of the jaws compensate
     wrist_part = mul(find_tool(tool).wrist_coupling, wrist)
     tool_joints = roll, wrist, add(grasp1, wrist_part), sub(grasp2, wrist_part)
     signs = coupling_signs(arm, tool, software)
@@ -120,6 +121,7 @@ def motor_from_joint(
 
 def joint_from_motor(arm: str, tool: str, mpos: Vec, software: str = "raven2") -> Vec:
     """Return the joints (7, rad and m) at the motor angles `mpos` (7, rad)."""
+    # The inverse of `motor_from_joint`, joint by joint
     shoulder = mpos[0] * (1.0 / TR[0])
     elbow = mpos[1] * (1.0 / TR[1]) - C01 * shoulder
     insertion = mpos[2] * (1.0 / TR[2]) - C02 * shoulder - C12 * elbow

@@ -145,6 +145,7 @@ def init(
         estimator=for_each_arm(setup, estimator.init(setup)),
         cartesian=cartesian,
         motor_control=map_arms(setup, motor_control.init, setup.tools, rest),
+        # The first commands are zeros, as are the encoder counts before the first read.
         held_cmd=read.enc_val if setup.software == "fork2015" else (),
         overdrive=overdrive.init(setup),
         watchdog=np.int32(0),
@@ -370,6 +371,7 @@ def _simulated_motors(
         tool_mvel = for_each_arm(setup, Vec.full(7, narrow_numbers(setup, 0.0)))
     positions, velocities = [], []
     for simulated, arm_mpos, arm_mvel in zip(inputs.simulated, tool_mpos, tool_mvel, strict=True):
+        # Motors 1-3 from the simulation, the four tool motors from `tool_mpos` and `tool_mvel`
         mpos_1_to_3, mvel_1_to_3 = simulated
         positions.append(Vec((*narrow_numbers(setup, mpos_1_to_3), *arm_mpos[3:])))
         velocities.append(Vec((*narrow_numbers(setup, mvel_1_to_3), *arm_mvel[3:])))

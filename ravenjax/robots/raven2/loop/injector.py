@@ -38,7 +38,7 @@ class RavenInjector(injection.Injector):
             faulty_quats = super().__call__(site, quats, present)
             rotations = []
             for rotation, quat, faulty_quat in zip(signal, quats, faulty_quats, strict=True):
-                # A rotation that no fault changes keeps its bits
+                # Without a fault, the rotation keeps its bits, which a conversion could change
                 changed = reduce(or_, quat.map(ne, faulty_quat))
                 faulty_rotation = narrow_numbers(self.setup, matrix_from_quat(faulty_quat))
                 rotations.append(where(changed, faulty_rotation, rotation))

@@ -64,7 +64,6 @@ def update_model_and_cue(
     setup, params: TickParams, state: Observed, clean: Packet, fresh: Scalar, robot: RobotSignals
 ) -> tuple[Observed, Observations]:
     """Compute one tick of the nominal model and of the haptic cue.
-
     clean: newest packet of the console, before faults. fresh: whether it was sent in this tick.
     """
 
@@ -72,10 +71,8 @@ def update_model_and_cue(
         setup: RavenSetup, arm: ArmName, tool: str, model, device_state, jpos: Vec, mvel: Vec
     ) -> tuple[Any, ...]:
         """Return the reported tip, the new state of the haptic device, and the cue of one arm."""
-        jvel = transmission.joint_from_motor(
-            arm, tool, cast_to_real(setup, mvel), software=setup.software
-        )
-        jvel = cast_to_real(setup, jvel)
+        mvel = cast_to_real(setup, mvel)
+        jvel = transmission.joint_from_motor(arm, tool, mvel, setup.software)
         tip = kinematics.forward_pose(arm, jpos).position
         model_motion = model.tip_position, model.tip_velocity
         motion = tip, kinematics.tip_velocity(arm, jpos, jvel)
@@ -119,8 +116,8 @@ def update_monitor(
     tick: Scalar,
 ) -> monitor.MonitorState:
     """Return the monitor's state after this tick, in which `update_model_and_cue` gave `observed`.
-
-    golden: contains the golden run; None: the monitor compares with the nominal model instead.
+    clean: newest packet, before faults. fresh: bool, it was sent in this tick. golden: input of the
+    tick with the golden run; None: the monitor compares with the nominal model instead.
     """
     model_tips = tuple(out.tip_position for out in observed.models)
     pos = _to_um(observed.tips) if robot.pos is None else cast_to_real(setup, robot.pos)
@@ -151,7 +148,6 @@ def golden_reference(
     setup: RavenSetup, signal: Input, tips: PerArm[Vec], pos: PerArm[Vec]
 ) -> monitor.Reference:
     """Return the tips of the golden run in this tick.
-
     tips, pos: true tips (m) and measured tips (um) of the robot, which is its own golden run until
     a fault acts. `signal.golden_differs` tells this in training sessions; it is None in campaigns.
     """

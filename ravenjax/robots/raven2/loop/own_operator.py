@@ -65,10 +65,7 @@ class OwnOperatorState:
 
 
 def init(start: Start) -> OwnOperatorState:
-    """Return the state of hands that follow the plan, in front of a robot at rest.
-
-    Raises UserError for mistakes in the file.
-    """
+    """Return the state of hands on the plan, before a robot at rest. Raises UserError."""
     setup, params, tips = start.setup, start.params.operator, start.tips
     assert setup.hands is not None
     poses = map(kinematics.forward_pose, setup.arms, start.jpos)
@@ -84,8 +81,8 @@ def init(start: Start) -> OwnOperatorState:
         grasp=None,
         lifted=None,
     )
-    motion, closing, offset = zeros, zero, zeros
-    plan = for_each_arm(setup, (motion, closing, offset))
+    # Motion (um), closing (mrad) and offset from the plan (um) of each hand
+    plan = for_each_arm(setup, (zeros, zero, zeros))
     # The file is called once, because its results show which keys it returns.
     _, returned = _run_file(setup, params, state, whole_zero, pedal, plan)
     offsets = for_each_arm(setup, zero)
@@ -99,7 +96,6 @@ def init(start: Start) -> OwnOperatorState:
 
 def act_as_file(state: OwnOperatorState, console: Console) -> OwnOperatorState:
     """Run the file for one millisecond, and write to `console` how the hands leave the plan.
-
     If an external console sends the packets, the file does not run.
     """
     setup, signal, moment = console.setup, console.signal, console.plan
@@ -153,6 +149,7 @@ def _advance_pace(pace: OwnPace, share: Scalar, continues: Scalar, lag_sent: Sca
     # A comparison with NaN is false, so NaN gives the planned pace.
     share = jnp.where(share < 1.0, jnp.maximum(share, 0.0), 1.0)
     behind = pace.fraction + jnp.where(continues, 1.0 - share, 0.0)
+    # `lag` counts whole rows, and `fraction` keeps the rest.
     whole_rows = as_int(behind)
     return OwnPace(
         fraction=behind - lax.convert_element_type(whole_rows, behind.dtype),
@@ -200,7 +197,6 @@ def _run_file(
     plan: PerArm[tuple[Vec, Scalar, Vec]],
 ) -> tuple[Any, ...]:
     """Return the file's new state, and a dict with the values that the file returned.
-
     pedal: bool, the plan holds the pedal down. plan: for each hand the motion (um) and closing
     (mrad) that are planned for this tick, and the present offset from the plan (um).
     """

@@ -44,7 +44,6 @@ def params(
     parameter_set: str = parameter_sets.DEFAULT,
 ) -> TickParams:
     """Return all parameters with their default values, for a run that starts at `start_jpos`.
-
     start_jpos: 7 joints per arm, rad and m. parameter_set: mechanics, one of `parameter_sets.Name`.
     """
     return TickParams(
@@ -129,7 +128,6 @@ def advance(
     setup, params: TickParams, faults: fault.Faults, state: TickState, now, motion, golden
 ) -> tuple[TickState, tuple[Scalar, ...], TickSignals]:
     """Compute tick `now`; return the new state, the `reference_series`, and all signals.
-
     golden: `reference_series` of the golden run in this tick.
     """
     inputs = Input(now, motion, reference_from(setup, golden))
@@ -141,6 +139,7 @@ def check_histories(setup: RavenSetup, state: TickState) -> dict[str, check.Chec
     """Return the history of each check over all arms, by the check's name in result columns."""
     user_checks = zip(setup.checks, state.files.histories, strict=True)
     out = {f"{OWN}{use.name}": history for use, history in user_checks}
+    # `_CHECKS`: name -> path of a stage's state in `TickState`, and the history's field in it
     for name, (stage, field) in _CHECKS.items():
         stage_state = attrgetter(stage)(state)
         # The state of a stage is a tuple if the stage treats each arm separately.
@@ -157,7 +156,7 @@ def name_signals(setup: RavenSetup, signals: TickSignals) -> dict[str, Any]:
     as the nine numbers of the matrix, row by row.
     """
     out = dict(vars(signals))
-    for name in ("pos", "pos_d"):
+    for name in ("pos", "pos_d"):  # measured and desired tip
         matrices = [getattr(arm, name).rotation for arm in signals.control.arms]
         out[f"{name}_quaternion"] = [quat_from_matrix(widen_numbers(setup, m)) for m in matrices]
         out[f"{name}_matrix"] = [[x for row in m for x in row] for m in matrices]
@@ -165,7 +164,7 @@ def name_signals(setup: RavenSetup, signals: TickSignals) -> dict[str, Any]:
 
 
 make_injector = RavenInjector
-"""See `ravenjax.engines.interface.Loop`."""
+"""Makes the injector of a tick, as the protocol `ravenjax.engines.interface.Loop` requires."""
 
 ACTIONS = ("pedal", "estop", "stop", "hold")
 """Names of the actions that `ravenjax deadline` tries; see `stages.acted`."""
@@ -194,14 +193,15 @@ def act(
     holds = is_taken["hold"] & (state.plc.runlevel == run_levels.PEDAL_DOWN)
     # The operator acts as if a cue were felt in this tick.
     felt = first_tick(tick, lifts_foot, operator_state.felt)
-    # A delay of one tick makes the motors follow the command of the last tick, which is replaced.
+    # With a delay of one tick, set below, the motors follow the last tick's command, replaced here.
     last_tick, *earlier = state.commands
     state = replace(
         state,
         commands=(where(holds, good_command, last_tick), *earlier),
         stages={**state.stages, "reaction": replace(operator_state, felt=felt)},
     )
-    # Limits of -1 are exceeded by every command, and by every time without an edge.
+    # The limit -1 makes the overdrive check trip at every command, and the PLC's watchdog trip at
+    # every time since the pin's last edge.
     overdrive_params, watchdog = params.control.overdrive, params.plc.watchdog_ticks
     limit = jnp.where(is_taken["stop"] & begins, -1, overdrive_params.max_inst_dac)
     operator_params = replace(

@@ -144,7 +144,7 @@ class UserFiles:
         """Return the view of each arm at a point of the tick. dtype: type of the floats."""
 
         def view(i: int, _) -> part.View:
-            # Selects one arm's entry of each signal that has one per arm.
+            # Returns the view of arm i, with its entry of each signal that has one entry per arm.
             numbers = {}
             for name, value in self._signals.items():
                 # A `Vec` is a subclass of tuple, but it has one entry per joint.
@@ -180,6 +180,7 @@ class UserFiles:
         name = _FIELDS.get(seam, seam)
         self.note(**{name: signal})
         for index, use in self._checks_at(seam):
+            # Checks compute in the type of the tick. The software stores these signals in `narrow`.
             crossing = cast_to_real(self._setup, signal) if name in _FLOATS else signal
             trips, values = self._run_check(index, crossing)
             if use.acts == "limit":
@@ -206,7 +207,6 @@ class UserFiles:
         self, held: usb.UsbOut, boards: usb.UsbOut, plc_runlevel: Scalar
     ) -> usb.UsbOut:
         """Return the values of the USB boards after users' checks.
-
         held: values of the boards in the last tick. boards: values that the software wrote.
         """
         self.note(held_cmd=held.current_cmd, pins=boards.pins, plc_runlevel=plc_runlevel)
@@ -240,9 +240,9 @@ class UserFiles:
 
     def _run_check(self, index: int, crossing: PerArm[Vec]) -> tuple[PerArm[Scalar], PerArm[Vec]]:
         """Run one check in this millisecond, and store its state and history.
-
-        crossing: signal at the check's seam, one Vec per arm. Returns for each arm whether the
-        check trips, and the signal after the check: `crossing`, or the values of a limiting check.
+        crossing: signal at the check's seam, one Vec per arm; empty for a check of packets. Returns
+        for each arm whether the check trips, and the values of a check that limits; if a check does
+        not limit, `crossing`.
         """
         use, real = self._setup.checks[index], self._setup.precision.real
         code, params = part.load_part(use.part), self._checks.own[index]
@@ -285,7 +285,9 @@ class UserFiles:
         mpos_d: PerArm[Vec],
         jpos: PerArm[Vec],
     ) -> PerArm[motor_control.MotorControlState]:
-        """Return every arm's state after a user's file, in place of `motor_torques`."""
+        """Return every arm's state with the torques of a user's file, in place of `motor_torques`.
+        Without `active` (bool, run level 2 or 3), targets and torques keep their last values.
+        """
         setup, has_gravity = self._setup, self._setup.software == "raven2"
         gravity = for_each_arm(setup, Vec.full(3, 0.0))
         if has_gravity:
@@ -313,7 +315,7 @@ class UserFiles:
         return tuple(new_states)
 
     def step_dac(self, live: Scalar, resting: PerArm[Vec]) -> PerArm[Vec]:
-        """Return the DAC counts of every arm from a user's file; `resting` unless `live`."""
+        """Return every arm's DAC counts from a user's file; `resting` unless `live` (bool)."""
         setup = self._setup
         self.note(
             amps_per_torque=tuple(
@@ -361,7 +363,6 @@ def _limit_commands(
     trips: Sequence[Scalar], values: PerArm[Vec], commands: PerArm[Vec]
 ) -> PerArm[Vec]:
     """Return commands after a check that limits: where it trips, `values` saturated to 16 bits.
-
     Commands of an arm that are all 0 stay 0, so that no check cancels an E-stop.
     """
     nonzero = (reduce(or_, (x != 0 for x in command)) for command in commands)

@@ -36,9 +36,8 @@ GAINS = resources.read_tables(__file__, "gains.toml")
 
 
 def jaw_commands(software: str) -> tuple[int, int, int]:
-    """Return the gain of the jaws' increments, and the smallest and largest opening, mrad.
-
-    Source: local_io.cpp of raven2 and of the 2015 fork.
+    """Return the gain of the jaws' increments, and the smallest and largest opening, mrad. Source:
+    local_io.cpp of raven2 and of the 2015 fork.
     """
     gain, lowest_deg = (1, -10.0) if software == "raven2" else (2, -30.0)
     return gain, int(math.radians(lowest_deg) * 1000.0), int(math.radians(90.0) * 1000.0)

@@ -64,7 +64,7 @@ def inverse_matrix(m: Vec) -> Vec:
         (cofactor(1, 2, 2, 0), cofactor(0, 0, 2, 2), cofactor(0, 2, 1, 0)),
         (cofactor(1, 0, 2, 1), cofactor(0, 1, 2, 0), cofactor(0, 0, 1, 1)),
     )
-    factor = 1.0 / dot(m[0], Vec(row[0] for row in rows))
+    factor = 1.0 / dot(m[0], Vec(row[0] for row in rows))  # 1 / determinant
     return matrix(*(tuple(mul(x, factor) for x in row) for row in rows))
 
 
@@ -135,7 +135,6 @@ def _wrap(value: Scalar, turns: int) -> Scalar:
 
 def _dh_variables(arm: str, jpos: Vec) -> Vec:
     """Return the DH variables theta1, theta2, d3, theta4, theta5, theta6; angles within -pi..pi.
-
     jpos: joints 1-5 and the jaws' yaw. As in the original, d3 is wrapped like an angle.
     """
 
@@ -194,11 +193,11 @@ def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> ki
     lowest_cost = kinematics.NO_SOLUTION_COST
     best = Vec.full(6, 0.0)
     for theta, valid in solutions:
-        # The roll may differ by a turn from the solution.
+        # theta4 (index 3), the roll, may differ by a turn from the solution.
         turned = jnp.where(measured[3] > theta[3], theta[3] + 2 * PI, theta[3] - 2 * PI)
         is_far = jnp.abs(measured[3] - theta[3]) > kinematics.ROLLOVER
         theta = theta.replace(3, jnp.where(is_far, turned, theta[3]))
-        differences = measured - theta
+        differences = measured - theta  # index 2 is d3, in m
         differences = differences.replace(2, differences[2] * kinematics.INSERTION_WEIGHT)
         cost = dot(differences, differences)
         is_nearer = valid & (cost < lowest_cost)  # never true for NaN

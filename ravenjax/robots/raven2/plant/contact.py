@@ -69,10 +69,10 @@ def damped_spring(
     spring: Scalar, stiffness: Scalar, damping: Scalar, closing: Scalar, dt: float
 ) -> NormalForce:
     """Return the force `spring * (1 + damping * closing)`, at least 0, linearised for a step.
-
-    spring, stiffness: force (N) and its derivative by depth (N/m) at the end of the step `dt` (s),
-    if the closing speed (m/s) is constant. damping: s/m. `rate` of the result, the derivative by
-    the closing speed, has two terms: by the depth, which grows by closing dt, and by the damping.
+    closing: present closing speed, m/s. spring, stiffness: undamped force (N) and its derivative by
+    depth (N/m), at the depth that this speed causes at the end of the step `dt` (s). damping: s/m.
+    `rate` of the result, the derivative by the closing speed, has two terms, because the speed
+    changes both the depth, by closing dt, and the damping factor.
     """
     damping_factor = 1.0 + damping * closing
     in_contact = damping_factor > 0.0
@@ -103,10 +103,10 @@ class TipContact(NamedTuple):
         return self.rise * normal - self._sliding(self.velocity + change) * self.drag
 
     def add_damping(self, system: list[list[Scalar]]) -> None:
-        """Add J^T A J to the lower triangle of the equations of the joints.
-
+        """Add J^T A J to `system`, the lower triangle of the equations of the joints.
         J: Jacobian of the tip. A: loss of contact force per gain of tip speed, N s/m. With r =
-        `rise`, A = normal.rate r r^T + drag (I - r r^T / |r|^2): friction acts along the surface.
+        `rise`, A = normal.rate r r^T + drag (I - r r^T / |r|^2), because friction acts along the
+        surface. The code adds the terms with r r^T, whose factor is `normal_rate`, and drag I.
         """
         columns, rise_speeds = self.tip.columns, self.tip.project_on_joints(self.rise)
         normal_rate = self.normal.rate - self.drag * self.inverse_square
@@ -128,9 +128,9 @@ def jaw_tips(
     """Return the contacts of both jaw tips with the tissue in the coming `dt` (s)."""
 
     def find_contact(tip: instrument.InstrumentPoint) -> TipContact:
-        # Computes the contact of one tip: a damped Hertz contact with dry friction.
+        # Computes the contact of one tip: dry friction, and the damped force k depth^1.5 of Hertz.
         surface, velocity = scene.tissue_surface(arm, tip.position), tip.velocity(jvel)
-        # The normal (-dh/dx, -dh/dy, 1) of the surface's height h. Its length |rise| is not 1.
+        # The normal (-dh/dx, -dh/dy, 1) of the surface of height h. Its length |rise| is not 1.
         rise = surface.rise
         closing = -dot(rise, velocity)
         depth = jnp.maximum(surface.depth + closing * dt, 0.0)
@@ -142,7 +142,8 @@ def jaw_tips(
         # Squares of speeds: sliding^2 = speed^2 - normal^2. The normal speed is closing / |rise|.
         speed2 = dot(velocity, velocity)
         sliding2 = jnp.maximum(speed2 - closing * closing * inverse_square, 0.0)
-        # The force of friction is params.friction |rise| normal.force; `drag`: per sliding speed.
+        # The force of friction is params.friction |rise| normal.force. `drag` is this force divided
+        # by the sliding speed, which CREEP_M_S keeps from being 0.
         coulomb = params.friction * normal.force
         drag = coulomb * jnp.sqrt(square / (sliding2 + CREEP_M_S**2))
         return TipContact(tip, rise, surface.vessel, normal, drag, inverse_square, velocity)
@@ -172,10 +173,10 @@ class InstrumentContact(NamedTuple):
 
     def force(self, speed_gains: Sequence[Vec], gains_per_newton: Sequence[Vec]) -> Scalar:
         """Return the force in the step in N, at least 0.
-
         speed_gains: changes of each arm's joint speeds under `normal.force`. gains_per_newton:
         additional changes for each newton of additional force. The result solves force =
-        normal.force - rate (separation + yielding (force - normal.force)).
+        normal.force - rate (separation + yielding (force - normal.force)). separation: gain of the
+        points' separation speed under `normal.force`. yielding: gain for each additional newton.
         """
         first, second = self.separation_rows
         separation = dot(first, speed_gains[0]) + dot(second, speed_gains[1])
@@ -194,13 +195,14 @@ def find_instrument_contact(
     # The lower bound avoids a division by zero if the axes intersect.
     unit_separation = pair.separation * (1.0 / jnp.maximum(pair.distance, 1e-9))
     separation_rows, directions = [], []
+    # `separation` points toward the first instrument: the second is pushed in the other direction
     for i, sign in enumerate((1.0, -1.0)):
         origin, rotation = scene.frame0_in_world(arms[i])
         inverse_rotation = transpose(rotation)
-        at = matvec(inverse_rotation, pair.points[i] - origin)
+        position = matvec(inverse_rotation, pair.points[i] - origin)
         direction = matvec(inverse_rotation, unit_separation * sign)
         # A row contains the speed of separation per unit speed of each joint.
-        point = instrument.line_point(arms[i], lines[i], at, pair.jaw_shares[i])
+        point = instrument.line_point(arms[i], lines[i], position, pair.jaw_shares[i])
         separation_rows.append(point.project_on_joints(direction))
         directions.append(direction)
     closing = -(dot(separation_rows[0], jvel[0]) + dot(separation_rows[1], jvel[1]))
@@ -227,7 +229,7 @@ class _Pair(NamedTuple):
     distance: Scalar  # m, distance between their axes
     separation: Vec  # m, vector from the axis of the second to the axis of the first
     points: tuple[Vec, Vec]  # m, the point on each axis, world
-    jaw_shares: tuple[Scalar, Scalar]  # place of each point from wrist to end; 0 on a shaft
+    jaw_shares: tuple[Scalar, Scalar]  # of each point, from wrist (0) to end (1); 0 on a shaft
 
 
 def _pieces(arm: ArmName, line: instrument.InstrumentLine) -> tuple[_Piece, _Piece]:
@@ -241,7 +243,9 @@ def _pieces(arm: ArmName, line: instrument.InstrumentLine) -> tuple[_Piece, _Pie
 
 
 def _nearest_points(first: _Piece, second: _Piece) -> _Pair:
-    """Return the nearest points of two axes; C. Ericson, Real-Time Collision Detection, 5.1.9."""
+    """Return the nearest points of two axes: begin + s axis of the first piece, begin + t axis of
+    the second. The names are those of C. Ericson, Real-Time Collision Detection, 5.1.9.
+    """
     r = first.begin - second.begin
     d1, d2 = first.axis, second.axis
     a, b, e = dot(d1, d1), dot(d1, d2), dot(d2, d2)
@@ -249,10 +253,11 @@ def _nearest_points(first: _Piece, second: _Piece) -> _Pair:
     # The lower bound avoids a division by zero if the axes are parallel.
     s = clamp((b * f - c * e) / jnp.maximum(a * e - b * b, 1e-12), 0.0, 1.0)
     t = clamp((b * s + f) / e, 0.0, 1.0)
+    # If t was clamped, another s is nearest.
     s = clamp((b * t - c) / a, 0.0, 1.0)
     points = first.begin + d1 * s, second.begin + d2 * t
     separation = points[0] - points[1]
     distance = norm(separation)
-    # s and t are the places of the points, from 0 at the begin of a piece to 1 at its end.
+    # Jaws begin at the wrist, so s and t are also the shares of the way from wrist to end.
     jaw_shares = (s if first.is_jaws else s * 0.0), (t if second.is_jaws else t * 0.0)
     return _Pair(first.radius + second.radius - distance, distance, separation, points, jaw_shares)

@@ -57,7 +57,8 @@ class Coupling:
 
     def joint_loads(self, torques: Vec) -> Vec:
         """Return T^T f: loads of the joints (N m; insertion N) from motor torques f (N m)."""
-        # T[i][j] is (rows[i][j] + ratio[i] rows[Z][j]) / gain[j]: torque i also acts as torque Z.
+        # T[i][j] is (rows[i][j] + ratio[i] rows[Z][j]) / gain[j]. By the second term, ratio[i]
+        # times the torque of motor i acts like a torque of the insertion's motor, Z.
         insertion = torques[Z]
         for i in range(N):
             insertion = add(insertion, mul(self.ratio[i], torques[i]))
@@ -110,12 +111,13 @@ def _divide(a: Scalar, b: Scalar) -> Scalar:
 
 
 def _terms(rows: Sequence[Vec], i: int, j: int) -> list[tuple[int, int, float]]:
-    """Return what the entry M[i][j] of a symmetric M adds to the lower half of rows^T M rows.
-    A term is (row, column, factor): entry [row][column] contains factor times M[i][j] (= M[j][i]).
+    """Return what the entry M[i][j] of a symmetric M adds to the lower half of rows^T M rows, as
+    terms (row, column, factor): entry [row][column] of the product contains factor times M[i][j].
     """
-    places = [(i, j)] if i == j else [(i, j), (j, i)]
+    # Off the diagonal, the entry occurs twice in M.
+    occurrences = [(i, j)] if i == j else [(i, j), (j, i)]
     factors: dict[tuple[int, int], float] = {}
-    for a, b in places:
+    for a, b in occurrences:
         for row in range(N):
             for column in range(row + 1):
                 factor = rows[a][row] * rows[b][column]

@@ -115,11 +115,12 @@ def cable_tension(stiffness: Scalar, damping: Scalar, delta: Scalar, rate: Scala
 def linearise_cable(
     arm: float, stiffness: Scalar, damping: Scalar, stretch: Scalar, dt: float
 ) -> Linear:
-    """Return a cable's torque as a function of its stretch rate in the coming `dt` (s).
+    """Return a cable's torque as a function of its stretch rate in the coming `dt` (s): arm times
+    the tension 2 stiffness sinh(delta) + 2 damping delta', where delta is the stretch in m.
     arm: lever, m/rad. stretch: rad at the start. stiffness: N. damping: N s/m.
     """
     delta = arm * stretch
-    # Derivative of the tension by the stretch in m. During dt, the stretch grows by rate dt.
+    # Derivative of the tension by delta. During dt, delta grows by dt times its rate.
     slope = 2.0 * stiffness * _cosh(delta)
     force = (2.0 * arm) * stiffness * _sinh(delta)
     return Linear(force, (arm * arm) * (dt * slope + 2.0 * damping))
@@ -177,10 +178,11 @@ def limit_torque(
     torque: Scalar, speed: Scalar, torque_limit: Scalar, stall_torque: Scalar, back_emf: Scalar
 ) -> Scalar:
     """Return the torque (N m) of a motor at `speed` (rad/s) if `torque` is commanded.
-
-    The amplifier is a current source until its current, or the voltage `R i + k w`, reaches a
-    limit. The current limit also applies if the motor turns faster than the supply could turn it.
-    back_emf: k^2 / R, loss of the largest torque per speed, N m s/rad.
+    The amplifier is a current source until its current i, or the voltage R i + k w, reaches a limit
+    (R: resistance; k: motor constant; w: speed). The current limit also applies if the motor turns
+    faster than the supply could turn it. torque_limit: torque at the current limit, N m.
+    stall_torque: largest torque at rest by the voltage limit, N m. back_emf: k^2 / R, loss of this
+    torque per speed, N m s/rad.
     """
     induced = back_emf * speed
     torque = jnp.minimum(jnp.maximum(torque, -stall_torque - induced), stall_torque - induced)
@@ -239,7 +241,6 @@ def step_brakes(
     params: BrakeParams, state: BrakeState, commanded: Scalar
 ) -> tuple[BrakeState, Scalar]:
     """Compute one tick with the PLC's command (1: on).
-
     Returns the new state, and the dry friction that the brakes add to motors 1-3 (N m).
     """
     commanded = as_int(commanded)
@@ -267,7 +268,7 @@ class StopParams:
 def stop_params(tool: str) -> StopParams:
     """Return the hard stops of an arm with that tool: positions and stiffnesses."""
     instrument = find_tool(tool)
-    # The lower soft limit of the shoulder is its stop.
+    # The shoulder's lower stop is its soft limit, without the distance _MARGIN of the other stops.
     lower = Vec(limits.POSITIONING_LOWER) - (0.0, *_MARGIN[1:])
     upper = Vec(limits.POSITIONING_UPPER) + _MARGIN
     return StopParams(

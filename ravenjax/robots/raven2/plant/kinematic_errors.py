@@ -80,6 +80,7 @@ def true_joints(errors: KinematicErrors, reported: Vec) -> Vec:
     """Return the true joints (7) at reported ones (rad, m), with unstretched cables."""
 
     def true_joint(joint: Scalar, home: float, offset: Scalar, error: Scalar) -> Scalar:
+        # joint + error (joint - home) + offset, with both errors multiplied by `scale`
         scaled = mul(mul(errors.scale, error), joint - home)
         return add(joint, add(scaled, mul(errors.scale, offset)))
 
@@ -87,8 +88,10 @@ def true_joints(errors: KinematicErrors, reported: Vec) -> Vec:
 
 
 def register_frame(arm: str, errors: KinematicErrors) -> Registration | None:
-    """Return the registration of the arm's frame 0; None: without errors or not registered."""
-    # A NumPy integer is the same in all runs. Other numbers are known only in a run.
+    """Return the registration of the arm's frame 0; None if there are no errors, or if no run is to
+    be registered. A run that is not to be registered gets the identity.
+    """
+    # A NumPy integer is the same in all runs. Other types stand for a number of each run.
     never_registered = isinstance(errors.registered, np.integer) and not errors.registered
     if is_exact(errors) or never_registered:
         return None
@@ -143,6 +146,7 @@ def fit_registration(arm: str, true_tips: list[Vec]) -> Registration:
         residuals = []
         for true, reported in zip(true_tips, reported_tips, strict=True):
             residuals.extend(Vec(reported) - in_registered_frame(frame, true))
+        # The Gauss-Newton step: a small rotation (rad) and a translation (m)
         correction = Vec(dot(Vec(row), Vec(residuals)) for row in fit_matrix)
         # Half the rotation vector and 1 are the quaternion of a small rotation.
         rotation = mapping.matrix_from_quat(Vec((*(Vec(correction[:3]) * 0.5), 1.0)))

@@ -30,7 +30,7 @@ pedal is up the model stands still, and its target is its pose, as in the robot.
 import numpy as np
 
 from ravenjax.numbers import cast_to_real, describe_fields
-from ravenjax.numbers.algebra import mul, solve_spd
+from ravenjax.numbers.algebra import dot, mul, solve_spd
 from ravenjax.numbers.vec import Scalar, Vec, as_int, clamp, record, replace, to_int32, where
 from ravenjax.robots.raven2.dynamics import link_dynamics
 from ravenjax.robots.raven2.geometry import kinematics, limits, mapping, transmission
@@ -210,7 +210,7 @@ def init_target(arm: ArmName, jpos: Vec) -> TargetState:
     return TargetState(
         position_um=pose.position.map(lambda p: to_int32(p * UM_PER_M)),
         quat=mapping.quat_from_matrix(pose.rotation),
-        grasp_mrad=to_int32((jpos[5] + jpos[6]) * 1000.0),
+        grasp_mrad=to_int32((jpos[5] + jpos[6]) * 1000.0),  # opening: grasp1 + grasp2
         jpos_d=jpos,
     )
 
@@ -229,11 +229,12 @@ def step_target(
     solution = kinematics.inverse_joints(arm, pose, grasp_rad, jpos)
     clamped_jpos, at_limit = _clamp(setup, params, solution.jpos, solution.yaw)
     reachable = solution.status != kinematics.REJECTED
-    # Desired joints remain if they have no solution, and are the model's while the pedal is up.
+    # If the pose has no solution, the desired joints remain. While the pedal is up, they are those
+    # of the model, which stands still.
     jpos_d = where(engaged & reachable, clamped_jpos, where(engaged, state.jpos_d, jpos))
     target = TargetState(position_um, quat, grasp_mrad, jpos_d)
     opening = where(engaged, grasp_mrad, state.grasp_mrad)
-    # At a limit and while the pedal is up, the desired pose is that of the desired joints.
+    # At a limit and while the pedal is up, the desired pose becomes that of the desired joints.
     at_joints = replace(init_target(arm, jpos_d), grasp_mrad=opening)
     return where(~engaged | (reachable & at_limit), at_joints, target)
 
@@ -244,17 +245,20 @@ def _commanded_pose(
     # Returns position (um), orientation and jaw opening (mrad) that the operator commands.
     if setup.console == "absolute":
         return command.delta_um, command.quat, command.grasp_mrad
+    # Increments that close the jaws are positive. The bounds are those of the opening, mrad.
     gain, lowest, highest = stored.jaw_commands(setup.software)
     position_um = state.position_um + mapping.position_from_itp(arm, command.delta_um)
     quat = mapping.quat_mul(mapping.quat_from_itp(arm, command.quat), state.quat)
-    square = quat[0] * quat[0] + quat[1] * quat[1] + quat[2] * quat[2] + quat[3] * quat[3]
+    square = dot(quat, quat)
     grasp = clamp(state.grasp_mrad - gain * command.grasp_mrad, lowest, highest)
-    # One Newton step of 1/sqrt in each tick keeps the length of the quaternion at 1.
+    # The quaternion is divided by its length: near 1, 1 / sqrt(square) is 1.5 - 0.5 square.
     return position_um, quat * (1.5 - 0.5 * square), as_int(grasp)
 
 
 def _clamp(setup: RavenSetup, params: TargetParams, jpos: Vec, yaw: Scalar) -> tuple[Vec, Scalar]:
-    """Return joints with joints 1-5 clamped, and whether one of them or the yaw is at a limit."""
+    """Return the joints with joints 1-5 clamped to their limits, and whether one of these joints,
+    or the yaw of the jaws (rad), is at or beyond a limit. Jaws are not clamped.
+    """
     angles, at_limit = list(jpos), False
     for i, (low, high) in enumerate(zip(params.lower, params.upper, strict=True)):
         at_limit = at_limit | (jpos[i] <= low) | (jpos[i] >= high)

@@ -115,7 +115,8 @@ def params(
         brakes=drives.BrakeParams(),
         stops=drives.stop_params(_tool(setup, arm)),
         kinematic_errors=kinematic_errors.no_errors(),
-        # Sizes of noise are assumed: encoders as the rounding of a count, torques as one DAC count.
+        # Sizes of noise are assumed: of encoders 1/sqrt(12) count, the rms error of rounding to a
+        # count; of torques one DAC count.
         encoder_noise=12.0**-0.5 if setup.noise else 0.0,
         torque_noise=transmission.TORQUE_PER_COUNT[0] if setup.noise else 0.0,
     )
@@ -123,7 +124,6 @@ def params(
 
 def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> PlantState:
     """Return the state at rest with the brakes on. Cables are stretched by the links' weight.
-
     jpos0: joints that the software reports (rad, m). With kinematic errors, the true joints differ.
     """
     coupling, errors = _coupling(setup, arm, params), params.kinematic_errors
@@ -135,11 +135,10 @@ def init(setup: RavenSetup, arm: ArmName, params: PlantParams, jpos0: Vec) -> Pl
     )
     zeros = cast_to_real(setup, no_speed)
     torques = coupling.motor_torques(gravity_load)
-    stretches = []
-    for i, lever in enumerate(transmission.CABLE_PER_MOTOR):
-        stiffness = params.cable_stiffness[i] * params.cable_stiffness_scale
-        stretches.append(drives.resting_stretch(lever, stiffness, torques[i]))
-    stretch = Vec(stretches)
+    stretch = Vec(
+        drives.resting_stretch(lever, _stiffness(params, i, scale=1.0), torques[i])
+        for i, lever in enumerate(transmission.CABLE_PER_MOTOR)
+    )
     # The software computes `jpos0` from motor angles with the nominal coupling.
     angles = _nominal_coupling(setup, arm).to_motors(jpos0) + stretch
     motors = tuple(drives.advance_angle(drives.REFERENCE, angle) for angle in angles)
@@ -171,7 +170,6 @@ def step(
     touched: contact.ContactParams | None = None,
 ) -> tuple[PlantState, PlantOutput]:
     """Compute one tick (1 ms, `setup.substeps` steps) with the DAC command of this tick.
-
     The next tick reads `PlantOutput`. touched: contact parameters; None: no contact.
     """
     tick = _ArmTick(setup, arm, params, state, signal, touched)
@@ -202,6 +200,7 @@ def step_all(
         jpos, jvel = (left.jpos(), right.jpos()), (left.state.jvel, right.state.jvel)
         touching = contact.find_instrument_contact(arms, touched, jpos, jvel, left.dt)
         rows, present_force = touching.separation_rows, touching.normal.force
+        # A row times a force is the load of this force on the joints of its arm.
         systems = [arm.equations(rows[i] * present_force) for i, arm in enumerate(arm_ticks)]
         # The changes of joint speeds are linear in the contact force. Solved with `present_force`,
         # they are speed_gains; each newton more adds gains_per_newton.
@@ -232,7 +231,7 @@ class _ArmTick:
         self._brakes = cast(brakes, "int32")
         self._torques = _commanded_torques(setup, self.arm, params, state, self.signal)
         self._coupling = _coupling(setup, self.arm, params)
-        # One entry per substep: magnitudes of the cables' tension differences, contact forces
+        # One entry per substep: magnitudes of the cables' tension differences; contact forces
         self._tensions: list[Vec] = []
         self._touches: list[contact.Touch] = []
 
@@ -309,8 +308,8 @@ class _ArmTick:
         return solve_spd(system, right)
 
     def move(self, speed_gains: Vec, pressed: tuple[Vec, Scalar] | None = None) -> None:
-        """Set the state at the end of one substep. pressed: direction and magnitude (N) of the
-        other instrument's force. speed_gains: by how much joint speeds change, rad/s and m/s.
+        """Set the state to that at the end of the substep. speed_gains: changes of the joint speeds
+        in it, rad/s and m/s. pressed: direction and magnitude (N) of the other instrument's force.
         """
         state = self.state
         if self._tips:
@@ -319,7 +318,7 @@ class _ArmTick:
                 direction, force = pressed
                 touch = replace(touch, force=touch.force + direction * force, instrument=force)
             self._touches.append(touch)
-        # The same changes in rad/s of motor angle.
+        # The changes of the joint speeds in rad/s of motor angle.
         link_gains = self._coupling.to_motors(speed_gains)
         mvel, stretch, motors, tensions = [], [], [], []
         for i, motor in enumerate(self._solved):
@@ -349,7 +348,7 @@ class _ArmTick:
         self._tensions.append(Vec(tensions).map(jnp.abs))
 
     def end(self) -> tuple[PlantState, PlantOutput]:
-        """Return the state after the tick, and outputs; contact forces are means of substeps."""
+        """Return state and outputs: largest tensions and mean contact forces of the substeps."""
         dtype, state = self.setup.precision.real, self.state
         state = replace(
             state,
@@ -372,7 +371,7 @@ class _ArmTick:
 def observe_robot(
     setup: RavenSetup, arm: ArmName, params: PlantParams, state: PlantState, scale: Vec = _ONES
 ) -> PlantOutput:
-    """Return the outputs of a state, with noise of encoders. scale: `PlantSignal.cable_scale`."""
+    """Return the outputs of a state, with encoder noise. scale: factor of each cable's forces."""
     scale = _cable_scale(state, scale)
     tensions = []
     for i, lever in enumerate(transmission.CABLE_PER_MOTOR):
@@ -381,6 +380,7 @@ def observe_robot(
         tensions.append(drives.cable_tension(stiffness, 0.0, stretch, 0.0))
     tension, dtype = Vec(tensions), setup.precision.real
     signs = transmission.encoder_signs(arm, _tool(setup, arm), setup.software)
+    # `motors` contains angles from the reference, whose whole counts are `count_ref`.
     turned = Vec(drives.angle_in_radians(motor, dtype) for motor in state.motors)
     counts = Vec(motor.count for motor in state.motors) + state.count_ref
     if setup.noise:

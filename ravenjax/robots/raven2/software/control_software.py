@@ -307,6 +307,7 @@ def _encoders_at(
     ):
         motors = transmission.motor_from_joint(arm, tool, Vec(joints), software=setup.software)
         signs = transmission.encoder_signs(arm, tool, setup.software)
+        # A count is sign (motor angle in counts + offset): the inverse of `stages.estimator.step`.
         counts.append(
             [
                 round(float(sign) * (float(motor) / float(RAD_PER_COUNT) + int(offset)))
@@ -320,7 +321,6 @@ def _at_measured_pose(
     state: control.ControlState, after: control.ControlState, signals: control.ControlSignals
 ) -> control.ControlState:
     """Return `state` with the arms at rest in the pose that one cycle in E-stop measured.
-
     after, signals: state and signals of that cycle.
     """
     poses = tuple(arm.pos for arm in after.cartesian)

@@ -121,8 +121,8 @@ def _index(place: Sequence[int]) -> str:
 
 
 def _array(name: str, given, shapes: Sequence[Shape], kinds: str, numbers: str) -> np.ndarray:
-    """Return an array with one of the shapes, and a dtype of these `kinds`. numbers: what they are
-    in the message, such as "integers".
+    """Return an array with one of the shapes, and a dtype of these `kinds` (letters of NumPy).
+    numbers: what the numbers are called in the message, such as "integers".
     """
     try:
         array = np.asarray(given)
@@ -148,7 +148,7 @@ def parse_joints(given: Any, arms: int) -> list[list[float]]:
     """Return joints [arms, 7]: angles of at most one revolution, rad; travel of at most 1 m."""
     array = _array("jpos", given, [(arms, 7)], "iuf", "numbers in rad and m")
     for place, value in np.ndenumerate(array):
-        slides = JOINTS[place[1]] in SLIDING_JOINTS
+        slides = JOINTS[place[1]] in SLIDING_JOINTS  # False is index 0, True is index 1
         low, high, unit, wrong_unit = _POSITIONS[slides]
         if not low <= value <= high:
             raise UserError(
@@ -160,7 +160,7 @@ def parse_joints(given: Any, arms: int) -> list[list[float]]:
 
 def parse_packet(setup: RavenSetup, given: Packet) -> Packet:
     """Return a packet with checked numbers; quaternions may have any number, even NaN."""
-    # A sequence number is unsigned in datagrams. The software compares it as an int32.
+    # A sequence number is unsigned in datagrams. The software compares the int32 with these bits.
     sequence = parse_whole_number("packet.sequence", given.sequence, INT32[0], 2**32 - 1)
     plain = dataclasses.replace(
         given,

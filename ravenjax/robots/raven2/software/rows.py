@@ -42,6 +42,7 @@ def row_type(setup: RavenSetup) -> np.dtype:
 
 def row_kind(setup: RavenSetup) -> RecordKind:
     """Return the record `Inputs` that compiled code reads from a row, with each number's offset."""
+    # slots: index of each arm in the pairs of a datagram, 0 for gold and 1 for green
     row, slots = row_type(setup), [ARMS.index(arm) for arm in setup.arms]
     offset_of = _byte_offsets(row)
     # The record `Inputs` with the byte offset of each number in place of the number.
@@ -72,7 +73,8 @@ def _byte_offsets(dtype: np.dtype, start: int = 0) -> Any:
     # Returns the byte offset of each number of a NumPy type, as nested dicts of arrays.
     if dtype.fields:
         return {
-            name: _byte_offsets(field[0], start + field[1]) for name, field in dtype.fields.items()
+            name: _byte_offsets(inner, start + offset)
+            for name, (inner, offset, *_) in dtype.fields.items()
         }
     index = np.arange(np.prod(dtype.shape, dtype=int)).reshape(dtype.shape)
     return start + dtype.base.itemsize * index
@@ -90,11 +92,10 @@ class InputRows:
         self.read_ok: np.ndarray = rows["read_ok"]  # [cycles, arms]
         self._packets, self._received, self._sizes = rows["packet"], rows["received"], rows["size"]
         self._no_packet = np.zeros((), self._packets.dtype)
-        self._no_packet["Qw"] = 1.0
+        self._no_packet["Qw"] = 1.0  # no rotation
 
     def enter(self, packet: bytes | bytearray | memoryview | Packet | None, cycle: int = 0) -> None:
         """Write the packet of a cycle: a datagram of any length, a checked packet, or none.
-
         The missing bytes of a short datagram become 0, and the software drops such a datagram.
         """
         if packet is None:
@@ -106,6 +107,7 @@ class InputRows:
             self._received[cycle], self._sizes[cycle] = packet.received, packet.size
         else:
             data = bytes(packet[: U_STRUCT.itemsize]).ljust(U_STRUCT.itemsize, b"\0")
+            # A float64 of the datagram may be too large for the quaternions' type
             with np.errstate(over="ignore"):
                 self._packets[cycle] = np.frombuffer(data, U_STRUCT)[0]
             self._received[cycle], self._sizes[cycle] = 1, len(packet)

@@ -143,7 +143,7 @@ def _clamp(
     setup: RavenSetup, params: CartesianParams, jpos: Vec, yaw: Scalar
 ) -> tuple[Vec, Scalar, Scalar]:
     """Return joints 1-5 and the jaws' yaw clamped to limits, whether any is at a limit, and a
-    margin: the smallest distance of a joint to a limit, as a share of the joint's range.
+    margin: the smallest distance of joints 1-5 to a limit, as a share of the joint's range.
     """
     values, at_limit, margins = [], [], []
     _, lowest_yaw = joint_limits(setup)

@@ -69,7 +69,7 @@ def step(
     position = angle * LOW_PASS_INPUT[0]
     for gain, history in zip((*LOW_PASS_INPUT[1:], *LOW_PASS_OUTPUT), histories, strict=True):
         position = position + history * gain
-    # The first three histories are inputs, the others outputs, newest first. The oldest is dropped.
+    # histories: three inputs, then three outputs, each newest first. The oldest are dropped.
     velocity = (position - histories[3]) / stored.PERIOD
     inputs, outputs = (angle, *histories[:2]), (position, *histories[3:5])
     return EstimatorState(state.started | 1, inputs, outputs), position, velocity
@@ -91,7 +91,7 @@ def joint_positions(setup: RavenSetup, arm: ArmName, tool: str, mpos: Vec) -> Ve
         return narrow_numbers(setup, value)
 
     def tool_joint(i: int) -> Scalar:
-        # A sum or difference needs one operation less than a product with the sign.
+        # A sum needs one operation less than a product with the sign. `signs` has tool motors only.
         return inverse_ratio[i] * (
             motor[i] - insertion_motion if signs[i - 3] > 0 else motor[i] + insertion_motion
         )

@@ -53,7 +53,7 @@ def init(setup: RavenSetup, arm: ArmName, tool: str, jpos: Vec) -> MotorControlS
 
 
 def motor_targets(setup: RavenSetup, arm: ArmName, tool: str, jpos_d: Vec, mpos: Vec) -> Vec:
-    """Return the motor positions (rad) for desired joints `jpos_d` (rad, m), at motors `mpos`.
+    """Return the motor positions (rad) for desired joints `jpos_d` (rad, m). mpos: measured, rad.
 
     As in raven2, contributions of joints are computed in the narrow type (float). The contribution
     of the *measured* insertion motor to the tool motors is computed in the wide type (double).
@@ -67,6 +67,7 @@ def motor_targets(setup: RavenSetup, arm: ArmName, tool: str, jpos_d: Vec, mpos:
     insertion_motion = widen_numbers(setup, mpos[2]) / stored.GB_RATIO
 
     def tool_motor(i: int, joint: Scalar) -> Scalar:
+        # Returns the angle of motor i (3 to 6, from 0). `signs` has only the four tool motors.
         motor = widen_numbers(setup, ratio[i] * joint)
         return narrow_numbers(
             setup, motor + insertion_motion if signs[i - 3] > 0 else motor - insertion_motion

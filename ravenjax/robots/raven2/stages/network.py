@@ -42,7 +42,6 @@ def step(
     setup: RavenSetup, state: NetworkState, tick: Scalar, packet: Packet
 ) -> tuple[NetworkState, Scalar]:
     """Return the state after a packet, and whether the packet is accepted: complete and in order.
-
     Other packets are dropped, but a greater or a much lower number becomes the last number.
     """
     received = packet.received != 0

@@ -132,9 +132,8 @@ def _count_sample(
     counter: Scalar, instant: Scalar, over: Scalar, hard: Scalar
 ) -> tuple[Scalar, Scalar]:
     """Return the shared counter after the sample of one joint, and whether the sample trips.
-
     instant, over: bool, the command is above the instant limit, or only above the joint's limit.
-    hard: bool, the policy is hard_regulation.
+    hard: bool, the policy is hard_regulation. Without it, a sample over the limit resets the count.
     """
     counts = over & hard
     trip = counts & (counter > HARD_SAMPLES)

@@ -74,7 +74,6 @@ class PlcOutput:
 
 def init(setup: RavenSetup, runlevel: Scalar = PEDAL_UP, boards: int = 1) -> PlcState:
     """Return a PLC in `runlevel`: PEDAL_UP for a homed and ready robot, E_STOP at power-on.
-
     boards: number of boards whose pins may differ; 1 if all boards get the same pins.
     """
     zero = jnp.int32(0)

@@ -94,7 +94,7 @@ def advance_sublevel(
     prepare = in_init & (sublevel == 1)
     settle = in_init & (sublevel == 2)
     if setup.software == "fork2015":
-        # The fork's `switch` falls through from sublevel 0 into sublevel 1 in the same cycle.
+        # The fork's `switch` falls through from sublevel 0 into 1 in this cycle: `start` is False.
         start, prepare = start & False, prepare | start
     settling = state.settling + as_int(settle)
     settled = settling >= SETTLING_CYCLES

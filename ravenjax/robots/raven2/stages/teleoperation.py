@@ -85,9 +85,8 @@ def accumulate_increments(
     accepted: Scalar,
     packet: Packet,
 ) -> TeleoperationState:
-    """Return the state after a packet. If it is `accepted` (bool), its increments are added.
-
-    A packet of an absolute console sets the poses instead.
+    """Return the state after a packet. If it is `accepted` (bool), its increments are added to the
+    accumulated poses. A packet of an absolute console sets these poses instead.
     """
 
     def add_packet(i: int, arm: ArmName) -> Accumulator:
@@ -138,8 +137,9 @@ def hand_over(
 ) -> tuple[TeleoperationState, PerArm[StoredPose]]:
     """Check whether the console has timed out. Return the new state, and the arms' desired poses.
 
-    In pedal-down, desired poses become the accumulated poses if these were updated, or if the
-    time-out has just tripped. Otherwise they remain. Called once per cycle.
+    In pedal-down, desired poses become the accumulated poses, the sums of the packets' increments,
+    if a packet has updated these, or if the time-out has just tripped. Otherwise desired poses
+    remain. Called once per cycle.
     """
     fresh = state.updated != 0
     age = jnp.where(fresh, 0, state.age_ticks + 1)
@@ -163,10 +163,7 @@ def hand_over(
 def reset_origin(
     setup: RavenSetup, state: TeleoperationState, reset: Scalar, desired: PerArm[StoredPose]
 ) -> TeleoperationState:
-    """Return the state with accumulated poses reset to the desired poses if `reset`.
-
-    A reset counts as an update.
-    """
+    """Return the state. If `reset`, accumulated poses become the desired poses, as by an update."""
 
     def restart(i: int, _: ArmName) -> Accumulator:
         # Returns one arm's accumulated pose: if `reset`, the desired pose. The accumulated opening

@@ -39,7 +39,6 @@ def init(setup: RavenSetup) -> UsbIn:
 
 def transfer_values(held: AnyUsb, message: AnyUsb, ok: PerArm[Scalar]) -> AnyUsb:
     """Return the values on the receiving side after this cycle.
-
     ok: int32 flag of each board, 1 if its transfer succeeded: the message then replaces `held`.
     """
     succeeded = tuple(flag != 0 for flag in ok)

@@ -11,7 +11,6 @@ def step(
     counter: Scalar, soft_estopped: Scalar, runlevel: Scalar, surgeon_mode: Scalar, initialized
 ) -> tuple[Scalar, Scalar]:
     """Return the counter after one cycle, and the output byte to the PLC (int32).
-
     counter: int32, cycles since the wave's period began. All other arguments: int32.
     """
     off = soft_estopped != 0
