@@ -23,11 +23,10 @@ from ravenjax.vocabulary.robot import Robot
 def load_campaign(
     campaign: str | Path | dict[str, Any], overrides: Sequence[str] = (), runs: bool = True
 ) -> CampaignConfig:
-    """Read and check a campaign: a TOML file, the name of a bundled campaign, or nested tables.
-
-    The ending `.toml` may be left out. overrides: `key.path=value`, as for `--set` on the command
-    line. Paths in a campaign file are relative to its folder. runs: if True, and `campaign` is a
-    path, Python files in the folder of the campaign file may run without a question
+    """Read and check a campaign: a TOML file, the name of a bundled campaign, or nested tables. The
+    ending `.toml` may be left out. overrides: `key.path=value`, as for `--set` on the command line.
+    Paths in a campaign file are relative to its folder. runs: if True, and `campaign` is a path,
+    Python files in the folder of the campaign file may run without a question
     (docs/how-to/files-of-others.md). Raise UserError with all mistakes and their lines.
     """
     if isinstance(campaign, dict):
@@ -97,6 +96,7 @@ def from_record(
                 where.names = [str(group.get("name")) for group in raw["group"]]
     except expansion.WrongGroup as error:
         raise where.error([(error.key, error.message)]) from None
+    # The name of a robot from an MJCF file becomes the absolute path of this file.
     if robot.name.endswith(robots.MJCF):
         raw = raw | {"campaign": raw["campaign"] | {"robot": robot.name}}
     return _validate(robot, raw, where, Path.cwd() if source is None else source.parent)
@@ -130,7 +130,7 @@ def _validate(
 
 def check_parameters(config: CampaignConfig, known: Iterable[str] | None = None) -> None:
     """Raise UserError for a parameter whose values are outside its range, or that a fault cannot
-    change. If `known` is given, raise UserError instead for a parameter that is not in these paths.
+    change. known: None, or paths; then check only that each parameter is one of these paths.
     """
     # This import needs the robot's tick, which is slow to import.
     from ravenjax.campaign.file import bounds
