@@ -23,10 +23,11 @@ from ravenjax.vocabulary.robot import Robot
 def load_campaign(
     campaign: str | Path | dict[str, Any], overrides: Sequence[str] = (), runs: bool = True
 ) -> CampaignConfig:
-    """Read and check a campaign: a TOML file, the name of a bundled campaign, or nested tables. The
-    ending `.toml` may be left out. overrides: `key.path=value`, as for `--set` on the command line.
-    Paths in a campaign file are relative to its folder. runs: if True, and `campaign` is a path,
-    Python files in the folder of the campaign file may run without a question
+    """Read and check a campaign: a TOML file, the name of a bundled campaign, or nested tables.
+
+    The ending `.toml` may be left out. overrides: `key.path=value`, as for `--set` on the command
+    line. Paths in a campaign file are relative to its folder. runs: if True, and `campaign` is a
+    path, Python files in the folder of the campaign file may run without a question
     (docs/how-to/files-of-others.md). Raise UserError with all mistakes and their lines.
     """
     if isinstance(campaign, dict):

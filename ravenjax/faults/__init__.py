@@ -132,8 +132,9 @@ class State:
 
 
 def init(signal: Any, fault: Fault) -> State:
-    """Return the state before the first tick. Only the shape and type of `signal` are used. If the
-    effect is "delay", JAX must not trace `fault.value`: it is the length of the history.
+    """Return the state before the first tick. Only the shape and type of `signal` are used.
+
+    If the effect is "delay", JAX must not trace `fault.value`: it is the length of the history.
     """
     with run_eagerly(signal) as signal:
         longest_delay = 0

@@ -44,8 +44,9 @@ class FaultyVectorEnv(VectorWrapper):
         return observations, {**info, "faults": {"actions": [], "observations": changed}}
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Compute one step with faulty actions, and inject faults into its observations. If the
-        environments reset themselves at the end of an episode, the faults are reset too.
+        """Compute one step with faulty actions, and inject faults into its observations.
+
+        If the environments reset themselves at the end of an episode, the faults are reset too.
         """
         self._tick += 1
         actions, changed_actions = self._inject("actions", actions)

@@ -21,7 +21,6 @@ class _SectionClass(type(BaseModel)):
 
         def __call__(cls, **keys: Any) -> Any:
             raw = toml_value(keys)
-            # Without a file, each key in an error begins with the name of the class.
             try:
                 return super().__call__(**raw)
             except ValidationError as error:
