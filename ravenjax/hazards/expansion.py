@@ -139,7 +139,7 @@ def _expand_case(group: Mapping[str, Any], hazard: Hazard, case: Case, arms: Seq
     for suffix, faulty_arms in choices:
         for key, message in _find_override_mistakes(case, overrides, faulty_arms):
             raise WrongGroup(key, f"{name} {message}")
-        # If a fault acts on several channels (`along`) or arms in a run, entry n is for run n.
+        # A fault on several channels (`along`) or arms in a run has paired lists of values.
         is_paired = case.fault[0].along or len(faulty_arms) > 1
         slots = (_expand_fault(fault, overrides, faulty_arms) for fault in case.fault)
         table = {
