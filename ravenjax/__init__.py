@@ -41,6 +41,7 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(
             f"module 'ravenjax' has no attribute {name!r}; it has {', '.join(__all__)}"
         )
+    # The stub imports a public module, such as `functional`, from this package itself.
     if _HOMES[name] == __name__:
         return importlib.import_module(f"{__name__}.{name}")
     return getattr(importlib.import_module(_HOMES[name]), name)

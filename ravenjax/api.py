@@ -168,7 +168,8 @@ def calibrate_monitor(
         config, signals, segments, rate, confidence, length_s, robots, motions, seed
     )
     calibrate.calibrate_monitor(request, Path(out), hours, engine)
-    return writing.read_monitor(Path(out))[1]
+    _, tables = writing.read_monitor(Path(out))
+    return tables
 
 
 def check_monitor(

@@ -45,7 +45,7 @@ def trust_folders(*folders: Path) -> Iterator[None]:
 def require_consent(path: Path, content: bytes, robot: Sequence[Path] = ()) -> None:
     """Raise UserError unless the user has agreed to run the code in this file. content: content of
     the file. robot: for a robot's module, all files of the robot; `content` is then the content of
-    all these files. The hash of code that may run is stored.
+    all these files. The hash of code that may run is stored, for the next time.
     """
     state_folder = user_folder("XDG_STATE_HOME", ".local/state")
     kind = "robots" if robot else "parts"

@@ -58,9 +58,9 @@ def list_lines(lines: Sequence[str], most: int = 8) -> str:
 
 
 def suggest_name(word: object, names: Iterable[str]) -> str:
-    """Return `. Did you mean 'x'?` with the known name that is most similar to `word`. The name is
-    one of those that share most parts between dots with `word`, if any name shares one. Return ""
-    if no name is similar, or if `word` is not a string.
+    """Return `. Did you mean 'x'?` with the known name that is most similar to `word`. Names with
+    dots, such as paths, are compared by the number of parts that they have in common with `word`,
+    then by letters. Return "" if no name is similar, or if `word` is not a string.
     """
     if not isinstance(word, str):
         return ""
@@ -94,9 +94,8 @@ _UNITS = {
 
 def suggest_unit(key: str, value: Any, low: float = -math.inf, high: float = math.inf) -> str:
     """Return a hint such as `. If this is in radians, write 57.3`. value: a number or a list of
-    numbers. The end of `key`, such as "_deg", states the unit that is expected.
-
-    Return "" if a number would not lie between `low` and `high` in the other unit.
+    numbers. The end of `key`, such as "_deg", states the unit that is expected. Return "" if a
+    number would not lie between `low` and `high` in the other unit.
     """
     unit, factor = _UNITS.get(key.rpartition("_")[2], ("", 0.0))
     several = isinstance(value, list | tuple)
@@ -116,20 +115,20 @@ def _allowed_range(model: type[BaseModel], key: str) -> tuple[float, float]:
     schema = json.dumps(model.model_json_schema()["properties"].get(key))
     # The pattern finds the numbers of "minimum" and "exclusiveMinimum", and of the maxima. A key of
     # several types may have several bounds. A number within any of them may be permitted.
-    low, high = (
+    minima, maxima = (
         [float(text) for text in re.findall(rf'{end}imum": ([-+.\de]+)', schema, re.IGNORECASE)]
         for end in ("min", "max")
     )
-    return min(low, default=-math.inf), max(high, default=math.inf)
+    return min(minima, default=-math.inf), max(maxima, default=math.inf)
 
 
 def find_mistakes(
     error: ValidationError, model: type[BaseModel], raw: Any
 ) -> Iterator[tuple[tuple[str | int, ...], str]]:
     """Yield (key, message) of each mistake that pydantic found in the tables `raw` of a `model`."""
-    # If all entries of a list are invalid, pydantic also reports the list as too short.
+    # If all entries of a list are invalid, pydantic also reports that it is too short.
     mistakes: list[Any] = [
-        one for one in error.errors() if one["type"] != "too_short" or not one["input"]
+        found for found in error.errors() if found["type"] != "too_short" or not found["input"]
     ]
     for mistake in mistakes:
         if _is_explained_by_misspelling(mistake, mistakes):
@@ -162,9 +161,11 @@ def _is_explained_by_misspelling(missing: Any, errors: Sequence[Any]) -> bool:
 
 def _key_in_file(loc: tuple[str | int, ...], raw: Any) -> tuple[str | int, ...]:
     # Returns the key in the file for pydantic's location of an error. The location also names
-    # members of unions: the kind or the class of a table, or, at the end, the types of a value.
+    # members of unions: the kind or the class of a table, or, at the end, the types of a value. So
+    # ("group", 0, "runs", "int") becomes ("group", 0, "runs"). raw: the tables of the file.
     key: tuple[str | int, ...] = ()
     for index, part in enumerate(loc, start=1):
+        # The name of a union's member is skipped. Any other last part is a key that is missing.
         is_table, is_list = isinstance(raw, dict), isinstance(raw, list | tuple)
         if is_table and part not in raw and (part == raw.get("kind") or index < len(loc)):
             continue
@@ -241,7 +242,7 @@ def _model_at(model: type[BaseModel], key: Sequence[str | int]) -> type[BaseMode
             members = list(models_in(model.model_fields[part].annotation))
             model = next(iter(members), model)
         else:
-            model = next((one for one in members if _kind(one) == part), model)
+            model = next((member for member in members if _kind(member) == part), model)
     return model
 
 
@@ -268,8 +269,8 @@ def tables_of(
     yield path, header, model
     # The keys that the class itself declares come before inherited keys. Thus the tables that only
     # one robot has come first.
-    own = inspect.get_annotations(model)
-    for name in sorted(model.model_fields, key=lambda name: name not in own):
+    declared = inspect.get_annotations(model)
+    for name in sorted(model.model_fields, key=lambda name: name not in declared):
         annotation = model.model_fields[name].annotation
         is_list = tuple in (get_origin(annotation), *map(get_origin, get_args(annotation)))
         text = ".".join((*path, name))

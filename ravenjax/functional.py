@@ -92,6 +92,7 @@ class Model:
         tick: int32, from 0. golden: the row of this tick in the golden run's `Rollout.series`.
         """
         values = list(params.values())
+        # (): the run does not end early.
         return self._with(params).step(values, faults, (), state, tick, golden, self.motion)
 
     def inject(
@@ -103,6 +104,7 @@ class Model:
         is `Model.init(params).faults`. signal: the site's value in this tick, for example DAC
         counts, 7 int32 for each arm of a Raven-II. Triggers count ms or packets from tick 0.
         """
+        # In each tick a packet arrives, the first with number 1, and the pedal is always down.
         clocks = TriggerClocks(tick, tick + 1, tick)
         opened = open_windows(self.setup, faults, state, clocks)
         injector = self.program.loop.make_injector(self.setup, faults, opened, clocks)
@@ -126,13 +128,13 @@ class Model:
             ticks = ticks or self.program.ticks
             golden = jnp.zeros((ticks, length), self.setup.precision.real)
 
-        def advance(state: Any, x: tuple[Any, Any]) -> tuple[Any, tuple[Any, Any]]:
-            state, series, signals = self.step(params, faults, state, *x)
+        def advance(state: Any, tick_and_golden: tuple[Any, Any]) -> tuple[Any, tuple[Any, Any]]:
+            state, series, signals = self.step(params, faults, state, *tick_and_golden)
             return state, (jnp.stack(series), signals)
 
         golden = golden[:ticks]
-        moments = jnp.arange(len(golden), dtype=jnp.int32)
-        state, (series, signals) = jax.lax.scan(advance, self.init(params), (moments, golden))
+        tick_numbers = jnp.arange(len(golden), dtype=jnp.int32)
+        state, (series, signals) = jax.lax.scan(advance, self.init(params), (tick_numbers, golden))
         outcomes = self._with(params).finish(list(params.values()), state)
         return Rollout(outcomes, series, signals)
 

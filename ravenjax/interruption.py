@@ -35,9 +35,9 @@ _delayed_calls: list[Callable[[], object]] = []
 
 @contextlib.contextmanager
 def delay_signals() -> Iterator[None]:
-    """Delay signals until `check_interruption`, `wait_for_result` or the end of the block. Only
-    signals with a Python handler are delayed. Outside the main thread this does nothing, because
-    Python handles signals only in the main thread.
+    """Within a `with` block, delay signals until a call of `check_interruption` or
+    `wait_for_result`, or until the end of the block. Only signals with a Python handler are
+    delayed. Outside the main thread, where Python handles no signals, this does nothing.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

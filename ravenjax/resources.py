@@ -13,10 +13,9 @@ _BUNDLED = Path(__file__).resolve().with_name("bundled")
 
 
 def find_resource(kind: str, name: str | Path) -> Path:
-    """Find the file `name` of a kind ("campaigns" or "models") and return its path.
-
-    The search order is: the path `name`, the folder ./<kind>, the folder beside the package (in a
-    checkout), the folder inside the package (in a wheel). Raise FileNotFoundError with this list.
+    """Find the file `name` of a kind ("campaigns" or "models") and return its path. The search
+    order is: the path `name`, the folder ./<kind>, the folder beside the package (in a checkout),
+    the folder inside the package (in a wheel). Raise FileNotFoundError with this list.
     """
     places = [Path(name), Path.cwd() / kind / name, _CHECKOUT / kind / name, _BUNDLED / kind / name]
     for place in places:

@@ -12,22 +12,22 @@ T = TypeVar("T")
 
 
 def map_in_threads(
-    function: Callable[[S], T], given: Iterable[S], most: int | None = None
+    function: Callable[[S], T], items: Iterable[S], most: int | None = None
 ) -> list[T]:
-    """Apply `function` to each item in parallel threads. Return the results in order.
-
-    most: largest number of threads; None: the number of cores of this process. After an error or a
-    signal, no further calls begin, and the exception is raised when the running calls have ended.
+    """Apply `function` to each item in parallel threads. Return the results in order. most: largest
+    number of threads; None: the number of cores of this process. After an error or a signal, no
+    further calls begin, and the exception is raised when the running calls have ended.
     """
-    things = list(given)
-    number = min(len(things), most or len(os.sched_getaffinity(0)))
-    if number <= 1:
-        return [function(one) for one in things]
-    with interruption.delay_signals(), ThreadPoolExecutor(number) as pool:
+    items = list(items)
+    thread_count = min(len(items), most or len(os.sched_getaffinity(0)))
+    if thread_count <= 1:
+        return [function(item) for item in items]
+    with interruption.delay_signals(), ThreadPoolExecutor(thread_count) as pool:
         try:
+            # All calls are submitted before the first result is awaited.
             return [
                 interruption.wait_for_result(future)
-                for future in [pool.submit(function, one) for one in things]
+                for future in [pool.submit(function, item) for item in items]
             ]
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)

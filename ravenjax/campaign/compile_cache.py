@@ -31,9 +31,8 @@ _HASH_BYTES = 32
 
 
 def cache_folder(kind: str) -> Path | None:
-    """Return the cache folder for a kind of code, and create it if needed.
-
-    Return None if the cache is off or cannot be created. Raise UserError if others can write to it.
+    """Return the cache folder for a kind of code, and create it if needed. Return None if the cache
+    is off or cannot be created. Raise UserError if others can write to it.
     """
     configured = os.environ.get(VARIABLE, "")
     if configured.lower() == "off":
@@ -46,10 +45,11 @@ def cache_folder(kind: str) -> Path | None:
             # Earlier versions created this folder with the default rights of the machine.
             with contextlib.suppress(OSError):
                 folder.chmod(0o700)
+        # This also creates a missing folder.
         if consent.is_private(folder):
             continue
+        # The folder could not be created. A run is possible without a cache.
         if not folder.is_dir():
-            # A run is possible without a cache.
             return None
         raise UserError(
             f"{folder}: other users can write into this cache, or have done so, but ravenjax"
@@ -60,10 +60,9 @@ def cache_folder(kind: str) -> Path | None:
 
 
 def enable_cache() -> None:
-    """Turn on JAX's persistent cache of compiled programs when JAX is first used.
-
-    A cache that the user has configured is not changed. Machines with different CPUs may share a
-    home folder, so each kind of CPU has a separate cache folder.
+    """Turn on JAX's persistent cache of compiled programs when JAX is first used. A cache that the
+    user has configured is not changed. Machines with different CPUs may share a home folder, so
+    each kind of CPU has a separate cache folder.
     """
     folder = cache_folder(f"xla-{_hash_cpu_features()}")
 
@@ -76,7 +75,6 @@ def enable_cache() -> None:
 
 def object_cache() -> MutableMapping[str, bytes] | None:
     """Return the disk cache for traces and compiled code of engines, a mapping from key to bytes.
-
     Return None if the cache is off. Raise UserError if the configured size is not a number.
     """
     folder = cache_folder("objects")
@@ -89,7 +87,6 @@ def object_cache() -> MutableMapping[str, bytes] | None:
 
 def cached_engine(name: str, precision: Precision, ticks: int | None = None) -> Engine:
     """Return the engine `name`, with this cache for its code. ticks: see `selection.select_engine`.
-
     Raise UserError for an engine that cannot run.
     """
     enable_cache()
@@ -171,7 +168,7 @@ def _hash_cpu_features() -> str:
     features = [platform.machine()]
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
-        # The file repeats the line for each core. It begins with "Features" on ARM.
+        # Each core has such a line, and one suffices. On ARM the line begins with "Features".
         features += [line for line in lines if line.startswith(("flags", "Features"))][:1]
     except OSError:
         features.append(platform.processor())
@@ -190,7 +187,7 @@ JAX_SETTINGS = (
 
 
 def engine_settings(engine: str) -> dict[str, str]:
-    """Return XLA_FLAGS and settings of JAX; nothing for a portable engine."""
+    """Return XLA_FLAGS and settings of JAX, as results depend on them; {} for a portable engine."""
     if selection.engine_properties(engine).portable:
         return {}
     import jax

@@ -8,6 +8,7 @@ So no thread waits for the slowest block.
 
 import copy
 import dataclasses
+import math
 import re
 import time
 from collections import deque
@@ -61,11 +62,10 @@ class Computation:
         threads: int | None = None,
         whole: bool = False,
     ):
-        """Compile the kernel, whose time is not counted as computation.
-
+        """Compile the kernel. The time of compilation is not counted as computation.
         progress: None: progress is not reported. runs: number of rows that are computed together,
         for the size of blocks. threads: number of parallel blocks; None: the engine's default.
-        whole: compute every run from its beginning.
+        whole: compute every run from its beginning, not from a checkpoint.
         """
         self.plan, self.whole = plan, whole
         self.progress = progress or Progress("", plan.runs, plan.runs, plan.program.ticks)
@@ -74,6 +74,7 @@ class Computation:
         self._on_gpu = selection.engine_properties(engine.name).needs_gpu
         self.progress.tell("compile")
         start = time.perf_counter()
+        # The first rows, as golden runs, are an example of the kernel's inputs.
         rows = np.arange(min(plan.runs, self.kernel.lanes))
         self.kernel.prepare(self._block(rows, None), plan.columns)
         interruption.check_interruption()
@@ -87,7 +88,6 @@ class Computation:
 
     def blocks(self, ranges: Sequence[range]) -> Generator[OutcomePair]:
         """Yield the outcomes of the rows of `ranges`, and those of their golden runs, in order.
-
         Each item is a window of rows. Close the generator to cancel the work. Use the generator
         inside `interruption.delay_signals`. With `whole`, no run starts from a checkpoint.
         """
@@ -188,6 +188,7 @@ class Computation:
     def _window_limits(self, rows_per_file: int) -> WindowLimits:
         # Returns the largest sizes of a window of rows and of its blocks.
         program, lanes = self.plan.program, self.kernel.lanes
+        # Memory of a golden run: its time series, and perhaps checkpoints.
         numbers = program.ticks * program.loop.series_length(program.setup)
         series_bytes = numbers * np.dtype(program.setup.precision.real).itemsize
         golden_bytes = series_bytes
@@ -200,7 +201,7 @@ class Computation:
             sorted_rows = int(min(SORTED_ROWS, SORTED_TICKS / ticks_per_row))
             useful_blocks = max(useful_blocks, sorted_rows // lanes)
         # A file is stored when all its rows are computed, so a window has no more rows than a file.
-        blocks = max(self.threads, min(useful_blocks, -(-rows_per_file // lanes)))
+        blocks = max(self.threads, min(useful_blocks, math.ceil(rows_per_file / lanes)))
         # On a CPU, each thread may copy golden runs' series for a block at the same time.
         memory, copies = GOLDEN_BYTES, self.threads
         if self._on_gpu:
@@ -213,7 +214,8 @@ class Computation:
         )
 
     def _whole_vectors(self, lanes: int) -> int:
-        # Rounds a number of lanes down to whole vectors of the kernel, if there is a whole vector.
+        # Rounds a number of lanes down to a multiple of the smallest block, which is one vector. A
+        # smaller number stays, but becomes at least 1.
         vector = self.kernel.size(1)
         return max(1, lanes // vector * vector or lanes)
 
@@ -222,9 +224,9 @@ class Computation:
     def _submit_golden_runs(
         self, pool: ThreadPoolExecutor, window: Window, earlier: GoldenRuns | None
     ) -> GoldenRuns:
-        # Returns the golden runs of a window. `pool` may still compute some of them. earlier: the
-        # golden runs of the window before. If rows of both windows share a golden run, it is not
-        # computed again. A golden run has the parameters of the first row that uses the golden run.
+        # Returns the golden runs of a window, as futures, whose computations are submitted to
+        # `pool`. earlier: the golden runs of the window before; those that this window needs, too,
+        # are not computed again. A golden run has the parameters of the first row that uses it.
         numbers, first = np.unique(self.plan.golden[window.rows], return_index=True)
         rows = window.rows[first]
         is_known = np.isin(numbers, () if earlier is None else earlier.numbers)
@@ -232,18 +234,21 @@ class Computation:
             golden_runs = earlier
         else:
             new_rows = rows[~is_known]
-            lanes = min(self.kernel.lanes, self.kernel.size(-(-len(new_rows) // self.threads)))
+            # The new golden runs are divided evenly among the threads. `size` rounds up to the
+            # number of lanes of a block that the kernel can compute.
+            lanes_per_thread = self.kernel.size(math.ceil(len(new_rows) / self.threads))
+            lanes = min(self.kernel.lanes, lanes_per_thread)
             parts = [
                 pool.submit(self._compute_golden_runs, new_rows[i : i + lanes])
                 for i in range(0, len(new_rows), lanes)
             ]
+            # branches: checkpoints of each golden run, by its number.
             kept, branches = None, {}
             if earlier is not None and is_known.any():
                 kept = earlier.computed
                 branches = {n: b for n, b in earlier.branches.items() if n in numbers}
             joined = pool.submit(Computed.join, parts, kept, numbers)
             golden_runs = GoldenRuns(numbers, joined, branches)
-        # `branches` has the checkpoints of a golden run, by its number.
         for number, row in zip(numbers.tolist(), rows, strict=True):
             if self._fast_forward.uses_checkpoints[number] and number not in golden_runs.branches:
                 golden_runs.branches[number] = pool.submit(self._make_branches, row, golden_runs)
@@ -253,6 +258,7 @@ class Computation:
         # Computes the golden runs of these rows: their signals, and their outcomes.
         self.progress.more_due(self.kernel.size(len(rows)) * self.plan.program.ticks)
         block = self._block(rows, None, harmless=True)
+        # A golden run must last until the last of its faulty runs ends.
         if block.ends is not None:
             golden = self.plan.golden[self._fill_lanes(rows)]
             block = dataclasses.replace(block, ends=self._fast_forward.last_end[golden])
@@ -266,6 +272,7 @@ class Computation:
     def _make_branches(self, row: int, golden_runs: GoldenRuns) -> Branches:
         # Computes the golden run of a row again, with checkpoints from which runs can start.
         number = self.plan.golden[row]
+        # No run starts from a checkpoint after the last tick in which a fault begins to act.
         last_tick = int(self._fast_forward.last_act[number])
         ends = self._fast_forward.early_ends(number)
         kernel = cast(BranchingKernel, self.kernel)
@@ -277,11 +284,13 @@ class Computation:
         # Returns the outcomes that the golden run of each row has at the end of the row's run.
         computed = golden_runs.computed.result()
         golden, ends = self.plan.golden[rows], self.plan.ends[rows]
+        # Rows that end before the last row of the same golden run. `computed` has outcomes only at
+        # the last end, so those of these rows are missing.
         missing = self._fast_forward.ends_early[rows]
         if len(computed.numbers) == 1 and not missing.any():
             columns = computed.outcomes.items()
             return {name: np.broadcast_to(values, len(rows)) for name, values in columns}
-        # 1. The outcomes at the last end of the runs of each golden run; `missing`: earlier ends.
+        # 1. The outcomes at the last end.
         columns = take_rows(computed.outcomes, np.searchsorted(computed.numbers, golden))
         # 2. A golden run with checkpoints also has the outcomes at all earlier ends.
         for number in np.unique(golden[missing]).tolist():
@@ -306,12 +315,12 @@ class Computation:
     # --- blocks ---
 
     def _compute_faulty_runs(self, rows: np.ndarray, golden_runs: GoldenRuns) -> OutcomePair:
-        # Computes runs with faults. They start from checkpoints of their golden runs. A trunk has
-        # all checkpoints of a golden run. It is None if there are none, or no run here needs them.
+        # Returns the outcomes of runs with faults, and those of their golden runs.
         # Lanes that only fill the block are computed, too: the progress must count their ticks.
         self.progress.more_due((self.kernel.size(len(rows)) - len(rows)) * self.plan.program.ticks)
         computed = golden_runs.computed.result()
         is_used = np.isin(computed.numbers, self.plan.golden[rows]).tolist()
+        # For each golden run all its checkpoints, from which runs start; None: none, or not used.
         trunks = []
         for number, used in zip(computed.numbers.tolist(), is_used, strict=True):
             branches = golden_runs.branches.get(number)
@@ -319,13 +328,14 @@ class Computation:
         block = dataclasses.replace(self._block(rows, computed), trunks=trunks)
         result = self.kernel.run(block, self.plan.columns, self._count)
         columns = take_rows(result.outcomes, slice(len(rows)))
+        # Runs that may end early have a column with their length.
         if self.plan.program.ends:
             columns[schema.OBSERVED] = self.plan.ends[rows] * self.plan.tick_ms
         return columns, self._golden_outcomes(rows, golden_runs)
 
     def _block(self, rows: np.ndarray, computed: Computed | None, harmless: bool = False) -> Block:
         # Returns the inputs of a kernel for these rows. computed: golden runs of the rows; None:
-        # the rows are golden runs. harmless: leave out all faults.
+        # the rows are golden runs, which need no reference. harmless: leave out all faults.
         plan = self.plan
         row_of_lane = self._fill_lanes(rows)
         # Index of each lane's golden run in `computed`.

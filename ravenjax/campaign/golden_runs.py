@@ -58,8 +58,8 @@ class Computed(NamedTuple):
         while pieces:
             piece = pieces.pop()
             lanes = np.searchsorted(numbers, piece.numbers)
+            # NumPy copies a slice several times faster than a list of consecutive indices.
             if lanes[-1] - lanes[0] < len(lanes):
-                # NumPy copies a slice several times faster than a list of indices.
                 lanes = slice(lanes[0], lanes[-1] + 1)
             reference[:, :, lanes] = piece.reference
             for name, values in piece.outcomes.items():

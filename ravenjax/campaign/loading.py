@@ -98,6 +98,7 @@ def from_record(
                 where.names = [name if isinstance(name, str) else "" for name in names]
     except expansion.WrongGroup as error:
         raise where.error([(error.key, error.message)]) from None
+    # The name of a robot from an MJCF file becomes the absolute path of this file.
     if robot.name.endswith(robots.MJCF):
         raw = raw | {"campaign": raw["campaign"] | {"robot": robot.name}}
     return _validate(robot, raw, where, Path.cwd() if source is None else source.parent)
@@ -131,7 +132,7 @@ def _validate(
 
 def check_parameters(config: CampaignConfig, known: Iterable[str] | None = None) -> None:
     """Raise UserError for a parameter whose values are outside its range, or that a fault cannot
-    change. If `known` is given, raise UserError instead for a parameter that is not in these paths.
+    change. known: None, or paths; then check only that each parameter is one of these paths.
     """
     # This import needs the robot's tick, which is slow to import.
     from ravenjax.campaign.file import bounds

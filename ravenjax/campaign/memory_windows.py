@@ -40,13 +40,14 @@ def cut_into_windows(
     """
     rows = np.concatenate([np.arange(span.start, span.stop) for span in ranges])
     lanes = limits.lanes
-    # Each of these lanes may have another golden run.
+    # Each lane of an unshared block may have another golden run, so both limits apply.
     unshared_lanes = min(limits.unshared_lanes, limits.golden_runs)
     begin = 0
     while begin < len(rows):
         window_rows = rows[begin : begin + lanes * limits.blocks]
         # For each golden run, the index of its first row, ascending.
         first_rows = np.sort(np.unique(golden[window_rows], return_index=True)[1])
+        # The window ends before the first row of a golden run that is too many.
         if len(first_rows) > limits.golden_runs:
             window_rows = window_rows[: first_rows[limits.golden_runs]]
         begin += len(window_rows)

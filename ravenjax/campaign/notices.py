@@ -35,20 +35,21 @@ NAMED = 4
 
 def of_plan(plan: Plan) -> tuple[str, ...]:
     """Return all notices of a campaign as sentences, in the order of the file."""
-    declared = list(of_config(plan.config))
+    notices = list(of_config(plan.config))
     if plan.operator is not None:
-        declared += [f"operator.file: {notice}" for notice in plan.operator.notices]
-    declared += _of_parameters(plan)
+        notices += [f"operator.file: {notice}" for notice in plan.operator.notices]
+    notices += _of_parameters(plan)
+    # runs: bool [runs], the runs that a notice is about.
     of_runs = *plan.config.notices_of_runs(plan), *_of_pedal(plan), *_of_faults(plan)
-    declared += [
-        f"{key}: {words}: {_counted(plan, which)}" for key, which, words in of_runs if which.any()
+    notices += [
+        f"{key}: {words}: {_count_runs(plan, runs)}" for key, runs, words in of_runs if runs.any()
     ]
     if plan.runs <= MOST_COMPARED and (count := int(find_copies(plan).sum())):
-        declared.append(
+        notices.append(
             f"group: {count} of {plan.runs} runs have the same inputs as an earlier run, so they"
             " have the same outcome; equal runs count once"
         )
-    return tuple(declared)
+    return tuple(notices)
 
 
 def of_config(config: CampaignConfig) -> Iterator[str]:
@@ -144,27 +145,27 @@ def _draws(config: CampaignConfig, group: Group) -> bool:
 
 
 def _of_parameters(plan: Plan) -> Iterator[str]:
-    # Yields notices of varied parameters that have no effect.
+    # Yields notices of varied parameters that have no effect, or whose effect no outcome shows.
     program = plan.program
     fault_free = ~(plan.faults["code"] > 0).any(axis=1)
-    idle, varied = [], []
+    useless, hidden = [], []
     for path, values in table.varied_parameters(plan.rows).items():
         # One path may name several numbers of the robot. NaN: the run does not set the parameter.
         usual = list(paths.named_numbers(program.params, program.setup, path).values())
         same = [np.float32(values) == np.float32(number) for number in usual]
         unchanged = np.isnan(values) | np.all(same, axis=0)
         if unchanged.all():
-            idle.append(f"{path} = {float(usual[0]):g}")
+            useless.append(f"{path} = {float(usual[0]):g}")
         elif (fault_free & ~unchanged).any():
-            varied.append(f"{path} (the robot's value: {float(usual[0]):g})")
-    if idle:
+            hidden.append(f"{path} (the robot's value: {float(usual[0]):g})")
+    if useless:
         yield (
-            f"parameters.{list_names(idle, NAMED)}: this is already the robot's value, so the"
+            f"parameters.{list_names(useless, NAMED)}: this is already the robot's value, so the"
             " setting has no effect"
         )
-    if varied:
+    if hidden:
         yield (
-            f"parameters.{list_names(varied, NAMED)}: runs without a fault have another value than"
+            f"parameters.{list_names(hidden, NAMED)}: runs without a fault have another value than"
             " the robot's. Their golden runs also have this value, so no outcome shows its effect."
             " A fault at site parameter shows the effect of a parameter that the robot reads in"
             " every tick"
@@ -249,7 +250,8 @@ def _beyond_range(plan: Plan) -> OfRuns:
         if site != PARAMETER or (limits := channel.field) is None:
             continue
         is_nearer_low = usual - limits.low < limits.high - usual
-        # The number farthest out of range, by effect. "toggle": 0, as its value was checked before.
+        # The number farthest out of range, by effect. The values of "overwrite" and "toggle" were
+        # checked before, but "toggle" also gives 0.
         reached = {
             **dict.fromkeys(("offset", "latch_offset"), usual + value),
             "scale": usual * value,
@@ -270,7 +272,8 @@ def _beyond_range(plan: Plan) -> OfRuns:
 # A value beyond single precision becomes infinite, which is never a usual value.
 @np.errstate(over="ignore")
 def _idle(plan: Plan) -> np.ndarray:
-    # Returns bool [runs, slots]: faults that do not change a constant signal (usual is not NaN).
+    # Returns bool [runs, slots]: faults that do not change their signal. usual: the value that a
+    # constant signal has without a fault; NaN for other signals.
     value, length, usual = _numbers(plan)
     is_constant = ~np.isnan(usual)
     # A change of an integer by less than 1 has no effect. Code 0 means that there is no fault.
@@ -285,7 +288,7 @@ def _idle(plan: Plan) -> np.ndarray:
     idle = {
         "overwrite": np.float32(value) == np.float32(usual),
         "offset": is_small(value),
-        # "latch_offset" and "stuck" hold a value, which changes every signal that is not constant.
+        # "latch_offset" and "stuck" hold a value, which changes any signal that is not constant.
         "latch_offset": is_small(value) & is_constant,
         "scale": (value == 1) | (np.float32(usual * value) == np.float32(usual)),
         "drift": is_small(value * length),
@@ -305,27 +308,26 @@ def _channels(plan: Plan) -> list[tuple[str, Channel]]:
 
 
 def _numbers(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return value, active ticks and the signal's usual value (or NaN) of faults, [runs, slots]."""
+    """Return value, active ticks and the signal's constant (or NaN) of faults, [runs, slots]."""
     usual = np.full(plan.faults["code"].shape, np.nan)
     for code, (site, channel) in enumerate(_channels(plan), start=1):
-        known = channel.name if site == PARAMETER else channel.usual
-        # A text is the path of a parameter, which has the usual value. A signal of the pedal has
-        # one usual value while the pedal is up, and another while it is down.
-        if isinstance(known, str):
-            known = plan.numbers(known)[:, None]
+        constant = channel.name if site == PARAMETER else channel.usual
+        # A text is the path of a parameter with this value. A signal of the pedal has one constant
+        # value while the pedal is up, and another while it is down.
+        if isinstance(constant, str):
+            constant = plan.numbers(constant)[:, None]
         elif channel.pedal:
-            known = _pedal_values(plan, *channel.pedal)
-        if known is not None:
-            usual = np.where(plan.faults["code"] == code, known, usual)
+            constant = _pedal_values(plan, *channel.pedal)
+        if constant is not None:
+            usual = np.where(plan.faults["code"] == code, constant, usual)
     ticks = np.minimum(plan.faults["duration"], plan.program.ticks - plan.faults["start"])
     return plan.faults["value"].astype(np.float64), ticks, usual
 
 
 def _pedal_values(plan: Plan, up: float, down: float) -> np.ndarray:
-    """Return the value that a signal has during each fault without the fault, [runs, slots].
-
-    up, down: its values while the pedal is up and down. The result is NaN if the pedal may move
-    during the fault, or if the times of the pedal are unknown.
+    """Return the value that a signal has during each fault without the fault, [runs, slots]. up,
+    down: its values while the pedal is up and down. The result is NaN if the pedal may move during
+    the fault, or if the times of the pedal are unknown.
     """
     faults, clocks, ticks = plan.faults, plan.any_clocks, plan.program.ticks
     setup = plan.program.setup
@@ -358,10 +360,10 @@ def _by_effect(plan: Plan, results: dict[str, np.ndarray], default) -> np.ndarra
     return np.select(effects, list(results.values()), default)
 
 
-def _counted(plan: Plan, which: np.ndarray) -> str:
-    """Return as text the number of runs in each group that `which` (bool [runs]) marks."""
+def _count_runs(plan: Plan, runs: np.ndarray) -> str:
+    """Return as text how many runs of each group `runs` (bool [runs]) marks."""
     groups = plan.rows["group"].cat
-    sizes, counts = np.bincount(groups.codes), np.bincount(groups.codes[which])
+    sizes, counts = np.bincount(groups.codes), np.bincount(groups.codes[runs])
     names = groups.categories
     named = (f"{counts[g]} of {sizes[g]} runs of group {names[g]}" for g in np.flatnonzero(counts))
     return list_names(named, NAMED)
@@ -378,13 +380,13 @@ def _clock_ends(plan: Plan) -> np.ndarray:
 
 
 def find_copies(plan: Plan) -> np.ndarray:
-    """Return which runs must have the outcome of an earlier run, bool [runs].
-
-    Their inputs are equal, and nothing in them is random. A fault that would last beyond the end of
-    the run equals a fault that ends with the run.
+    """Return which runs must have the outcome of an earlier run, bool [runs]. Their inputs are
+    equal, and nothing in them is random. A fault that would last beyond the end of the run equals a
+    fault that ends with the run.
     """
-    fixed = {g.name: not semantics.random_in_itself(plan.config, g) for g in plan.config.group}
-    rows = plan.rows["group"].map(fixed.__getitem__).to_numpy(bool)
+    is_random = {g.name: semantics.random_in_itself(plan.config, g) for g in plan.config.group}
+    fixed = ~plan.rows["group"].map(is_random.__getitem__).to_numpy(bool)
+    # The keys of random numbers do not matter in these runs.
     ticks, faults = plan.program.ticks, {k: v for k, v in plan.faults.items() if k != "key"}
     # A repetition after the end of the run becomes 0, and a duration ends with the run.
     every = np.where(faults["start"] + faults["every"] < ticks, faults["every"], 0)
@@ -400,6 +402,7 @@ def find_copies(plan: Plan) -> np.ndarray:
     }
     inputs |= {path: values for path, values in plan.varied.items() if path not in plan.keys}
     frame = pd.DataFrame(inputs, index=range(plan.runs), copy=False)
+    # Without any input all runs are equal.
     if frame.empty:
-        return rows & (np.arange(plan.runs) > 0)
-    return rows & frame.duplicated().to_numpy()
+        return fixed & (np.arange(plan.runs) > 0)
+    return fixed & frame.duplicated().to_numpy()

@@ -102,8 +102,8 @@ def result_columns(
 def _find_failures(
     config: CampaignConfig, measures: dict[str, Any]
 ) -> tuple[np.ndarray, np.ndarray]:
-    # Returns the signal of each run that first became infinite or NaN (code of `failures.CODES`),
-    # and the time, ms. Both are -1 if all numbers are finite. The engine's columns of these two are
+    # Returns for each run which signal first became infinite or NaN (code of `failures.CODES`), and
+    # when, in ms. Both are -1 if all numbers are finite. The engine's columns of these two are
     # removed from `measures`. Outcomes that only this robot has are not checked in each tick. If
     # one of these is infinite or NaN, the run fails at its end.
     failed_ms = measures.pop("failed_ms")

@@ -148,6 +148,7 @@ def make_plan(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
         raise UserError(
             f"detector: robot {config.robot.name!r} supports no detectors: remove [[detector]]"
         )
+    # Only the prepared robot tells which paths exist. Ranges were checked above.
     loading.check_parameters(config, known_parameters(robot.params, robot.setup))
     setup, campaign = robot.setup, config.campaign
     if setup.period_ms != config.robot.period_ms:
@@ -180,7 +181,7 @@ def make_plan(config: CampaignConfig, precision: Precision = CAMPAIGN) -> Plan:
 
 
 def known_parameters(params: Any, setup: Setup) -> list[str]:
-    """Return every path that a campaign may vary: full paths, without the arm, of whole vectors."""
+    """Return every path that a campaign may vary: of a number or a vector, with or without arm."""
     known = []
     for number_path, _ in paths.path_leaves(params, setup):
         if number_path.startswith("start."):

@@ -153,7 +153,7 @@ class ProgressFile:
                 "pid": os.getpid(),
                 "host": socket.gethostname(),
             }
-            # A full disk must not end the campaign.
+            # A full disk must not end the campaign, and a slow disk must not delay it.
             with contextlib.suppress(StoreError):
                 files.write_text(self._path, json.dumps(content, indent=1) + "\n", waits=False)
         if self._on_progress is not None:

@@ -209,7 +209,7 @@ def apply(
 
 
 def _number_types(signal) -> tuple[str, Any]:
-    """Return the number type of a fault channel for this signal, and the type of computations."""
+    """Return the kind of number of the signal, and the float type in which faults are computed."""
     name = str(signal.dtype)
     if "float" in name:
         return "float", signal.dtype
@@ -221,7 +221,7 @@ def _number_types(signal) -> tuple[str, Any]:
 def _initial_state(shape: tuple[int, ...], real, history: tuple[Any, ...]) -> State:
     # Returns the state before the first tick: the fault does not act, and no signal is known.
     def filled(x: float, dtype=jnp.int32):
-        return _broadcast("", x, shape, dtype)
+        return jnp.broadcast_to(jnp.asarray(x, dtype=dtype), shape)
 
     active, age, changed_ticks = filled(0) > 0, filled(0), filled(0)
     latched, before = filled(0.0, real), filled(math.nan, real)
@@ -231,7 +231,7 @@ def _initial_state(shape: tuple[int, ...], real, history: tuple[Any, ...]) -> St
 
 
 def _broadcast_leading(name: str, x, shape: tuple[int, ...]) -> Any:
-    """Return int32 numbers for the leading axes of the signal as an array of its shape."""
+    """Return numbers for the signal's leading axes ([environments]) as int32 of its whole shape."""
     x = jnp.asarray(x, dtype=jnp.int32)
     ones = (1,) * (len(shape) - x.ndim)
     return _broadcast(name, jnp.reshape(x, (*x.shape, *ones)), shape, jnp.int32)

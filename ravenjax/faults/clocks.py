@@ -36,7 +36,7 @@ class Opening(NamedTuple):
     def last(self, low: np.ndarray | int, high: np.ndarray | int) -> np.ndarray:
         """Return the largest reading from `low` to `high` with an open window, or -1."""
         since_opening = (high - self.start) % np.where(self.every > 0, self.every, NEVER)
-        # If the window has shut before `high`, its last reading.
+        # This is the last reading of the window if it has shut before `high`, else `high`.
         reading = high - np.maximum(since_opening - self.duration + 1, 0)
         return np.where(reading >= np.maximum(low, self.start), reading, -1)
 
@@ -46,7 +46,6 @@ class Arrivals(Protocol):
 
     def arrival_ticks(self, rows: np.ndarray, packets: np.ndarray) -> np.ndarray:
         """Return the ticks (int64) in which these packets, counted from 1, arrive in these runs.
-
         For a packet after the end of the run, the result is any later tick.
         """
         ...
@@ -97,7 +96,6 @@ class Clocks(NamedTuple):
 
     def packet_end(self, rows: np.ndarray, opening: Opening, ticks: int) -> np.ndarray:
         """Return the first tick after each fault's last window on the packet clock; 0: none opens.
-
         rows: runs of the faults. opening: their windows. ticks: length of a run.
         """
         if self.arrivals is None:
@@ -118,7 +116,6 @@ class Clocks(NamedTuple):
 
     def pedal_end(self, rows: np.ndarray, opening: Opening, ticks: int) -> np.ndarray:
         """Return the first tick after each fault's last window on the pedal clock; 0: none opens.
-
         rows: runs of the faults. opening: their windows. ticks: length of a run. Valid only for
         runs in which no fault changes the pedal.
         """

@@ -51,7 +51,8 @@ class FaultState:
 
 def outcomes(state: FaultState) -> dict[str, Scalar]:
     """Return the outcome columns of faults: the first and the last tick in which each changed its
-    channel (-1: never), the number of such ticks, and the first tick and the sum of all faults.
+    channel (-1: never), the number of such ticks, and the first tick and the sum of all faults. An
+    engine converts columns that end in `_ms` from ticks to ms.
     """
     columns = {}
     first, total = jnp.int32(-1), jnp.int32(0)
@@ -101,10 +102,10 @@ def _open_slot(setup: Setup, fault: FaultSlot, state: SlotState, clock: TriggerC
 
 def open_window(fault: FaultSlot, state: SlotState, since_start: Scalar) -> SlotState:
     """Return the slot's state: whether its window is open in this tick, and for how many ticks.
-
     since_start: int32, the clock's reading minus the start of the fault; negative: before it.
     """
     repeats = fault.every > 0
+    # The divisor 1 avoids a division by 0.
     since_opening = jnp.where(
         repeats, lax.rem(since_start, jnp.where(repeats, fault.every, 1)), since_start
     )
@@ -118,9 +119,8 @@ def open_windows(
     setup: Setup, faults: Faults, state: FaultState, clock: TriggerClocks
 ) -> FaultState:
     """Return the state with the windows of all faults as in this tick. Call this once per tick,
-    before any fault site.
-
-    Start and duration are on the trigger's clock. A window of packets covers all their ticks.
+    before any fault site. Start and duration are on the trigger's clock. A window of packets covers
+    all their ticks.
     """
     # The campaign may have slots although no run has a fault.
     if not setup.injection.triggers:

@@ -30,9 +30,8 @@ def flip_bit(x: Scalar, fault: FaultSlot) -> Scalar:
 def _apply_effect(
     effect: str, x: Scalar, fault: FaultSlot, slot: SlotState, tick: Scalar
 ) -> Scalar:
-    """Return the float that replaces the float `x` under an effect.
-
-    For whole numbers under effect bit_flip, `flip_bit` is used instead.
+    """Return the float that replaces the float `x` under an effect. For effect bit_flip on whole
+    numbers, the result is not used (see `FaultAction.replacement`).
     """
     match effect:
         case "overwrite":
@@ -58,13 +57,14 @@ def _apply_effect(
             turn = phase / lax.convert_element_type(period, x.dtype)
             return x + fault.value * jnp.sin(2.0 * math.pi * turn)
         case "random":
-            uniform = lax.convert_element_type(random_uniform(fault.key, tick, 0), x.dtype)
+            uniform = lax.convert_element_type(random_uniform(fault.key, tick, channel=0), x.dtype)
             return fault.value * (2.0 * uniform - 1.0)
         case "lose":
             # Remaining ticks of the current loss, stored in `latched`; 0: no loss.
             remaining = jnp.where(slot.age == 0, 0.0, jnp.maximum(slot.latched - 1.0, 0.0))
             length = lax.convert_element_type(fault.period, x.dtype)
-            return jnp.where(random_uniform(fault.key, tick, 0) < fault.value, length, remaining)
+            is_lost = random_uniform(fault.key, tick, channel=0) < fault.value
+            return jnp.where(is_lost, length, remaining)
     assert effect == "toggle"
     return jnp.where((slot.age & 1) == 0, fault.value, 0.0)
 
@@ -86,7 +86,6 @@ class FaultAction:
         present: Scalar,
     ):
         """Compute the float that replaces `x`. effects: all effects that occur at the site.
-
         on_channel: bool, the fault's channel belongs to the site. present: bool, the signal exists.
         """
         first, *others = effects
@@ -97,6 +96,7 @@ class FaultAction:
         self._faulty_float = lax.convert_element_type(y, x.dtype)
         self.acts = slot.active & on_channel & present
         self._flips = fault.effect == EFFECT_CODES["bit_flip"]
+        # Whether the slot stores the faulty number: when its window opens; for "lose" in each tick.
         self._latches = slot.age == 0
         if "lose" in effects:
             self._latches = self._latches | (fault.effect == EFFECT_CODES["lose"])
@@ -227,6 +227,7 @@ class Injector:
         for use in self.setup.injection.sites:
             if use.site != site:
                 continue
+            # (code, path, number type) of each channel of this site.
             targets = [(i + 1, *self.paths[key]) for i, key in enumerate(keys) if key[0] == site]
             slots = list(self.state.slots)
             for i, fault in enumerate(self.faults.slots):
@@ -243,14 +244,14 @@ class Injector:
         signal,
         present: Scalar,
     ) -> tuple[SlotState, Any]:
-        """Apply the fault of one slot at one site. Return the slot's state and the signal.
-
-        targets: (code, path, number type) of each channel. present: bool, the signal exists now.
+        """Apply the fault of one slot at one site. Return the slot's state and the signal. targets:
+        (code, path, number type) of each channel. present: bool, the signal exists now.
         """
         real = self.setup.precision.real
         numbers = [jnp.asarray(read_channel(signal, path)) for _, path, _ in targets]
         is_target = [fault.code == code for code, _, _ in targets]
-        # x is the number of the fault's channel. on_channel: this channel belongs to the site.
+        # x: the number of the fault's channel; without meaning if no channel of the site has the
+        # fault. on_channel: the fault's channel belongs to the site.
         x = lax.convert_element_type(numbers[0], real)
         on_channel = is_target[0]
         for selected, number in zip(is_target[1:], numbers[1:], strict=True):

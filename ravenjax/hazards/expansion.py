@@ -51,8 +51,7 @@ class WrongGroup(UserError):
 
 
 def expand_tables(raw: Mapping[str, Any], robot: Robot) -> tuple[Table, list[int]]:
-    """Return a campaign's tables with only ordinary groups, and the index of each in the file.
-
+    """Return a campaign's tables with only ordinary groups, and the index of each group's origin.
     Groups that are not a list of tables are left for later checks. Raise WrongGroup.
     """
     groups = raw.get("group")
@@ -61,27 +60,26 @@ def expand_tables(raw: Mapping[str, Any], robot: Robot) -> tuple[Table, list[int
     campaign = raw.get("campaign")
     arms = campaign.get("arms") if isinstance(campaign, Mapping) else None
     # Invalid arms are refused by later checks.
-    listed = arms if isinstance(arms, list | tuple) else ()
-    valid = listed if all(arm in robot.arms for arm in listed) else ()
+    listed_arms = arms if isinstance(arms, list | tuple) else ()
+    valid_arms = listed_arms if all(arm in robot.arms for arm in listed_arms) else ()
     tables: list[Table] = []
-    written = []
+    indices_in_file = []
     for number, group in enumerate(groups):
         try:
-            expanded = expand_group(group, valid, robot)
+            expanded = expand_group(group, valid_arms, robot)
         except WrongGroup as error:
             raise WrongGroup(("group", number, *error.key), error.message) from None
         tables += expanded
-        written += [number] * len(expanded)
-    return {**raw, "group": tables}, written
+        indices_in_file += [number] * len(expanded)
+    return {**raw, "group": tables}, indices_in_file
 
 
 def expand_group(
     group: Mapping[str, Any], arms: Sequence[str] = (), robot: Robot = robots.USUAL
 ) -> list[Table]:
-    """Return the ordinary groups of a table [[group]] of a campaign file with these arms.
-
-    Their names are GROUP/ID, or GROUP/ID-CASE if a hazard has several cases. If each arm has a
-    separate group, the name ends in -ARM. arms: () for a campaign with one arm. Raise WrongGroup.
+    """Return the ordinary groups of a table [[group]] of a campaign file with these arms. Their
+    names are GROUP/ID, or GROUP/ID-CASE if a hazard has several cases. If each arm has a separate
+    group, the name ends in -ARM. arms: () for a campaign with one arm. Raise WrongGroup.
     """
     if KEY not in group:
         return [dict(group)]
@@ -132,7 +130,7 @@ def _hazards_named(word: str, robot: Robot) -> list[Hazard]:
 
 
 def _expand_case(group: Mapping[str, Any], hazard: Hazard, case: Case, arms: Sequence[str]):
-    # Yields the ordinary groups of a hazard's case, one for each choice of arms.
+    # Yields the ordinary groups of a hazard's case, one for each choice of faulty arms.
     name = f"{hazard.id}-{case.name}" if case.name else hazard.id
     overrides = {key: group[key] for key in OVERRIDES if key in group}
     per_arm = any(fault.declared.per_arm for fault in case.fault)
@@ -141,7 +139,7 @@ def _expand_case(group: Mapping[str, Any], hazard: Hazard, case: Case, arms: Seq
     for suffix, faulty_arms in choices:
         for key, message in _find_override_mistakes(case, overrides, faulty_arms):
             raise WrongGroup(key, f"{name} {message}")
-        # If one fault acts on several channels or arms in a run, their lists of values are paired.
+        # A fault on several channels (`along`) or arms in a run has paired lists of values.
         is_paired = case.fault[0].along or len(faulty_arms) > 1
         slots = (_expand_fault(fault, overrides, faulty_arms) for fault in case.fault)
         table = {
@@ -154,7 +152,7 @@ def _expand_case(group: Mapping[str, Any], hazard: Hazard, case: Case, arms: Seq
 
 
 def _arm_choices(hazard: Hazard, arm, arms: Sequence[str]):
-    """Return (suffix of the name, faulty arms) for each group of a case.
+    """Return (suffix of the name, faulty arms) for each group of a case; () means the only arm.
     arm: the user's key `arm`, one arm or a list; None: the hazard determines the arms.
     """
     if arm is not None:
@@ -171,12 +169,13 @@ def _arm_choices(hazard: Hazard, arm, arms: Sequence[str]):
 
 
 def _find_override_mistakes(case: Case, overrides: Mapping[str, Any], arms: Sequence[Any]):
-    """Yield (key, message) for each override that a case does not permit."""
+    """Yield (key, message) for each override that a case does not permit. arms: faulty arms."""
     first, *more_faults = case.fault
     if "value" in overrides and more_faults:
         yield "value", f"has faults on {len(case.fault)} channels with different values"
     if "value" in overrides and not EFFECTS[first.effect].takes_value:
         yield "value", f"has effect {first.effect!r}, which has no value"
+    # `_arm_choices` keeps an empty list as an arm.
     if [] in arms:
         yield "arm", "has an empty list, expected at least one value"
     # `along` divides the value of one fault among several channels.
@@ -213,7 +212,8 @@ def _expand_fault(fault: LibraryFault, overrides: Mapping[str, Any], arms: Seque
     if fault.along is None:
         table["channel"] = list(fault.channels)
         keys = ["channel", *keys]
-    # All combinations of the values, as one list per key. Run n takes the n-th entry of each list.
+    # All combinations of the values, as one list per key; run n takes the n-th entry of each list.
+    # Values (1, 2) and starts (5, 6) give value = [1, 1, 2, 2] and start_ms = [5, 6, 5, 6].
     combinations = itertools.product(*(_as_list(table[key]) for key in keys))
     columns = map(list, zip(*combinations, strict=True))
     crossed = dict(zip(keys, columns, strict=True))

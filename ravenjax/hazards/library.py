@@ -120,6 +120,7 @@ def library_terms() -> dict[str, dict[str, str]]:
 def _layer_tables(folder: str) -> list[dict[str, Any]]:
     """Return the tables of the layers' files in a folder, L1 first; () for no folder."""
     files = Path(folder).glob("L*.toml") if folder else ()
+    # By the number of the layer, such as 10 in L10_mechanics.toml.
     files = sorted(files, key=lambda file: int(file.name[1:].partition("_")[0]))
     return [tomllib.loads(file.read_text(encoding="utf-8")) for file in files]
 
@@ -135,6 +136,7 @@ def all_hazards(robot: Robot = robots.USUAL) -> tuple[Hazard, ...]:
     hazards = []
     for table in _layer_tables(robot.hazards):
         for row in table["hazard"]:
+            # Each fault of a case gets the declaration of its site.
             cases = [
                 case | {"fault": [f | {"declared": robot.sites[f["site"]]} for f in case["fault"]]}
                 for case in row.get("case", ())

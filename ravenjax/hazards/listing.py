@@ -57,9 +57,8 @@ def layer_table(robot: Robot) -> list[tuple[str, ...]]:
 
 
 def describe_hazard(name: str, robot: Robot) -> list[tuple[str, str]]:
-    """Return (heading, text) for each property of a hazard in the library.
-
-    Raise UserError for an unknown id.
+    """Return (heading, text) for each property of a hazard in the library. Raise UserError for an
+    unknown id.
     """
     rows = resources.render_rows(
         Path(__file__).with_suffix(".j2"),

@@ -16,18 +16,18 @@ _IDS = re.compile(r"(?:.*/)?([A-Z]\d\d(?:[-,][A-Z]\d\d)*)(?![A-Za-z0-9])")
 
 
 def hazards_of(group: str) -> tuple[str, ...]:
-    """Return the ids of hazards with which a group's name begins, after the last "/".
-
-    Groups of `expansion.expand_group` have such names. An author may also choose names such as
-    "B07,B08 no write", or "K15-K17 run level", which includes K16. The result is () without ids.
+    """Return the ids of hazards with which a group's name begins, after the last "/". Groups of
+    `expansion.expand_group` have such names. An author may also choose names such as "B07,B08 no
+    write", or "K15-K17 run level", which includes K16. The result is () without ids.
     """
     match = _IDS.match(group)
     if match is None:
         return ()
     ids = []
     for part in match[1].split(","):
-        first, *rest = _ID.findall(part)
-        last = rest[-1] if rest else first
+        # One id, or the first and the last id of a range.
+        first, *further = _ID.findall(part)
+        last = further[-1] if further else first
         ids += [f"{first[0]}{number:02}" for number in range(int(first[1:]), int(last[1:]) + 1)]
     return tuple(ids)
 

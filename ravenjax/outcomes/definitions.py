@@ -43,7 +43,7 @@ def definition_rows(rules: Rules, robot: Robot) -> list[Definition]:
     for kind, meanings in resources.read_tables(__file__, "definitions.toml").items():
         for word, meaning in meanings.items():
             text = meaning.format(**terms)
-            # A campaign may define harms in addition to the limit, or instead of it.
+            # Unintended motion: a campaign may define harms in addition to its limit, or instead.
             if word == HAZARDS[0]:
                 text = f"{text if rules.limit_counts else ''} {describe_harms(rules)}".strip()
             if robot.dead_man or word != RESTART:

@@ -54,7 +54,8 @@ def check_ms_sql(name: str) -> str:
     ms = f'"check_{name}_first_ms"'
     more_often = f'"check_{name}_count" > "golden_check_{name}_count"'
     sooner_ms = beyond_golden_sql(f"check_{name}_first_ms")
-    # The first trip may be the one of the golden run, but the response is not before the fault.
+    # If the check tripped only more often, its first trip may be that of the golden run. The time
+    # of the added trip is unknown, but it is not before the fault.
     later_ms = f"greatest({ms}, first_active_ms)"
     return f"CASE WHEN ({sooner_ms}) >= 0 THEN {ms} WHEN {more_often} THEN {later_ms} ELSE -1 END"
 
@@ -103,7 +104,7 @@ def name_harm(text: str, rules: Rules, own: Iterable[str] = ()) -> str:
     """
     if not rules.harms:
         return text
-    # (?!) matches nothing.
+    # Group 1 of the pattern matches the user's words, which are kept. (?!) matches nothing.
     kept = "|".join(map(re.escape, own)) or "(?!)"
     motion = r"\b(?:[Aa]n )?[Uu]nintended(?: |<br>)motions?(?: over [\d.]+ mm)?"
     text = re.sub(f"({kept})|{motion}", lambda match: match[1] or rules.harm, text)

@@ -42,7 +42,8 @@ def legal_values(channel: Channel, effect: str, beyond: bool = False) -> Legal:
         return Legal(expected, 1, 100_000, whole=True, rounded=True)
     if effect == "lose":
         return Legal("lose takes a probability from 0 to 1", 0, 1)
-    # An offset has the number type and the unit of the channel, a drift its unit, a scale neither.
+    # The value of an offset has the channel's number type and unit, that of a drift has only its
+    # unit, and that of a scale neither.
     has_type, has_unit = EFFECTS[effect].of_its_type, EFFECTS[effect].in_its_unit
     if kind == "bool":
         expected = f"{name} is a truth value: expected 0 or 1"

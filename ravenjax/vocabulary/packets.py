@@ -56,7 +56,7 @@ def rounded_shares(cycles: np.ndarray) -> tuple[float, ...]:
     Packets that are longer than allowed count as packets of the largest allowed length.
     """
     exact = length_shares(np.minimum(cycles, MOST_CYCLES)) * _STEPS
-    # Round down, then add 0.001 to the shares with the largest remainders until the sum is 1
+    # Round down, then add 0.001 to the shares with the largest remainders until the sum is 1.
     thousandths = np.floor(exact).astype(int)
     thousandths[np.argsort(thousandths - exact)[: _STEPS - thousandths.sum()]] += 1
     longest = np.flatnonzero(thousandths)[-1] + 1

@@ -47,7 +47,7 @@ class Channel:
 
     @property
     def extent(self) -> tuple[float | None, float | None]:
-        """Smallest and largest number of the channel's type; None, None for a float."""
+        """Smallest and largest number of the channel's field or type; None, None for a float."""
         if self.field is not None:
             return self.field.low, self.field.high
         if self.kind == "float":

@@ -9,10 +9,8 @@ EXECUTORS = ("local", "ray")
 def choose_executor(
     name: str | None = None, workers: int | None = None, ray_address: str | None = None
 ) -> Executor:
-    """Return the executor `name`.
-
-    Default: `ray` if workers or an address are given, else `local`. Raise UserError for arguments
-    that contradict each other.
+    """Return the executor `name`. Default: `ray` if workers or an address are given, else `local`.
+    Raise UserError for arguments that contradict each other.
     """
     if name is None:
         name = "local" if workers is None and ray_address is None else "ray"

@@ -60,10 +60,9 @@ class Executor(Protocol):
         ...
 
     def run(self, work: Work, chunks: Sequence[range]) -> None:
-        """Compute and deliver every chunk exactly once.
-
-        If a chunk fails, the others are still delivered. Then UserError names the failed chunk and
-        the reason. If a signal or an error of `deliver` ends the work early, delivered chunks stay.
+        """Compute and deliver every chunk exactly once. If a chunk fails, the others are still
+        delivered. Then UserError names the failed chunk and the reason. If a signal or an error of
+        `deliver` ends the work early, delivered chunks stay.
         """
         ...
 
@@ -72,6 +71,7 @@ def finish_chunk(plan: Plan, part: PartRows, pack: Pack) -> FinishedChunk:
     """Compute the result columns of a part of `plan`, pack them, and count failed runs by cause."""
     runs = plan.rows.iloc[part.rows.start : part.rows.stop]
     rows = outcomes.result_columns(plan.config, runs, part.outcomes, part.golden_runs)
+    # `part.rows` count within `plan`, which may have only some rows of the campaign.
     first_index = int(runs["index"].to_numpy()[0])
     causes = rows["failed"].value_counts().to_dict()
     failures = {cause: count for cause, count in causes.items() if cause}
@@ -96,10 +96,10 @@ class BackgroundQueue:
         self._pool.shutdown(wait=True)
 
     def call(self, function: Callable[..., Any], *arguments: Any) -> None:
-        """Call `function` in another thread.
-
-        Wait while too many calls are waiting. Raise the exception of an earlier call that failed.
+        """Call `function` in another thread. Wait while too many calls are waiting. Raise the
+        exception of an earlier call that failed.
         """
+        # The results of finished calls are taken, too, because this raises their exceptions.
         while self._pending and (len(self._pending) >= self._max_calls or self._pending[0].done()):
             interruption.wait_for_result(self._pending.popleft())
         self._pending.append(self._pool.submit(function, *arguments))

@@ -65,6 +65,7 @@ class Head(NamedTuple):
 
 def make_head(work: Work, chunks: Sequence[range], cores: int) -> Head:
     """Return the settings for these chunks. cores: number of cores of a task."""
+    # The plan has no rows here: each task receives those of its chunk.
     return Head(
         plan=work.plan.take(slice(0)),
         engine=work.engine.name,
@@ -95,7 +96,7 @@ class Worker:
         self._computation: Computation | None = None
 
     def compute(self, rows: Mapping[str, Any]) -> tuple[Plan, PartRows]:
-        """Compute the runs of these rows (`Plan.row_fields`). Return their plan and outcomes."""
+        """Compute a chunk. rows: the `Plan` fields of its runs. Return its plan and outcomes."""
         head, plan = self._head, dataclasses.replace(self._head.plan, **rows)
         if self._computation is None:
             self._computation = Computation(
@@ -103,6 +104,7 @@ class Worker:
             )
         ranges = [range(plan.runs)]
         blocks = self._computation.of(plan).blocks(ranges)
+        # The only range gives one part.
         return plan, next(memory_windows.assemble_parts(ranges, blocks))
 
 
@@ -264,8 +266,8 @@ def _join_cluster(ray, address: str | None):
     # the address does not answer, or if Ray cannot start.
     sigterm_handler = signal.getsignal(signal.SIGTERM)
     try:
+        # HOST:PORT or [IPV6]:PORT is tried first, because Ray itself would retry for minutes.
         if address is not None and (match := re.fullmatch(r"\[?([^/]+?)\]?:(\d+)", address)):
-            # Ray itself would retry for minutes.
             socket.create_connection((match[1], int(match[2])), ANSWER_S).close()
         ray.init(address, include_dashboard=False, log_to_driver=False, logging_level="error")
     # Also catches ConnectionError, which Ray raises: it is a subclass of OSError.
@@ -280,7 +282,7 @@ def _join_cluster(ray, address: str | None):
 
 
 def task_environment(keeps_off_gpus: bool) -> dict[str, str]:
-    """Return the environment variables of a task. keeps_off_gpus: JAX does not use a GPU."""
+    """Return the environment variables of a task. keeps_off_gpus: JAX uses the CPU by default."""
     variables = {name: os.environ[name] for name in _PASSED_ON if name in os.environ}
     # The user has already agreed to the campaign's Python code.
     variables[consent.VARIABLE] = "1"
@@ -291,14 +293,16 @@ def _cores_and_tasks(
     resources: dict[str, float], nodes: Sequence[dict[str, Any]], workers: int | None, gpu: bool
 ) -> tuple[int, int]:
     # Returns the cores of each task, and the number of tasks that run at the same time. resources,
-    # nodes: those of the cluster, as Ray reports them. workers: requested number of tasks.
+    # nodes: those of the cluster, as Ray reports them. workers: requested number of tasks; None:
+    # as many as fit. gpu: each task uses one GPU.
     total = int(resources.get("CPU", 1))
     if gpu:
         tasks = workers or max(1, int(resources.get("GPU", 0)))
         return max(1, total // tasks), tasks
     # A task cannot use cores of two nodes.
     node_cores = [int(node["Resources"].get("CPU", 0)) for node in nodes if node["Alive"]]
-    cores = max(1, min(max(node_cores, default=1), CORES if workers is None else total // workers))
+    wanted = CORES if workers is None else total // workers
+    cores = max(1, min(max(node_cores, default=1), wanted))
     return cores, workers or max(1, total // cores)
 
 

@@ -50,11 +50,10 @@ class _Piece(NamedTuple):
 
 
 def table_columns(config: CampaignConfig) -> pd.DataFrame:
-    """Return the whole fault table, with the columns of `ravenjax.store.schema`.
-
-    `run_id` is a number (uint64). With [stop], the first rows of each group are a random sample of
-    the group. `campaign.limit` does not shorten the table; `runner` does. If a group does not set a
-    parameter, its rows have NaN, which means the robot's value.
+    """Return the whole fault table, with the columns of `ravenjax.store.schema`. `run_id` is a
+    number (uint64). With [stop], the first rows of each group are a random sample of the group.
+    `campaign.limit` does not shorten the table; `runner` does. If a group does not set a parameter,
+    its rows have NaN, which means the robot's value.
     """
     moments = Moments(config)
     pieces = [piece for group in config.group for piece in _pieces(config, group, moments)]
@@ -145,7 +144,8 @@ def _pieces(config: CampaignConfig, group: Group, moments: Moments) -> Iterator[
     for faults, axes_in_file in faults_and_axes(config, group):
         axes = moments.convert_phases(axes_in_file, group.name)
         # repeat: number of each run's repeat. places: position of each run on each axis, an index
-        # in a list or a quantile.
+        # in a list or a quantile. The keys of axes and places are (fault slot, field) of a fault,
+        # and (_PARAMETER, path) of a parameter.
         runs, repeat, places = sampling.sample_runs(group, axes, rng)
         slots = [
             fill_slot(config.robot, fault, _select_slot(axes, f), _select_slot(places, f))
@@ -182,11 +182,11 @@ def _crossings(config: CampaignConfig, group: Group) -> list[dict[str, np.ndarra
 def faults_and_axes(
     config: CampaignConfig, group: Group
 ) -> Iterator[tuple[tuple[Fault, ...], dict[Key, Axis]]]:
-    """Yield (faults, axes) of a group, or of each entry of design "list".
-
-    An axis has the values or the distribution of a key. The order is: keys of the first fault in
-    the order of `FIELDS`, keys of the next fault, and so on, then parameters.
+    """Yield (faults, axes) of a group, or of each entry of design "list". An axis has the values or
+    the distribution of a key. Keys are (fault slot, field), in the order of slots and of `FIELDS`,
+    then (_PARAMETER, path).
     """
+    # `Run()` replaces no key of the group.
     for run in group.run or [Run()]:
         faults = group.faults_of(run)
         axes = {
@@ -240,6 +240,7 @@ def _arrange_table(config: CampaignConfig, table: pd.DataFrame) -> pd.DataFrame:
             new_position = np.random.default_rng(seed).permutation(draw_count)
         order[rows] = rows[np.argsort(new_position[draw], kind="stable")]
         start += len(rows)
+    # order: the old row in each new row. new_index: the new row of each old row, its inverse.
     new_index = np.empty_like(order)
     new_index[order] = np.arange(len(order))
     index = np.arange(len(order), dtype=np.int32)

@@ -25,6 +25,7 @@ class Moments:
 
     def convert_phases(self, axes: Mapping[Key, Axis], group: str) -> dict[Key, Axis]:
         """Return axes with fault starts in ms. Raise UserError for a phase that never occurs."""
+        # A key is (fault slot, field). Only the start of a fault can name a phase.
         return {
             key: self._convert_axis(axis, f"group {group!r}, fault[{key[0]}].{key[1]}")
             for key, axis in axes.items()
@@ -38,16 +39,17 @@ class Moments:
         return dataclasses.replace(axis, values=tuple(values))
 
     def _find_ms(self, moment: Moment, where: str) -> int:
-        # Returns the millisecond of the operation at a share of the milliseconds of a phase.
+        # Returns the millisecond at a share of a phase: 0 is its first millisecond, 1 its last.
         axis = self._phase_axis(moment.phase, where)
         _, *stretches = axis.values
         count = sum(end - begin for begin, end in stretches)
         number = round(moment.share * (count - 1))
-        # `Axis.at` takes quantiles. In the middle of the millisecond, rounding is harmless.
+        # `Axis.at` divides [0, 1) into a part for each millisecond. The middle is safe to round.
         return int(axis.at(np.array((number + 0.5) / count)))
 
     def _phase_axis(self, phase: str, where: str) -> Axis:
-        # Returns an axis over all milliseconds of a phase. where: location for error messages.
+        # Returns an axis over all milliseconds of a phase, with the values phase, (begin, end), ..
+        # where: location for error messages.
         stretches = self.phases[phase]
         if not len(stretches):
             occurring = ", ".join(name for name, ticks in self.phases.items() if len(ticks))

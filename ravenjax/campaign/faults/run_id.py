@@ -28,6 +28,7 @@ def compute_run_ids(
     """
     sums = np.zeros(len(next(iter(numbers.values()))), np.uint64)
     for name, column in words.items():
+        # The empty word adds 0, as if the table had no such column.
         hashes = [
             _hash_text(f"{common}/{name}/{word}") if word else np.uint64(0)
             for word in column.categories
@@ -76,7 +77,8 @@ def _hash_text(text: str) -> np.uint64:
 
 
 def _hash_numbers(values: np.ndarray, column_hash: np.uint64) -> np.ndarray:
-    # Returns the hash of each value, uint64 [rows]; [1] if all values are equal. That of NaN is 0.
+    # Returns the hash of each value, uint64 [rows]; [1] if all values are equal. The hash of NaN is
+    # 0. column_hash: makes equal values of different columns differ.
     values = values[:1] if (values == values[:1]).all() else values
     # The sum is float64, and has 0.0 in place of -0.0.
     canonical = values + 0.0

@@ -61,6 +61,7 @@ def sample_runs(group: Group, axes: Mapping[Key, Axis], rng: np.random.Generator
         if axis.kind == "list" and (length := len(axis.values)) > 1:
             stride = 1 if group.design == "zip" else stride // length
             places[key] = sample // stride % length
+    # Each run, also each repeat, draws its own values of distributions.
     drawn_axes = {key: axis for key, axis in axes.items() if axis.drawn}
     places |= _draw_places("random", drawn_axes, runs, rng)
     return Sample(runs, repeat, places)
@@ -69,13 +70,14 @@ def sample_runs(group: Group, axes: Mapping[Key, Axis], rng: np.random.Generator
 def _draw_places(
     design: str, axes: Mapping[Key, Axis], rows: int, rng: np.random.Generator
 ) -> dict[Key, np.ndarray]:
-    # Draws positions [rows] on each axis. Axes of kind `together` use the same random numbers.
+    # Draws positions [rows] on each axis. All axes of kind `together` use the same random numbers,
+    # which are one dimension of the random points; each other axis has its own dimension.
     dimension_of_axis: dict[Key, int] = {}
-    numbers: dict[Key | str, int] = {}
+    dimensions: dict[Key | str, int] = {}
     for key, axis in axes.items():
         name = axis.kind if axis.kind == "together" else key
-        dimension_of_axis[key] = numbers.setdefault(name, len(numbers))
-    points = _draw_points(design, rows, len(numbers), rng)
+        dimension_of_axis[key] = dimensions.setdefault(name, len(dimensions))
+    points = _draw_points(design, rows, len(dimensions), rng)
     return {key: axis.places(points[:, dimension_of_axis[key]]) for key, axis in axes.items()}
 
 
@@ -85,7 +87,7 @@ def _draw_points(design: str, rows: int, dimensions: int, rng: np.random.Generat
     if design == "random" or dimensions == 0:
         return rng.random((rows, dimensions))
     if design == "lhs":
-        # Each dimension has one point in each of `rows` cells, at a random place within the cell.
+        # In each dimension, each of the cells 1 to `rows` has one point: at (cell - random) / rows.
         spawned = rng.spawn(1)[0]
         distances = spawned.random((rows, dimensions))
         cells = spawned.permuted(np.tile(np.arange(1, rows + 1), (dimensions, 1)), axis=1)
@@ -94,11 +96,12 @@ def _draw_points(design: str, rows: int, dimensions: int, rng: np.random.Generat
     if dimensions > len(table):
         from scipy.stats import qmc
 
-        # SciPy warns of any number of points that is not a power of two.
+        # SciPy warns if the number of points is no power of two, so the next one is drawn.
         return qmc.Sobol(dimensions, rng=rng).random(1 << (rows - 1).bit_length())[:rows]
     spawned = rng.spawn(1)[0]
-    # Sobol points as 30-bit numbers. SciPy scrambles them: the first point is random, and a random
-    # lower triangular matrix multiplies the bits of each direction, the highest first, modulo 2.
+    # Sobol points as 30-bit numbers. SciPy scrambles them: in each dimension the first point is
+    # random, and the bits b of each direction, the highest first, become M b (mod 2). The matrix M
+    # is random and lower triangular, with diagonal 1, so that it is invertible.
     size, dtype = (dimensions, 30), np.uint32
     bit_values = dtype(1) << np.arange(30, dtype=dtype)
     first = spawned.integers(2, size=size, dtype=dtype) @ bit_values

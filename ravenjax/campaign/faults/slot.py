@@ -44,9 +44,8 @@ def fill_slot(
     robot: Robot, fault: Fault, axes: Mapping[str, Axis], places: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
     """Return the columns FIELDS of a fault, each [runs], or a scalar that applies to all runs.
-
     Words are stored as codes: indices in `words_of`. axes: values or distribution of each field
-    except the site. places: of each axis, the index of a value or a quantile for each run, [runs].
+    except the site. places: position of each run on each axis, the index of a value or a quantile.
     """
     words, site = words_of(robot), robot.sites[fault.site]
 
@@ -73,26 +72,27 @@ def fill_slot(
         rounded_value = axes["value"].at(places["value"], whole=1)
         value = np.where(needs_rounding[codes["channel"], effect], rounded_value, value)
     value = np.where(np.isin(words["effect"], effects.WITHOUT_VALUE)[effect], np.nan, value)
-    periodic = np.isin(words["effect"], effects.WITH_PERIOD)[effect]
+    has_period = np.isin(words["effect"], effects.WITH_PERIOD)[effect]
     times = {}
     for name in effects.TIMES:
         unit = fault.unit(name, robot.period_ms)
-        times[name] = _fill_times(name, axes[name], places[name], periodic, unit)
+        times[name] = _fill_times(name, axes[name], places[name], has_period, unit)
     columns = {"site": codes_of("site", [fault.site])[0], **codes, "value": value, **times}
     return {name: columns[name] for name in effects.FIELDS}
 
 
 def _fill_times(
-    name: str, axis: Axis, places: np.ndarray, periodic: np.ndarray, step: int
+    name: str, axis: Axis, places: np.ndarray, has_period: np.ndarray, step: int
 ) -> np.ndarray:
     # Returns the column `name` of TIMES: multiples of `step`, at least `step` for a period or a
-    # duration, else at least 0. periodic: whether the effect has a period, else the period is 0.
-    # The word END in a file is UNTIL_END here, but a drawn number that equals it is not.
+    # duration, else at least 0. places: position of each run on the axis. has_period: whether the
+    # effect has a period; otherwise the period is 0. A file has the word END where the column has
+    # UNTIL_END, which is -1. A number -1 that a distribution draws does not mean END.
     drawn = axis.at(places, whole=step)
     least = step if name in ("period_ms", "duration_ms") else 0
     times = np.maximum(drawn // step * step, least)
     if name == "period_ms":
-        times = np.where(periodic, times, 0)
+        times = np.where(has_period, times, 0)
     elif name == "duration_ms":
         times = np.where((drawn == UNTIL_END) & (END in axis.listed), UNTIL_END, times)
     return times.astype(np.int32)

@@ -14,11 +14,10 @@ _TIME, _PACKET, _PEDAL = (TRIGGER_CODES[name] for name in ("time", "packet", "pe
 
 
 def first_active_ticks(faults: Faults, ticks: int) -> np.ndarray:
-    """Return the first tick in which a fault of each run may act, int32 [runs].
-
-    Up to that tick the run equals its golden run bit by bit. The result is `ticks` for a run in
-    which no fault acts. Windows that count packets are treated as if a packet arrived in each tick.
-    Windows that count time in pedal-down are treated as if the pedal was always down.
+    """Return the first tick in which a fault of each run may act, int32 [runs]; `ticks` if none
+    acts. Up to that tick the run equals its golden run bit by bit. Windows that count packets are
+    treated as if a packet arrived in each tick. Windows that count time in pedal-down are treated
+    as if the pedal was always down.
     """
     first = np.full(faults["code"].shape, ticks, np.int64)
     for trigger, indices, _, opening in _group_by_trigger(faults):
@@ -45,6 +44,7 @@ def observation_ends(
     if observe is None:
         return np.full(len(faults["code"]), ticks, np.int32)
     window_ends = last_window_ends(faults, ticks, clocks)
+    # 0 marks a fault without a window, and a run in which no fault has one.
     ends = np.where(window_ends > 0, np.minimum(window_ends + observe, ticks), 0)
     last_ends = ends.max(axis=1, initial=0)
     return np.where(last_ends == 0, ticks, last_ends).astype(np.int32)
@@ -70,7 +70,7 @@ def last_window_ends(faults: Faults, ticks: int, clocks: Clocks | None) -> np.nd
 def _group_by_trigger(
     faults: Faults,
 ) -> Iterator[tuple[int, tuple[np.ndarray, ...], np.ndarray, Opening]]:
-    """Yield (trigger code, indices of its faults, runs of these, windows) of each used trigger."""
+    """Yield (trigger code, indices [runs, slots], runs, windows) of the faults of each trigger."""
     for trigger in (_TIME, _PACKET, _PEDAL):
         indices = np.nonzero((faults["code"] > 0) & (faults["trigger"] == trigger))
         if len(indices[0]):

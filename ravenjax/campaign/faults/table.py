@@ -32,9 +32,8 @@ def count_slots(table: pd.DataFrame) -> int:
 
 
 def table_injection(table: pd.DataFrame, robot: Robot) -> Injection:
-    """Return the sites, channels, effects and triggers in the table, in the robot's order.
-
-    They select the code that injects faults. Network effects are replaced by plain effects.
+    """Return the sites, channels, effects and triggers in the table, in the robot's order. The
+    program of the tick injects only these. Network effects are replaced by plain effects.
     """
     effects: dict[Target, set[str]] = {}
     triggers = set()
@@ -54,8 +53,8 @@ def table_injection(table: pd.DataFrame, robot: Robot) -> Injection:
             (arm, c.name) for arm in arms for c in site.channels if (name, arm, c.name) in effects
         ]
         if targets:
-            used = set().union(*(effects[name, *target] for target in targets))
-            ordered = tuple(effect for effect in EFFECT_CODES if effect in used)
+            at_site = set().union(*(effects[name, *target] for target in targets))
+            ordered = tuple(effect for effect in EFFECT_CODES if effect in at_site)
             uses.append(SiteUse(name, tuple(targets), ordered))
     used_triggers = tuple(trigger for trigger in TRIGGER_CODES if trigger in triggers)
     return Injection(count_slots(table), tuple(uses), used_triggers)
@@ -69,11 +68,10 @@ def injection_targets(injection: Injection) -> list[Target]:
 def fault_arrays(
     table: pd.DataFrame, injection: Injection, tick_ms: int = 1
 ) -> dict[str, np.ndarray]:
-    """Return the faults of each run as arrays [runs, injection.slots].
-
-    An empty slot has code 0. code, effect and trigger are int32; value is float32. start, duration,
-    every and period are int32 in ticks of `tick_ms`; with trigger "packet", all but the period are
-    numbers of packets instead. key is uint32: the random-number stream of that run and slot.
+    """Return the faults of each run as arrays [runs, injection.slots]. An empty slot has code 0.
+    code, effect and trigger are int32; value is float32. start, duration, every and period are
+    int32 in ticks of `tick_ms`; with trigger "packet", all but the period are numbers of packets
+    instead. key is uint32: the random-number stream of that run and slot.
     """
     code_of = {target: code for code, target in enumerate(injection_targets(injection), start=1)}
     out = {name: np.zeros((len(table), injection.slots), dtype) for name, dtype in ARRAYS.items()}
@@ -82,6 +80,7 @@ def fault_arrays(
         # Code, effect, trigger and value of each combination; NaN: the value is in the table.
         codes_of_combination = np.zeros((len(combinations), 4))
         for number, (site, arm, channel, effect, trigger) in enumerate(combinations):
+            # An empty slot has the site "". A network effect may determine the value.
             if site:
                 _, plain, value = NETWORK_EFFECTS.get(effect, ("", effect, None))
                 codes_of_combination[number] = (
@@ -108,9 +107,8 @@ def fault_arrays(
 
 
 def shared_ids(table: pd.DataFrame) -> np.ndarray:
-    """Return the id from which each run's random numbers follow, uint64 [rows].
-
-    It is the run's id, or the id of the first run that differs only in crossed parameters.
+    """Return the id from which each run's random numbers follow, uint64 [rows]. It is the run's id,
+    or the id of the first run that differs only in crossed parameters.
     """
     return table[SHARED if SHARED in table else "run_id"].to_numpy()
 
@@ -118,7 +116,9 @@ def shared_ids(table: pd.DataFrame) -> np.ndarray:
 def _word_groups(
     table: pd.DataFrame, slot: int
 ) -> tuple[np.ndarray, list[tuple[str, str, str, str, str]]]:
-    """Return the number of each row's combination of WORDS, and the combinations."""
+    """Return for each row the index of its combination of words, and the list of combinations, such
+    as ("usb_out", "gold", "shoulder", "offset", "time"): the columns WORDS of a slot.
+    """
     groups = table.groupby([f"fault{slot}_{name}" for name in WORDS], observed=True)
     return groups.ngroup().to_numpy(), groups.size().index.to_list()
 

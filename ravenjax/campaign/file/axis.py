@@ -112,20 +112,19 @@ class Axis:
             return self.values[:1]
         return tuple(dict.fromkeys(v.phase for v in self.values if isinstance(v, Moment)))
 
-    def places(self, unit: np.ndarray) -> np.ndarray:
-        """Convert quantiles [n] in [0, 1) to positions for `at`.
-
-        Each listed value is equally likely.
+    def places(self, quantiles: np.ndarray) -> np.ndarray:
+        """Convert quantiles [n] in [0, 1) to positions for `at`: indices of listed values, each
+        equally likely, or the quantiles themselves for a distribution of numbers.
         """
         if not self.listed:
-            return unit
-        return np.minimum((unit * len(self.values)).astype(np.int64), len(self.values) - 1)
+            return quantiles
+        # Rounding of the product may give the index after the last value.
+        return np.minimum((quantiles * len(self.values)).astype(np.int64), len(self.values) - 1)
 
     def at(self, places: np.ndarray, whole: int = 0) -> np.ndarray:
         """Return the numbers at `places`, float64 of the same shape. places: indices of listed
-        values, or quantiles [0, 1) of a distribution. whole: round drawn numbers to its multiples.
-
-        Listed values are not rounded.
+        values, or quantiles [0, 1) of a distribution. whole: round numbers of a distribution to
+        multiples of this number; 0: do not round. Listed values are never rounded.
         """
         if self.listed:
             numbers = [UNTIL_END if value == END else value for value in self.values]
@@ -148,6 +147,7 @@ class Axis:
             from scipy.special import ndtri
 
             mean, deviation = low, high
+            # `ndtri` gives the quantiles of the normal distribution; those of 0 and 1 are infinite.
             numbers = mean + deviation * ndtri(np.clip(places, 1e-12, 1.0 - 1e-12))
         elif self.kind == "loguniform":
             numbers = np.exp(math.log(low) + places * (math.log(high) - math.log(low)))
@@ -206,6 +206,7 @@ class KeyDefinition(NamedTuple):
                 f"{kind} needs a list with at least one value, got {values!r}; each value is"
                 f" {self.expected}"
             )
+        # True for { list = [..] }, False for [..].
         is_explicit = kind == LIST and values is not raw
         return Axis(kind, tuple(map(self.parse_value, values)), is_explicit)
 
@@ -225,7 +226,7 @@ class KeyDefinition(NamedTuple):
         if kind == "loguniform" and first <= 0:
             raise ValueError(f"loguniform = [low, high]: both must be above 0, got {first!r}")
         axis = Axis(kind, (first, second))
-        # A normal distribution may draw numbers below `least`, which become `least`.
+        # A normal distribution may draw numbers below `least`, which later become `least`.
         lowest = -self.largest if kind == "normal" else self.least
         if not lowest <= axis.extent[0] <= axis.extent[1] <= self.largest:
             raise ValueError(f"got {kind} = {format_value(list(raw))}, expected {self.expected}")
@@ -282,7 +283,7 @@ def time_axis(least: int, endless: bool = False) -> KeyDefinition:
         expected, schema = f'{expected}, or "{END}"', {"anyOf": [schema, {"const": END}]}
 
     def parse(raw) -> int | str:
-        # Returns a time in ms, or END.
+        # Returns a time in ms, or END. A fault table has UNTIL_END in place of END.
         if endless and raw in (END, UNTIL_END):
             return END
         if not _is_number(raw) or raw % 1:
@@ -295,8 +296,7 @@ def time_axis(least: int, endless: bool = False) -> KeyDefinition:
 
 
 def word_axis(what: str, known: Iterable[str] | None = None) -> KeyDefinition:
-    """Return the definition of names. what: kind of name. known: the possible names; None: any."""
-
+    """Return the definition of a key with names. what: kind of name. known: names; None: any."""
     expected = f"the name of {'an' if what[0] in 'aeiou' else 'a'} {what}"
 
     def parse(raw) -> str:
@@ -342,7 +342,7 @@ def _names_phase(raw) -> bool:
 
 
 def _parse_moment(raw: Mapping[str, Any]) -> Moment:
-    # Returns the moment that a table with a phase and a share of this phase names.
+    # Returns the moment of a table such as { phase = "fast", share = 0.5 }. Raises ValueError.
     phase, share = raw.get(PHASE), raw.get(SHARE)
     has_share = len(raw) == 2 and _is_number(share) and 0.0 <= share <= 1.0
     if not isinstance(phase, str) or not has_share:

@@ -25,9 +25,8 @@ if TYPE_CHECKING:
 
 @functools.cache
 def parameter_bounds(robot: Robot) -> tuple[tuple[str, Quantity], ...]:
-    """Return (path, allowed values) of each parameter of a robot, in order.
-
-    Paths have the form of `shorten_path`. Joints with different ranges have several entries.
+    """Return (path, allowed values) of each parameter of a robot, in order. Paths have the form of
+    `shorten_path`. Joints with different ranges have several entries.
     """
     return tuple(quantity.list_quantities(robot.part("campaign").Params))
 
@@ -50,17 +49,16 @@ Ranges = tuple[tuple[str, Quantity], ...]
 
 
 def allowed_values(robot: Robot, path: str, added: Ranges = ()) -> list[Quantity]:
-    """Return the allowed values of the parameter at `path`, [] if there is no such parameter.
-
-    There are several entries if `path` names a vector with different ranges. added: parameters that
-    the campaign adds to the parameters of its robot.
+    """Return the allowed values of the parameter at `path`, [] if there is no such parameter. There
+    are several entries if `path` names a vector whose joints have different ranges. added:
+    parameters that the campaign adds to the parameters of its robot.
     """
     short_path = shorten_path(robot, path)
     rows = [row for name, row in (*parameter_bounds(robot), *added) if name == short_path]
     last = path.rpartition(".")[2]
     if last not in robot.joints:
         return rows
-    # A rule without names of joints applies to all joints.
+    # The path names one joint. A row without names of joints applies to all joints.
     return [row for row in rows if last in row.joints or not row.joints]
 
 
@@ -75,7 +73,9 @@ def reserved_reason(robot: Robot, path: str) -> str:
 
 @functools.cache
 def changeable_parameters(model: Any, robot: Robot, arms: tuple[str, ...]) -> list[str]:
-    """Return the paths of parameters that a fault can change. model: a `CampaignConfig` class."""
+    """Return the paths of parameters that a fault can change. model: the robot's subclass of
+    `CampaignConfig`, whose pattern `changeable` matches the beginnings of these paths.
+    """
     # A short campaign without faults has all parameters of the robot.
     campaign = {"name": "short", "robot": robot.name, "arms": arms, "duration_s": 0.1}
     config = model.model_validate({"campaign": campaign, "group": [{"name": "fault_free"}]})
@@ -91,16 +91,19 @@ def changeable_parameters(model: Any, robot: Robot, arms: tuple[str, ...]) -> li
 def parameter_channel(
     model: Any, robot: Robot, arms: tuple[str, ...], name: str
 ) -> tuple[Channel, str]:
-    """Return the channel of a parameter for faults, and the reason why no fault can change the
-    parameter; "" if a fault can. model: a `CampaignConfig` class.
+    """Return the fault channel (type, unit, range) of the parameter with the path `name`, and the
+    reason why no fault can change the parameter; "" if a fault can. model: the robot's subclass of
+    `CampaignConfig`.
     """
-    known = changeable_parameters(model, robot, arms)
-    if name not in known:
-        parts = ", ".join(dict.fromkeys(path.partition(".")[0] for path in known))
+    changeable = changeable_parameters(model, robot, arms)
+    if name not in changeable:
+        parts = ", ".join(dict.fromkeys(path.partition(".")[0] for path in changeable))
+        # The caller needs a channel, although it is not used.
         return Channel(name, (), "float", "1"), (
             f"{name} cannot change during a run: expected the whole path of one number that is read"
-            f" in every tick, of {parts}{suggest_name(name, known)}"
+            f" in every tick, of {parts}{suggest_name(name, changeable)}"
         )
+    # A path of one number has one entry.
     row = allowed_values(robot, name)[0]
     limits = Field(row.low, row.high, f"a parameter ({row.meaning})", 32)
     return Channel(name, (), "int32" if row.whole else "float", row.unit, limits), ""
@@ -111,6 +114,7 @@ def _unread(config: "CampaignConfig", path: str) -> str:
     if path in config.without_effect:
         return f"has no effect: {config.without_effect[path]}"
     for rule in allowed_values(config.robot, path):
+        # The robot reads some parameters only if a key of [campaign] has a certain value.
         key, value = rule.read_when or ("", "")
         if key and getattr(config.campaign, key) != value:
             return (
@@ -122,12 +126,13 @@ def _unread(config: "CampaignConfig", path: str) -> str:
 
 def find_invalid_values(config: "CampaignConfig") -> Iterator[Complaint]:
     """Yield (key, message) of each parameter that a fault cannot change, and of each value that is
-    out of range. Paths of values are not checked.
+    out of range. Unknown paths are no mistake here; `find_invalid_paths` finds them.
     """
-    for g, f, name in dict.fromkeys(config.faulty_parameters()):
+    for g, slot, name in dict.fromkeys(config.faulty_parameters()):
         _, reason = config.parameter_channel(name)
-        if reason := reason or _unread(config, name):
-            yield ("group", g, "fault", f, "channel"), reason
+        if message := reason or _unread(config, name):
+            yield ("group", g, "fault", slot, "channel"), message
+    # The key at which the file first has each path.
     first_keys: dict[str, Key] = {}
     added = config.own_ranges
     for key, table in config.parameter_tables():
@@ -137,8 +142,11 @@ def find_invalid_values(config: "CampaignConfig") -> Iterator[Complaint]:
             messages = [reserved_reason(config.robot, path), _unread(config, path)]
             rules = allowed_values(config.robot, path, added)
             messages += [out_of_range(axis, rule) for rule in rules]
-            if key[-1] == "cross" and any(path in table for table in _tables_beside(config, key)):
-                messages.append("the path is in [parameters], too: remove one of the two")
+            if key[-1] == "cross":
+                # The key is ("cross",), which applies to all groups, or ("group", g, "cross").
+                groups = [group for g, group in enumerate(config.group) if key[1:2] in ((), (g,))]
+                if any(path in owner.parameters for owner in (config, *groups)):
+                    messages.append("the path is in [parameters], too: remove one of the two")
             yield from (((*key, path), message) for message in messages if message)
     for path, other in itertools.combinations(first_keys, 2):
         if paths_overlap(config.robot, path, other):
@@ -155,15 +163,6 @@ def find_invalid_paths(config: "CampaignConfig", known: Iterable[str]) -> Iterat
                 yield (*key, path), message
 
 
-def _tables_beside(config: "CampaignConfig", key: Key) -> Iterator[dict[str, Axis]]:
-    # Yields the tables of parameters that apply together with the table `cross` at `key`.
-    yield config.parameters
-    for number, group in enumerate(config.group):
-        # The key is ("cross",), which applies to all groups, or ("group", number, "cross").
-        if key[1:2] in ((), (number,)):
-            yield group.parameters
-
-
 def _find_path_error(config: "CampaignConfig", path: str, axis: Axis, known: list[str]) -> str:
     # Returns an error message if a path is unknown, or if a list looks like a vector; else "".
     # known: all paths that the campaign may vary.
@@ -175,11 +174,11 @@ def _find_path_error(config: "CampaignConfig", path: str, axis: Axis, known: lis
                 f"unknown parameter: this campaign has no {part!r}. Add the section of the file to"
                 " which the parameter belongs"
             )
-        free = [
+        settable = [
             name for name in known if not (reserved_reason(robot, name) or _unread(config, name))
         ]
-        return f"unknown parameter{suggest_name(path, free)}"
-    # Joints or axes of the vector, if the path names a vector.
+        return f"unknown parameter{suggest_name(path, settable)}"
+    # If `path` names a vector: its joints or axes, which are the last words of longer known paths.
     parts = [name.rpartition(".")[2] for name in known if name.rpartition(".")[0] == path]
     parts = [part for part in parts if part in paths.path_words(robot.joints)]
     if axis.kind != "list" or axis.explicit or len(axis.values) != len(parts):
@@ -217,6 +216,6 @@ def paths_overlap(robot: Robot, path: str, other: str) -> bool:
         return [arm, indices, [part for part in parts[-1:] if part in joints_and_axes]]
 
     return shorten_path(robot, path) == shorten_path(robot, other) and all(
-        not mine or not others or mine == others
-        for mine, others in zip(split_path(path), split_path(other), strict=True)
+        not words or not other_words or words == other_words
+        for words, other_words in zip(split_path(path), split_path(other), strict=True)
     )

@@ -71,9 +71,8 @@ class CampaignConfig(Section):
         return self._where.source
 
     def with_files(self, folder: Path) -> "CampaignConfig":
-        """Return a copy with absolute paths of Python files, which are relative to `folder`.
-
-        Raise UserError for a file that cannot be used.
+        """Return a copy with absolute paths of Python files, which are relative to `folder`. Raise
+        UserError for a file that cannot be used.
         """
         located = {}
         for kind in ("detector", "check"):
@@ -111,13 +110,12 @@ class CampaignConfig(Section):
 
     @property
     def robot(self) -> Robot:
-        """The campaign's robot, with the user's checks added.
-
-        Its site `parameter` has the parameters that faults name. While a file is being read, these
-        have no units and no ranges, because the robot's tick, which has them, is slow to import.
+        """The campaign's robot, with the user's checks added. Its site `parameter` has the
+        parameters that faults name. While a file is being read, these have no units and no ranges,
+        because the robot's tick, which has them, is slow to import.
         """
+        # A copy of the campaign has the cached names of the original, but perhaps other groups.
         groups, names = self._cached_names
-        # A copy of the campaign may have other groups.
         if groups is not self.group:
             names = tuple(dict.fromkeys(name for *_, name in self.faulty_parameters()))
             self._cached_names = (self.group, names)
@@ -131,7 +129,10 @@ class CampaignConfig(Section):
         return robot.with_checks(self.own_checks).with_channels(PARAMETER, channels)
 
     def parameter_channel(self, name: str) -> tuple[Channel, str]:
-        """See `bounds.parameter_channel`."""
+        """Return the fault channel (type, unit, range) of the parameter with the path `name`, and
+        the reason why no fault can change the parameter; "" if a fault can.
+        """
+        # This import needs the robot's tick, which is slow to import.
         from ravenjax.campaign.file import bounds
 
         model: Any = type(self)
@@ -139,13 +140,14 @@ class CampaignConfig(Section):
         return bounds.parameter_channel(model, robot, self.campaign.arms, name)
 
     def faulty_parameters(self) -> Iterator[tuple[int, int, str]]:
-        """Yield (group, slot, path) of each fault of a parameter, if faults can change any."""
+        """Yield (index of the group, fault slot, path) of each parameter that a fault names."""
         for g, group in enumerate(self.group):
             if self.changeable and any(fault.site == PARAMETER for fault in group.fault):
+                # `Run()` replaces no key of the group's faults.
                 for run in group.run or (Run(),):
-                    for f, fault in enumerate(group.faults_of(run)):
+                    for slot, fault in enumerate(group.faults_of(run)):
                         if fault.site == PARAMETER and fault.channel:
-                            yield from ((g, f, name) for name in fault.channel.listed)
+                            yield from ((g, slot, name) for name in fault.channel.listed)
 
     @property
     def own_checks(self) -> tuple[Check, ...]:
@@ -173,7 +175,7 @@ class CampaignConfig(Section):
     # --- what a robot may add ---
 
     def lines(self) -> Iterator[tuple[str, str]]:
-        """Yield name and value of settings of the robot and the operator, as texts for a table."""
+        """Yield (name, value) of the settings of robot and operator, as texts for a table."""
         arms = self.campaign.arms
         text = " and ".join(arms)
         # The only arm of a robot from an MJCF file has the name "arm".
@@ -210,7 +212,8 @@ class CampaignConfig(Section):
         return iter(())
 
     def notices(self) -> Iterator[Complaint]:
-        """Yield (key, message) of values without effect in the keys that this robot adds."""
+        """Yield (key, message) of values without effect that only this class knows."""
+        # The groups of the file, before the expansion of hazards.
         for number, group in enumerate(self._where.groups):
             names = group.get("hazards")
             for name in dict.fromkeys(names) if isinstance(names, list) else ():
@@ -246,11 +249,11 @@ class CampaignConfig(Section):
         return fault.wraps
 
     def deciding(self) -> dict[str, Any]:
-        """Return the settings on which all runs depend, for the hash of run ids.
-
-        Defaults are left out, so that a new key does not change the ids of existing campaigns.
+        """Return the settings on which all runs depend, for the hash of run ids. Defaults are left
+        out, so that a new key does not change the ids of existing campaigns.
         """
         ignored = {"name", "description", "seed", "limit", "chunk"}
+        # Outcomes depend only on detectors and checks that act, a detector at its first threshold.
         stops = [
             [part.hash_source(use.part), use.consecutive, thresholds[0]]
             for _, use, thresholds in self.detectors
@@ -262,7 +265,7 @@ class CampaignConfig(Section):
             for c in self.check
             if c.acts != "watch"
         ]
-        own = {"stops": stops, "checks": checks, "harms": [harm.use for harm in self.harm]}
+        added = {"stops": stops, "checks": checks, "harms": [harm.use for harm in self.harm]}
         campaign = self.campaign.model_dump(mode="json", exclude=ignored, exclude_defaults=True)
         # Run ids contain these two settings even if they have their defaults.
         outcomes = {"jump": "code", "cue": 0} | self.outcomes.model_dump(exclude_defaults=True)
@@ -270,7 +273,7 @@ class CampaignConfig(Section):
             "campaign": campaign,
             "cues": self.haptics.cues(),
             "outcomes": outcomes,
-            **{key: parts for key, parts in own.items() if parts},
+            **{key: parts for key, parts in added.items() if parts},
         }
 
     @property
@@ -284,7 +287,7 @@ class CampaignConfig(Section):
         )
 
     def own_parts(self) -> Iterator[tuple[str, OwnSource]]:
-        """Yield (prefix of its parameters, code) of each of the user's files. Raises UserError."""
+        """Yield (prefix of its parameters' paths, code) of each user's file. Raises UserError."""
         for detector in self.detector:
             if (source := detector.source) is not None:
                 yield f"detectors.own.{detector.name}", source

@@ -41,9 +41,9 @@ PATHS = ("parameters", "cross")
 
 
 def flatten_table(table: Any, prefix: str = "") -> Any:
-    """Join the nested keys of a table of parameters into dotted paths.
-
-    Distributions stay tables. prefix: beginning of all paths. Other values are returned unchanged.
+    """Join the nested keys of a table of parameters into dotted paths: {"plant": {"mass": 1}} to
+    {"plant.mass": 1}. Distributions stay tables. prefix: beginning of all paths. A value that is no
+    table is returned unchanged.
     """
     if not isinstance(table, Mapping):
         return table
@@ -93,7 +93,7 @@ def _parse_effects(raw, info: ValidationInfo) -> Axis:
     except ValueError:
         if info.data.get("site") == "network":
             raise
-    # The message proposes only effects that this site supports.
+    # This raises an error that proposes only the effects which sites other than network support.
     plain_effects = [effect for effect in EFFECTS if effect not in NETWORK_EFFECTS]
     return word_axis("effect", plain_effects).parse_axis(raw)
 
@@ -161,7 +161,7 @@ class Fault(Section):
         return 1 if counts_packets else tick_ms
 
     def channels(self, site: Site) -> Axis:
-        """Return the channels of the fault; "" if none is named and the site has several."""
+        """Return the axis of channels; "" if the file names none and the site has several."""
         names = tuple(channel.name for channel in site.channels)
         if self.channel is None:
             return fixed_axis(names[0] if len(names) == 1 else "")
@@ -245,7 +245,7 @@ class Group(Section):
     def faults_of(self, run: Run) -> tuple[Fault, ...]:
         """Return the group's faults, with the keys that one run of design "list" replaces."""
         faults = []
-        # A run may list fewer faults than the group.
+        # A run may list fewer faults than the group; the other faults keep all keys.
         for fault, replaced in itertools.zip_longest(self.fault, run.fault, fillvalue={}):
             keys = {name: getattr(fault, name) for name in Fault.model_fields}
             faults.append(Fault(**{**keys, **replaced}))

@@ -27,10 +27,9 @@ MAX_PRINTED_MISTAKES = 12
 
 
 def find_campaign_file(path: str | Path, folder: str, what: str, listing: str = "") -> Path:
-    """Return the file that `path` names: a path, a file in ./`folder`, or a bundled file.
-
-    The ending `.toml` may be left out. what: kind of file, such as "campaign". listing: command
-    that lists the bundled files; if "", the error lists them. Raise UserError if there is no file.
+    """Return the file that `path` names: a path, a file in ./`folder`, or a bundled file. The
+    ending `.toml` may be left out. what: kind of file, such as "campaign". listing: command that
+    lists the bundled files; if "", the error lists them. Raise UserError if there is no file.
     """
     name = require_path(what, path, f"a {what} file or the name of a bundled {what}")
     # A path such as "." has no last part, so no ending can be added.
@@ -53,9 +52,8 @@ def find_campaign_file(path: str | Path, folder: str, what: str, listing: str = 
 
 
 def require_path(name: str, value: Any, kind: str) -> Path:
-    """Return the value of argument `name` as a path. kind: kind of file, for the message.
-
-    Raise UserError for a value that is no path.
+    """Return the value of argument `name` as a path. kind: kind of file, for the message. Raise
+    UserError for a value that is no path.
     """
     if not isinstance(value, str | os.PathLike) or not str(value):
         raise UserError(f"{name} is {format_value(value)}, expected the path of {kind}")
@@ -82,25 +80,23 @@ def parse_toml(text: str, name: str) -> dict[str, Any]:
 
 
 def format_key(key: Key) -> str:
-    """Return a key as text, such as `group[0].fault[1].site`.
-
-    Dots may also come from a part that contains dots, such as the path of a parameter.
+    """Return a key as text: ("group", 0, "fault", 1, "site") as `group[0].fault[1].site`. Dots may
+    also come from a part that contains dots, such as the path of a parameter.
     """
     text = ""
     for part in key:
         if isinstance(part, int):
             text += f"[{part}]"
-        # Pydantic also names the member of a union, such as list[str].
+        # Pydantic's keys may contain a type, such as list[str], which is no key of the file.
         elif "[" not in part:
             text += f".{part}" if text else part
     return text
 
 
 def key_lines(text: str) -> dict[str, int]:
-    """Return the line number, from 1, of each table header and key of a TOML text.
-
-    Keys have the form of `format_key`. Keys inside inline tables and multi-line strings have no
-    line; use `nearest_line` for these.
+    """Return the line number, from 1, of each table header and key of a TOML text. Keys have the
+    form of `format_key`. Keys inside inline tables and multi-line strings have no line; use
+    `nearest_line` for these.
     """
     numbers = {}
     counts: dict[Key, int] = {}

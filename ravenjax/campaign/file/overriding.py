@@ -41,7 +41,7 @@ def apply_overrides(
         try:
             value = tomllib.loads(f"x = {text}")["x"]
         except (ValueError, RecursionError):
-            # Text without quotes is no TOML.
+            # A text without quotes is no TOML value, but is accepted here.
             value = text.strip()
         raw, key = _replace_value(raw, parts, value, override)
         keys.append(key)
@@ -49,8 +49,8 @@ def apply_overrides(
 
 
 def _replace_value(table, parts: list[str], value, override: str) -> tuple[Any, Key]:
-    # Returns a copy of the table with the value at the path `parts`, and the path with list indices
-    # as numbers. override: the whole text, for messages.
+    # Returns a copy of the table (or list) with `value` at the path `parts`, and this path as a
+    # key, with indices of lists as numbers. override: the whole text, for messages.
     if not parts:
         return value, ()
     head, rest = parts[0], parts[1:]
@@ -60,8 +60,8 @@ def _replace_value(table, parts: list[str], value, override: str) -> tuple[Any, 
         return [*table[:index], entry, *table[index + 1 :]], (index, *key)
     if not isinstance(table, dict):
         raise UserError(f"--set {override}: {format_value(table)} is a value without key {head!r}")
+    # In a table of parameters, a whole path such as "plant.gold.friction" is one key.
     table = table | {name: flatten_table(table[name]) for name in PATHS if name in table}
-    # Paths of parameters contain dots.
     if head in PATHS and rest:
         rest = [".".join(rest)]
     entry, key = _replace_value(table.get(head, {}), rest, value, override)
@@ -69,12 +69,13 @@ def _replace_value(table, parts: list[str], value, override: str) -> tuple[Any, 
 
 
 def _find_entry(table: list[Any], part: str, override: str) -> int:
-    # Returns the index of the entry of a list that `part` names or counts.
+    # Returns the index of an entry of a list. part: the entry's key `name`, or its index from 0.
     names = [entry.get("name") for entry in table if isinstance(entry, dict)]
     if part in names:
         return names.index(part)
     if part.isdecimal() and int(part) < len(table):
         return int(part)
+    # A name that is no text, which the check of the whole file refuses, is not suggested.
     texts = [name for name in names if isinstance(name, str)]
     others = f" or one of the names {', '.join(texts)}" if texts else ""
     hint = suggest_name(part, texts)

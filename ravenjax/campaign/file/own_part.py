@@ -40,10 +40,9 @@ _READ_FILES: dict[tuple[str, Path, str], OwnSource] = {}
 
 
 def own_source(name: str, file: Path, sha256: str | None, what: str) -> OwnSource:
-    """Return the code of a user's file.
-
-    A changed file is read again. what: "check" or "detector". Raise UserError if the file cannot be
-    used, without the user's consent to run it, or if its content does not match `sha256`.
+    """Return the code of a user's file. name: of the check or detector in the campaign. what:
+    "check" or "detector". Files are cached, and a changed file is read again. Raise UserError if
+    the file cannot be used, if the user has not agreed to run it, or if its hash is not `sha256`.
     """
     key = name, file.absolute(), what
     require_utf8(str(key[1]))
@@ -62,8 +61,9 @@ def own_source(name: str, file: Path, sha256: str | None, what: str) -> OwnSourc
 def locate_part(
     table: AnySection, folder: Path, what: str, name: str, key: str = "file", sha256: str = "sha256"
 ) -> AnySection:
-    """Return a table with the absolute path of its file, which is in `folder`, and its hash. what:
-    "check" or "detector". name: its name. key, sha256: keys of the table for the path and the hash.
+    """Return a copy of a table with the absolute path of its Python file in `folder`, and with the
+    hash of the file. what: "check" or "detector". name: of the check or detector. key, sha256: the
+    table's keys for path and hash.
     """
     file: Path | None = getattr(table, key)
     if file is None:

@@ -81,8 +81,8 @@ def parse(model: type[Table], raw: Any) -> tuple[Table | None, list[location.Com
 
 
 def toml_value(value: Any) -> Any:
-    """Convert a value to types of TOML: arrays, tuples, ranges to lists. Omit keys that are None.
-    Values of unknown types are returned unchanged. A later check refuses them.
+    """Convert a value to types of TOML: tables to dicts without the keys that are None; arrays,
+    tuples, ranges to lists. A value of another type is returned; a later check may refuse it.
     """
     if isinstance(value, Section):
         return value.model_dump(mode="json", exclude_unset=True)

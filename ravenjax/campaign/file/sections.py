@@ -139,8 +139,10 @@ class Haptics(Section):
         """Return all haptic sets. The last list varies fastest."""
         lists = list(self._lists().values())
         rows: Any = itertools.product(*lists)
+        # A list of one value is repeated to the length of the other lists.
         if self.combine == "zip":
             rows = np.transpose(np.broadcast_arrays(*lists)).tolist()
+        # Lengths are converted from mm to m.
         return tuple(
             CueSet(threshold / 1e3, kp * 1e3, kd * 1e3, cap) for threshold, kp, kd, cap in rows
         )
@@ -205,10 +207,10 @@ class Detector(Section):
         return self
 
     def uses(self) -> tuple[tuple[str, DetectorUse], ...]:
-        """(name, detector) of each detector that this table declares."""
+        """(name, detector) for each combination of the values of `fusion` and `consecutive`."""
         uses = []
         for fusion, count in itertools.product(self.fusion, self.consecutive):
-            # The name has only the keys that have several values.
+            # A key with several values adds its value to the name, such as "mine/any/2".
             name = self.name
             name += f"/{fusion}" if len(self.fusion) > 1 else ""
             name += f"/{count}" if len(self.consecutive) > 1 else ""

@@ -61,6 +61,7 @@ def find_errors(config: CampaignConfig) -> Iterator[Complaint]:
         ("campaign", "duration_s"): [config.campaign.duration_ms],
         ("campaign", "observe_ms"): [config.campaign.observe_ms],
     }
+    # Times in the expression of a harm, such as 100 in `once[0:100](speed > 50)`.
     for h, own_harm in enumerate(config.harm):
         times_by_key["harm", h, "when"] = map(int, harm.WINDOW_END.findall(own_harm.when))
     for key, times in times_by_key.items():
@@ -71,7 +72,7 @@ def find_errors(config: CampaignConfig) -> Iterator[Complaint]:
 
 
 def _find_broken_ticks(times: Iterable[Any], tick_ms: int) -> Iterator[str]:
-    """Yield a message for each time that is not a whole number of ticks. Words are no times."""
+    """Yield a message for each time, ms, that is no multiple of a tick. Texts are skipped."""
     for ms in times:
         if tick_ms > 1 and isinstance(ms, int | float) and (missing := -ms % tick_ms):
             yield f"got {ms} ms, expected whole ticks of {tick_ms} ms, such as {ms + missing} ms"
@@ -93,6 +94,7 @@ def _find_group_errors(config: CampaignConfig, group: Group) -> Iterator[Complai
             for name, message in errors:
                 yield (*key, "fault", f, name), message
     axes = {**config.parameters, **group.parameters}
+    # A run uses the same position in all lists of kind `together`.
     lengths = {len(axis.values) for axis in axes.values() if axis.kind == "together"}
     if len(lengths) > 1:
         yield ("parameters",), f"together needs lists of one length, got lengths {sorted(lengths)}"
@@ -126,10 +128,11 @@ def _find_fault_errors(
         yield "value", f"effect {effects[0]!r} has no value: remove the key"
     for name in TIMES:
         axis = getattr(fault, name)
-        # Draws of a normal distribution are rounded to ticks.
+        # Draws of a normal distribution are rounded to ticks, so its mean may be any time.
         if axis.kind != "normal":
             unit = fault.unit(name, config.robot.period_ms)
             yield from ((name, message) for message in _find_broken_ticks(axis.values, unit))
+    # 0 is the default, if the key is missing. Effect `lose` also has a period, and accepts 0.
     if "periodic" in effects and 0 in fault.period_ms.values:
         yield "period_ms", "effect 'periodic' needs a period of at least 1 ms"
     if not set(WITH_PERIOD).intersection(effects) and 0 not in fault.period_ms.values:
@@ -180,18 +183,17 @@ def _find_site_errors(
 
 def _find_start_errors(config: CampaignConfig, fault: Fault) -> Iterator[tuple[str, str]]:
     # Yields (key, message) for an unknown phase, and for a start after the end of the run.
-    last, phases = last_start(config, fault), config.robot.phases
+    limit, phases = 1 + last_start(config, fault), config.robot.phases
     for phase in fault.start_ms.phases:
         if phase not in phases:
             yield "start_ms", describe_unknown_name("phase", phase, phases)
     times = [start for start in fault.start_ms.listed if not isinstance(start, Moment)]
-    if max(times, default=0) > last:
-        duration_ms = config.campaign.duration_ms
-        end = f"{duration_ms} ms" if last == duration_ms - 1 else f"{last + 1} packets"
+    if max(times, default=0) >= limit:
+        unit = "packets" if fault.trigger.listed == ("packet",) else "ms"
         yield (
             "start_ms",
-            f"got {max(times)}, expected less than {end}, the length of the run; the fault would"
-            " never act. Write an earlier start_ms, or a longer campaign.duration_s",
+            f"got {max(times)}, expected less than {limit} {unit}, the length of the run; the fault"
+            " would never act. Write an earlier start_ms, or a longer campaign.duration_s",
         )
 
 
@@ -216,12 +218,15 @@ def find_unfit_values(
 def _combinations(axes: tuple[Axis, ...], paired: bool) -> Iterator[tuple[Any, ...]]:
     # Yields the combinations of values of several keys. A distribution is replaced by its ends.
     # paired: combine lists element by element, as in design "zip".
-    lists = [axis for axis in axes if paired and axis.kind == "list"]
-    for row in range(max((len(axis.values) for axis in lists), default=1)):
-        choices = []
-        for axis in axes:
-            value_of_row = (axis.values[row % len(axis.values)],)
-            choices.append(value_of_row if axis in lists else axis.listed or axis.extent)
+    paired_axes = [axis for axis in axes if paired and axis.kind == "list"]
+    for row in range(max((len(axis.values) for axis in paired_axes), default=1)):
+        # A list of one value has this value in every row.
+        choices = [
+            (axis.values[row % len(axis.values)],)
+            if axis in paired_axes
+            else axis.listed or axis.extent
+            for axis in axes
+        ]
         yield from itertools.product(*choices)
 
 
@@ -230,6 +235,7 @@ def _find_value_error(
 ) -> str | None:
     # Returns a message if a channel cannot have `value`, else None. value: a value of `axis`, or an
     # end of its distribution. beyond: permit values beyond 16 bits.
+    # This also refuses NaN.
     if not abs(value) <= LARGEST_FLOAT32:
         limit = f"{LARGEST_FLOAT32:.4g} (single precision)"
         return f"got {format_value(value)}, expected at most {limit}"
@@ -243,6 +249,7 @@ def _find_value_error(
                 f" ({channel.unit}): write whole numbers as limits, such as {math.floor(low)} and"
                 f" {math.ceil(high)}"
             )
+        # Draws are rounded to whole numbers inside the distribution.
         value = math.trunc(value)
     if not rule.low <= value <= rule.high or (rule.whole and not drawn and value % 1):
         return find_illegal_value(site, channel, effect, value, beyond)

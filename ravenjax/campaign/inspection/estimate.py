@@ -64,9 +64,8 @@ class CostEstimate(NamedTuple):
 
 
 def measure_speed() -> float:
-    """Return the current speed of this process with all its threads.
-
-    The unit is one core of the machine that the cost model was fitted on.
+    """Return the current speed of this process with all its threads. The unit is one core of the
+    machine that the cost model was fitted on.
     """
 
     def count_passes(_: int) -> int:
@@ -86,21 +85,23 @@ def estimate_cost(work: CostFactors, engine: str, speed: float) -> CostEstimate:
     """Return the expected cost of `work` on an engine; speed: value of `measure_speed`."""
     ticks = (work.runs + work.golden_runs) * work.ticks
     properties = selection.engine_properties(engine)
+    # A GPU is as fast as this number of cores.
     cores = _MODEL.gpu_cores if properties.needs_gpu else speed
     compute_s = ticks * tick_ns(work) * 1e-9 * properties.slowdown / cores
     # The time series of golden runs are copied for the lanes if runs do not share them. A campaign
     # keeps only some series at a time, with a GPU twice as many.
     copies = 1 if work.shares_series else 2
-    series = copies * work.golden_runs * work.ticks * _MODEL.series_bytes * work.arms / 2**20
-    most = _MODEL.most_series_mib * (2 if properties.needs_gpu else 1)
+    series_mib = copies * work.golden_runs * work.ticks * _MODEL.series_bytes * work.arms / 2**20
+    most_mib = _MODEL.most_series_mib * (2 if properties.needs_gpu else 1)
     # A start uses one core, so several cores (speed above 1) do not shorten it.
     core_speed = min(1.0, speed)
     storing_s = work.runs * _MODEL.ns_run * 1e-9 / speed
-    plan = work.runs * (_MODEL.run_bytes + _MODEL.slot_bytes * work.slots) / 2**20
+    plan_mib = work.runs * (_MODEL.run_bytes + _MODEL.slot_bytes * work.slots) / 2**20
+    memory_mib = _MODEL.base_mib + _MODEL.site_mib * work.sites + plan_mib
     return CostEstimate(
         start_s=(_MODEL.start_s + _MODEL.site_s * work.sites) / core_speed,
         run_s=compute_s + storing_s + _MODEL.branch_s / core_speed,
-        memory_mib=_MODEL.base_mib + _MODEL.site_mib * work.sites + plan + min(series, most),
+        memory_mib=memory_mib + min(series_mib, most_mib),
     )
 
 
@@ -110,13 +111,13 @@ def tick_ns(work: CostFactors) -> float:
     sites_ns, substeps_ns = _MODEL.ns_site * max(0, work.sites - 1), _MODEL.ns_substep
     ns += (sites_ns + substeps_ns * (work.substeps - 1)) * work.arms
     ns += _MODEL.ns_cue * max(0, work.cues - 1) + _MODEL.ns_threshold * work.thresholds
+    # Lanes that share a golden run compute some numbers only once, unless the operator reacts.
     return ns if work.shares_series and not work.reacts else ns * _MODEL.unshared
 
 
 def format_estimate(seconds: float) -> str:
-    """Return an expected time as text: `5 s`, `3 min`, `2.5 h`.
-
-    It has at most two digits, because the estimate is not more precise.
+    """Return an expected time as text: `5 s`, `3 min`, `2.5 h`. It has at most two digits, because
+    the estimate is not more precise.
     """
     if seconds < 90.0:
         return f"{max(1, math.ceil(seconds)):d} s"

@@ -55,6 +55,7 @@ class Explainer(PlannedCampaign):
                 f" result, write --engine simd{suggest_name(engine, engines)}"
             )
         super().__init__(config, engine)
+        # This program also compares each seam with the golden run.
         program = explain_program(self.plan.program, config.robot)
         self._plan = dataclasses.replace(self.plan, program=program)
 
@@ -66,7 +67,6 @@ class Explainer(PlannedCampaign):
         self, rows: Sequence[int] | np.ndarray, on_progress: OnProgress | None = None
     ) -> Explained:
         """Compute these rows of the fault table again, and return their results and seam times.
-
         Raises UserError for no rows, or for more than MOST.
         """
         if not len(rows):
@@ -76,18 +76,18 @@ class Explainer(PlannedCampaign):
                 f"{len(rows)} runs are too many to explain together, expected {MOST} at most: "
                 "select one group with --group, or the worst runs with --worst"
             )
-        some = self._plan.take(np.asarray(rows))
+        plan = self._plan.take(np.asarray(rows))
         # Number only the golden runs of these rows, from 0.
-        golden_runs = np.unique(some.golden, return_inverse=True)[1]
-        some = dataclasses.replace(some, golden=golden_runs.astype(np.int32))
-        progress = Progress(self.engine, some.runs, some.runs, some.program.ticks, on_progress)
-        own, golden = Computation(some, self.backend, progress).tables([range(some.runs)])
-        progress.status.done = some.runs
+        golden_runs = np.unique(plan.golden, return_inverse=True)[1]
+        plan = dataclasses.replace(plan, golden=golden_runs.astype(np.int32))
+        progress = Progress(self.engine, plan.runs, plan.runs, plan.program.ticks, on_progress)
+        computed, golden = Computation(plan, self.backend, progress).tables([range(plan.runs)])
+        progress.status.done = plan.runs
         progress.tell("done")
         # Outcomes that explain_program adds are no columns of the result table.
-        added = [name for name in own if name == HARM or name.startswith(PREFIXES)]
-        observed = {name: own.pop(name) for name in added}
-        results = pd.DataFrame(outcomes.result_columns(self.config, some.rows, own, golden))
+        added = [name for name in computed if name == HARM or name.startswith(PREFIXES)]
+        observed = {name: computed.pop(name) for name in added}
+        results = pd.DataFrame(outcomes.result_columns(self.config, plan.rows, computed, golden))
         index = np.asarray(rows, np.int32)
         ticks = pd.DataFrame({"run_id": results["run_id"], "index": index, **observed})
         return Explained(results, ticks, self.engine)

@@ -102,9 +102,8 @@ def _require(record: Manifest, hours: float):
 
 
 def require_new_motions(config: Nested) -> None:
-    """Raise UserError unless another seed gives a motion that the campaign did not contain.
-
-    config: tables of the campaign file.
+    """Raise UserError unless another seed gives a motion that the campaign did not contain. config:
+    tables of the campaign file.
     """
     if (operator := config.get("operator")) is None:
         robot = config["campaign"]["robot"]
@@ -125,9 +124,8 @@ def require_new_motions(config: Nested) -> None:
 
 
 def fault_free_campaigns(tables: Nested, seconds: int) -> Iterator[tuple[str, Nested]]:
-    """Yield (name, tables) of fault-free campaigns endlessly, each with a new motion.
-
-    tables: tables of the original campaign.
+    """Yield (name, tables) of fault-free campaigns endlessly, each with a new motion. tables:
+    tables of the original campaign.
     """
     # A parameter with a distribution needs several runs, each with another drawn robot.
     has_distribution = any(
@@ -147,9 +145,9 @@ def fault_free_campaigns(tables: Nested, seconds: int) -> Iterator[tuple[str, Ne
 
 
 def fault_free_tables(tables: Nested, runs: int, **settings: Any) -> Nested:
-    """Return the tables of a campaign without its faults, with these settings.
-
-    runs: number of drawn robots; 0: one run for each listed value of a parameter.
+    """Return the tables of a campaign without its faults. A table or key that is None is absent.
+    runs: number of drawn robots; 0: one run for each listed value of a parameter. settings: keys of
+    [campaign] to replace.
     """
     group = {"name": "fault_free"} | ({"design": "random", "runs": runs} if runs else {})
     return {

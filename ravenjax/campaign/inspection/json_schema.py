@@ -37,7 +37,7 @@ def campaign_schema(robot: Robot) -> Schema:
 
 
 def of_model(robot: Robot, model: type[BaseModel]) -> Schema:
-    """Return the JSON Schema of a file that `model` checks, with the robot's names as words."""
+    """Return the JSON Schema of a file that `model` checks, with the words that a robot permits."""
     whole = {"$schema": DIALECT, **model.model_json_schema()}
     tidy_schema(whole)
     definitions = whole.setdefault("$defs", {})
@@ -45,6 +45,7 @@ def of_model(robot: Robot, model: type[BaseModel]) -> Schema:
         fault["site"]["enum"] = list(robot.sites)
         _restrict_words(fault["arm"], robot.arms)
         _restrict_words(fault["start_ms"], robot.phases)
+    # A training scenario has a table [[hazard]] of this class.
     if entry := definitions.get("Entry", {}).get("properties"):
         _restrict_words(entry["hazards"], expansion.hazard_words(robot))
     for table in (whole, *definitions.values()):
@@ -97,24 +98,25 @@ def _paths(robot: Robot) -> Schema:
     words = paths.path_words(robot.joints).union(
         *(path.split(".") for path, _ in bounds.parameter_bounds(robot)), robot.arms
     )
+    # \d+ is an index. The order is fixed, so that the schema is always the same.
     words = {*map(re.escape, words), r"\d+"}
     name = "|".join(sorted(words, key=lambda word: (-len(word), word)))
     return {"pattern": rf"^({name})(\.({name}))*$"}
 
 
 def _parameters(robot: Robot, any_path: Schema) -> Schema:
-    """Return the schema of a table of parameters, whose keys are dotted paths or nested tables.
-
-    The first word of each path must be one of the robot's.
+    """Return the schema of a table of parameters, whose keys are dotted paths or nested tables. The
+    first word of each path must be one of the robot's.
     """
+    # Subtrees by word. "" has descriptions of the parameters whose path ends here.
     tree: Schema = {}
     for path, row in bounds.parameter_bounds(robot):
         if not bounds.reserved_reason(robot, path):
             node = tree
             for word in path.split("."):
                 node = node.setdefault(word, {})
-            of = f" ({', '.join(row.joints)})" if row.joints else ""
-            node.setdefault("", []).append(f"{row.meaning}{of}: {row.range}")
+            of_joints = f" ({', '.join(row.joints)})" if row.joints else ""
+            node.setdefault("", []).append(f"{row.meaning}{of_joints}: {row.range}")
     table = _node(tree, any_path)
     text = "in [parameters]: a file with a population, from which robots are drawn"
     table["properties"][KEY] = {"description": text, "type": "string"}
@@ -156,10 +158,9 @@ _REST: Schema = {"anyOf": [{"$ref": "#/$defs/ParameterValue"}, {"$ref": "#/$defs
 
 
 def _allow_hazards_in_groups(schema_of_file: Schema, names: list[str]):
-    """Let a group name hazards of the library instead of faults, in place.
-
-    Such a group has the key "hazards", and only keys in `expansion.KEYS`. OVERRIDES are keys of
-    faults that it may set for its hazards, and that other groups must not have.
+    """Let a group name hazards of the library instead of faults, in place. Such a group has the key
+    "hazards", and only keys in `expansion.KEYS`. OVERRIDES are keys of faults that it may set for
+    its hazards, and that other groups must not have.
     """
     definitions = schema_of_file["$defs"]
     group, fault = definitions["Group"], definitions["Fault"]["properties"]

@@ -28,9 +28,8 @@ def preview_campaign(
     config: CampaignConfig, folder: Path, engine: str = "auto"
 ) -> tuple[dict[str, Any], pd.DataFrame]:
     """Return a description of a campaign before it runs, as JSON values, and SAMPLE rows of its
-    fault table. folder: the folder that `ravenjax run` would write.
-
-    Raise UserError for everything that `ravenjax run` would refuse.
+    fault table. folder: the folder that `ravenjax run` would write. Raise UserError for everything
+    that `ravenjax run` would refuse.
     """
     from ravenjax.engines import selection
 
@@ -121,11 +120,11 @@ def _own_checks(config: CampaignConfig, plan: Plan) -> Iterator[dict[str, Any]]:
     if not config.check:
         return
     leaves = paths.path_leaves(plan.program.params, plan.program.setup)
-    numbers = {path: f"{float(value):g}" for path, value in leaves if path.startswith("checks.")}
+    texts = {path: f"{float(value):g}" for path, value in leaves if path.startswith("checks.")}
     for path, values in table.varied_parameters(plan.rows).items():
         # NaN means the default in the user's file.
         least, most = f"{np.nanmin(values):g}", f"{np.nanmax(values):g}"
-        numbers[path] = least if least == most else f"{least} to {most}, varied"
+        texts[path] = least if least == most else f"{least} to {most}, varied"
     for check in config.check:
         prefix = f"checks.own.{check.name}."
         yield {
@@ -133,9 +132,9 @@ def _own_checks(config: CampaignConfig, plan: Plan) -> Iterator[dict[str, Any]]:
             "at": check.at,
             "acts": check.acts,
             "does": check.check.does,
-            "threshold": numbers[f"checks.threshold.{check.name}"],
+            "threshold": texts[f"checks.threshold.{check.name}"],
             "consecutive": check.consecutive,
-            "parameters": {p: value for p, value in numbers.items() if p.startswith(prefix)},
+            "parameters": {path: text for path, text in texts.items() if path.startswith(prefix)},
         }
 
 
@@ -143,6 +142,7 @@ def _fault_rows(config: CampaignConfig, rows: pd.DataFrame) -> Iterator[dict[str
     """Yield the number of runs with each combination of fault site and effect, in the robot's order
     of sites. A run with two faults of the same site and effect counts once.
     """
+    # (run, site, effect) of the fault in each slot.
     slots = [
         rows[["index", f"fault{slot}_site", f"fault{slot}_effect"]].set_axis(
             ["index", "site", "effect"], axis=1
@@ -154,7 +154,7 @@ def _fault_rows(config: CampaignConfig, rows: pd.DataFrame) -> Iterator[dict[str
     faults = slots[0] if len(slots) == 1 else pd.concat(slots).drop_duplicates()
     runs = faults.groupby(["site", "effect"], observed=True).size().to_dict()
     for site, declared in config.robot.sites.items():
-        for effect in sorted(effect for where, effect in runs if where == site):
+        for effect in sorted(effect for run_site, effect in runs if run_site == site):
             number = runs[site, effect]
             yield {"site": site, "layer": declared.layer, "effect": effect, "runs": number}
 
@@ -162,9 +162,9 @@ def _fault_rows(config: CampaignConfig, rows: pd.DataFrame) -> Iterator[dict[str
 def _of_folder(
     folder: Path, config: CampaignConfig, engine: str, cost: estimate.CostEstimate, runs: int
 ) -> tuple[estimate.CostEstimate, str, str]:
-    """Return (expected cost, basis of this expectation, description of the folder's content).
-
-    If the folder contains a part of the same campaign, its last speed gives the run time.
+    """Return (expected cost, basis of this expectation, description of the folder's content). If
+    the folder contains a part of the same campaign, its last speed gives the run time, in place of
+    the model's `cost`. runs: number of all runs.
     """
     if not (folder / manifest.FILE).exists():
         return cost, estimate.BASIS, "no result yet"
@@ -176,8 +176,9 @@ def _of_folder(
         f"{record.done} of {record.runs} runs of campaign {record.campaign}; if this campaign is"
         " the same, `ravenjax run` continues it"
     )
-    campaign = config.campaign.name, engine, config.campaign.duration_ms
-    if not record.runs_per_s or campaign != (record.campaign, record.engine, record.duration_ms):
+    # The speed of another campaign, engine or duration is no basis.
+    identity = config.campaign.name, engine, config.campaign.duration_ms
+    if not record.runs_per_s or identity != (record.campaign, record.engine, record.duration_ms):
         return cost, estimate.BASIS, content
     left = max(0, runs - record.done)
     basis = (

@@ -50,9 +50,8 @@ class PlannedCampaign:
 
     @classmethod
     def of_folder(cls, folder: Path, engine: str = "auto") -> Self:
-        """Return the campaign of a result folder; "auto" means the engine that computed it.
-
-        Raises StoreError as `manifest.read_manifest`, and UserError.
+        """Return the campaign of a result folder; "auto" means the engine that computed it. Raises
+        StoreError as `manifest.read_manifest`, and UserError.
         """
         record = manifest.read_manifest(folder)
         config = validate_tables(record.config, folder / manifest.FILE)
@@ -64,10 +63,9 @@ class PlannedCampaign:
 
 
 def original_engine(record: manifest.Manifest, engine: str) -> str:
-    """Replace "auto" by the engine that computed a folder.
-
-    If that engine needs a GPU, "auto" stays, and means the fastest engine of this machine. Its
-    results equal those of the GPU in all bits if the CPU has fused multiply-add instructions.
+    """Replace "auto" by the engine that computed a folder. If that engine needs a GPU, "auto"
+    stays, and means the fastest engine of this machine. Its results equal those of the GPU in all
+    bits if the CPU has fused multiply-add instructions.
     """
     stays = engine != "auto" or selection.engine_properties(record.engine).needs_gpu
     return engine if stays else record.engine
@@ -82,11 +80,12 @@ class Replayer(PlannedCampaign):
         program = self.plan.program
         self._lanes = 1 if selection.engine_properties(self.backend.name).portable else LANES
         self._tracer = self.backend.tracer(program, self._lanes)
+        # A robot need not define the base frames of its arms.
         find_bases = getattr(config.robot.part("campaign"), "bases", lambda _: {})
         self._bases = find_bases(program.setup)
 
     def replay(self, run: Any) -> Replay:
-        """Compute one run again; see `index` for `run`. Raises UserError."""
+        """Compute a run again. run: its id, the id's beginning, or its index. Raises UserError."""
         row, program = self.index(run), self.plan.program
         # The golden run has the run's parameters, but no faults.
         varied, harmless = self.plan.lanes([row], self._lanes, harmless=True)
@@ -98,16 +97,19 @@ class Replayer(PlannedCampaign):
             Block(varied, faults, None, ends=ends),
             self.plan.columns,
         )
-        own, fault_free = (
-            memory_windows.take_rows(one.outcomes, slice(1)) for one in (result, golden)
+        # All lanes compute the same run, so the first lane suffices.
+        computed, fault_free = (
+            memory_windows.take_rows(block.outcomes, slice(1)) for block in (result, golden)
         )
+        # Only a campaign whose runs may end early has the column with the length of a run.
         if program.ends:
-            own[schema.OBSERVED] = self.plan.ends[[row]] * tick_ms
+            computed[schema.OBSERVED] = self.plan.ends[[row]] * tick_ms
+        # [ticks, numbers] of the first lane.
         reference = np.asarray(golden.reference)[:, :, 0]
         series = read_series(self.config.robot, program, signals, reference)
         stored = outcomes.select_golden_outcomes(self.plan.shape, fault_free)
-        own_row = self.plan.rows.iloc[row : row + 1]
-        columns = outcomes.result_columns(self.config, own_row, own, stored)
+        fault_row = self.plan.rows.iloc[row : row + 1]
+        columns = outcomes.result_columns(self.config, fault_row, computed, stored)
         # Series have a value per tick, and are repeated to a value per millisecond.
         return Replay(
             row=pd.DataFrame(columns).iloc[0],
@@ -119,14 +121,14 @@ class Replayer(PlannedCampaign):
 
 
 def find_run(ids: np.ndarray, run: Any) -> int:
-    """Return the index of a run by its id, the beginning of its id, or its index.
-
-    ids: run ids of the fault table. Raises UserError.
+    """Return the index of a run by its id, the beginning of its id, or its index. ids: run ids of
+    the fault table. Raises UserError.
     """
     if isinstance(run, bool) or not isinstance(run, str | numbers.Integral):
         raise UserError(
             f"run {format_value(run)}: expected its index (a whole number) or its run_id (text)"
         )
+    # A text of decimal digits is an index, unless it is as long as a whole id.
     if not isinstance(run, str) or (run.isdecimal() and len(run) < run_id.DIGITS):
         if not 0 <= int(run) < len(ids):
             raise UserError(f"run {run}: expected an index in 0..{len(ids) - 1}")

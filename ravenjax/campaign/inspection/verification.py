@@ -54,8 +54,8 @@ class Rerun(NamedTuple):
     @property
     def differing(self) -> list[ColumnAgreement]:
         """Return the columns that are not equal in every row, those with most differences first."""
-        equal_rows = sorted(self.columns, key=lambda one: one.equal)
-        return [one for one in equal_rows if one.equal < len(self.rows)]
+        sorted_columns = sorted(self.columns, key=lambda column: column.equal)
+        return [column for column in sorted_columns if column.equal < len(self.rows)]
 
 
 class Verification(NamedTuple):
@@ -74,7 +74,6 @@ def verify_folder(
     folder: Path, sample: int = SAMPLE, engine: str = "auto", seed: int = 0
 ) -> Verification:
     """Check a result folder and compute `sample` of its runs again, drawn with `seed`; 0: none.
-
     engine: "auto" means the engine that computed the folder; for a folder from a GPU, the fastest
     engine here. Raise StoreError if there is no result, and UserError for an unavailable engine.
     """
@@ -91,6 +90,7 @@ def verify_folder(
         what = "the manifest's campaign, expanded again"
         return Verification([*checks, FolderCheck("campaign", what, [str(error)])], None)
     checks.append(_check_campaign(folder, record, plan, whole))
+    # Runs can be compared only if the campaign still has the stored runs, in undamaged files.
     if not sample or not checks[-1].fine or not whole:
         return Verification(checks, None)
     stored = np.concatenate([np.asarray(part.rows) for part in whole])
@@ -131,9 +131,9 @@ def _recompute(folder: Path, record: Manifest, plan: Plan, rows: np.ndarray, eng
     new = schema.conform_table(computed, record.shape)
     tables = []
     for part in sorted(record.parts, key=lambda part: part.first):
-        of_part = rows[(rows >= part.first) & (rows <= part.last)]
-        if len(of_part):
-            tables.append(pq.read_table(folder / PARTS / part.file).take(of_part - part.first))
+        in_part = rows[(rows >= part.first) & (rows <= part.last)]
+        if len(in_part):
+            tables.append(pq.read_table(folder / PARTS / part.file).take(in_part - part.first))
     old = pa.concat_tables(tables).unify_dictionaries()
     agreements = [_column(name, old.column(name), new.column(name)) for name in old.column_names]
     verdicts = next(column.equal for column in agreements if column.name == "verdict")
@@ -157,15 +157,16 @@ def _list_changes(record: Manifest, plan: Plan, engine: Engine) -> list[str]:
     ]
 
 
-def _column(name: str, kept: pa.ChunkedArray, new: pa.ChunkedArray) -> ColumnAgreement:
+def _column(name: str, stored: pa.ChunkedArray, new: pa.ChunkedArray) -> ColumnAgreement:
     # Counts equal rows of a column. NaN equals NaN, but 0 does not equal -0.
-    if pa.types.is_dictionary(kept.type) or pa.types.is_string(kept.type):
-        same = np.array(kept.to_pylist(), object) == np.array(new.to_pylist(), object)
+    if pa.types.is_dictionary(stored.type) or pa.types.is_string(stored.type):
+        same = np.array(stored.to_pylist(), object) == np.array(new.to_pylist(), object)
         return ColumnAgreement(name, int(same.sum()), np.nan)
-    one, other = kept.to_numpy(), new.to_numpy()
-    equal = (one == other) & (np.signbit(one) == np.signbit(other))
-    same = equal | ((one != one) & (other != other))
-    difference = np.abs(one[~same].astype(float) - other[~same].astype(float))
+    x, y = stored.to_numpy(), new.to_numpy()
+    equal = (x == y) & (np.signbit(x) == np.signbit(y))
+    # Only NaN differs from itself.
+    same = equal | ((x != x) & (y != y))
+    difference = np.abs(x[~same].astype(float) - y[~same].astype(float))
     largest = float(difference.max()) if len(difference) else 0.0
     return ColumnAgreement(name, int(same.sum()), largest)
 

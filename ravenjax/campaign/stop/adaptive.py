@@ -94,8 +94,9 @@ def stop_rule(config: CampaignConfig) -> Sequential:
     """Return the stop rule of a campaign with a section [stop]. Each group is a stratum."""
     stop = config.stop
     assert stop is not None
+    # Only the rates of groups with faults must be precise.
     strata = tuple(
-        Stratum(group.name, draws.number, bool(group.fault))
+        Stratum(group.name, draws.number, judged=bool(group.fault))
         for group, draws in zip(config.group, group_draws(config), strict=True)
     )
     return Sequential(strata, shares=stop.looks, **stop.model_dump(exclude={"looks"}))
@@ -109,10 +110,9 @@ def count_cases(
     rules: Rules,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the number of draws with each of the events `names` [events, groups], and the number
-    of valid draws [groups]. Only the first taken[group] draws of each group are counted.
-
-    A row is valid if it has an outcome and its fault changed a bit. The first valid row of a draw
-    decides whether its events happened. A draw without a valid row does not count.
+    of valid draws [groups]. Only the first taken[group] draws of each group are counted. A row is
+    valid if it has an outcome and its fault changed a bit. The first valid row of a draw decides
+    whether its events happened. A draw without a valid row does not count.
     """
     table = results.arrow(["index", "activated", *events.event_columns(names, rules)])
     valid_sql = f"{events.VALID_SQL} AND activated"
@@ -124,6 +124,7 @@ def count_cases(
     valid_counts = np.zeros(len(draws), np.int64)
     for number, (group, count) in enumerate(zip(draws, taken.tolist(), strict=True)):
         rows = group.rows_of(count)
+        # bool [1 + events, draws, rows of a draw].
         of_group = happened[:, rows.start : rows.stop].reshape(1 + len(names), count, group.rows)
         valid, cases = of_group[0], of_group[1:]
         # Index of the first valid row of each draw; 0 if no row is valid, and then no event counts.
