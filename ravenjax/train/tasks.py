@@ -68,8 +68,9 @@ class Task:
         """Process one tick. Return its events, of kind target, object, level or task_done."""
         self._events = []
         if not self.done:
-            arms = self._workspace.start_tips
-            tips: Tips = {arm: protocol.tip_in_world(frame, arm) for arm in arms}
+            # `start_tips` has all arms of the session, also those that do not do the task.
+            session_arms = self._workspace.start_tips
+            tips: Tips = {arm: protocol.tip_in_world(frame, arm) for arm in session_arms}
             self._step(frame, tips, tick)
         if self.target != self._published_target:
             self._published_target = self.target
@@ -229,6 +230,7 @@ class PegTask(Task):
             x = workspace.middle[0] + spacing * (k - (per_row - 1) / 2.0)
             y = workspace.middle[1] + spacing * (row - 0.5)
             self.pegs.append((x, y, tissue_height(x, y) + settings.height_mm / 1e3))
+        # The 2 separates these draws from those of another task with the same seeds.
         rng = np.random.default_rng([workspace.seed, settings.seed, 2])
         self.route = [int(rng.integers(settings.pegs))]
         """Numbers of the pegs on which the object is to be, in order. The first is the start."""
@@ -322,6 +324,7 @@ class ReachTask(Task):
 
     def __init__(self, settings: Reach, workspace: Workspace):
         super().__init__(settings, workspace)
+        # The 1 separates these draws from those of another task with the same seeds.
         rng = np.random.default_rng([workspace.seed, settings.seed, 1])
         self.targets: list[tuple[ArmName, Point]] = []
         # Each arm's last target; at first, its start position.
@@ -473,9 +476,7 @@ def make_task(scenario: Scenario, tips: Mapping[ArmName, Point], seed: int) -> T
     """Return the task of a session. tips: start positions, m, in frame 0 of each arm."""
     settings = scenario.task
     arms = settings.arms or scenario.arms
-    start_tips: dict[ArmName, Point] = {}
-    for arm in scenario.arms:
-        start_tips[arm] = protocol.to_world(arm, tips[arm])
+    start_tips: Tips = {arm: protocol.to_world(arm, tips[arm]) for arm in scenario.arms}
     x, y = (sum(start_tips[arm][axis] for arm in arms) / len(arms) for axis in (0, 1))
     workspace = Workspace(tuple(arms), start_tips, (x, y), seed)
     kinds = {"reach": ReachTask, "peg_transfer": PegTask, "path": PathTask, "levels": LevelsTask}

@@ -244,8 +244,8 @@ class Hub:
         on_page: Callable[[Client, Command], None],
         on_input: Callable[[], None],
     ):
-        """place: of `describe_field`. on_page: called with each message of type "page". on_input:
-        called when the operator's input changes.
+        """place: positions of arms and tissue, by `scene.describe_field`. on_page: called with each
+        message of type "page". on_input: called when the operator's input changes.
         """
         header, blinded = options.header, bool(options.header.get("blinded"))
         self._header, self._place, self._commands = header, place, commands

@@ -98,11 +98,8 @@ def run_loop(
             commands = [command for console in consoles for command in console.poll()]
             if not session.over and stopped():
                 commands.append({"type": "instructor", "do": "end", "by": "terminal"})
-            frame.row[timing] = (
-                loop_clock.compute_us,
-                loop_clock.lateness_us,
-                loop_clock.timing.late,
-            )
+            late_ticks = loop_clock.timing.late
+            frame.row[timing] = loop_clock.compute_us, loop_clock.lateness_us, late_ticks
             session.move(commands)
             if rings:
                 rings[0].put(row)
@@ -112,8 +109,9 @@ def run_loop(
             session_events = session.conclude()
             if warmer:
                 warmer.set_commands(commands)
-            if loop_clock.timing.late > reported_late_ticks and session.ticks % 100 == 0:
-                reported_late_ticks = loop_clock.timing.late
+            late_ticks = loop_clock.timing.late
+            if late_ticks > reported_late_ticks and session.ticks % 100 == 0:
+                reported_late_ticks = late_ticks
                 event = {"kind": "overrun", "late_ticks": reported_late_ticks}
                 session_events.append({"tick": session.ticks, **event})
             ticks += 1

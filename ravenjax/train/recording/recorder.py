@@ -59,7 +59,9 @@ class RowWriter:
 
 @contextlib.contextmanager
 def open_recording(folder: Path, names: Sequence[str], header: Json) -> Iterator[RowWriter]:
-    """Yield a recording's writer; write session.json before and after. See `record_session`."""
+    """Yield a recording's writer; write session.json before and after. names, header: as in
+    `record_session`, the names of a row's numbers and the content of session.json.
+    """
     header = {"started": utc_now(), **header, "ended": None}
     description.write_session(folder, header)
     writer = RowWriter(folder, names, header)

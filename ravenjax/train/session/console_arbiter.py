@@ -142,6 +142,7 @@ class ConsoleArbiter:
                 self._hand_over(console, "pedal", tick)
             self.pedal_down = counts
         self._message_ticks[console], self._pedals_down[console] = tick, pedal
+        # The hands are in range again.
         if self._refusals.get(console) == REASONS["out_of_range"]:
             del self._refusals[console]
         if not pedal:
@@ -215,7 +216,7 @@ class ConsoleArbiter:
         return True
 
     def require_lifts(self, cause: str) -> None:
-        """Require that every pedal is lifted before it counts again."""
+        """Require that every pedal is lifted before it counts again. cause: shown to the user."""
         if self._ready:
             self._record("rearm", why=cause)
         self._ready.clear()

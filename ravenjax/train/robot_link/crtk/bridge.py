@@ -101,7 +101,7 @@ class CrtkConsole:
 def spawn_bridge(
     stack: contextlib.ExitStack, ros: messages.Ros, blueprint: Blueprint, say: Say, elsewhere: bool
 ) -> CrtkConsole:
-    """Start the process for the robot of a blueprint, and wait until it exchanges messages.
+    """Start the CRTK process for a blueprint's robot, and wait until it exchanges messages.
     elsewhere: another process has the robot, so contact is unknown. Raises UserError without ROS.
     """
     console = CrtkConsole(blueprint.layout, ros, say)
@@ -129,6 +129,7 @@ def newest_row(rows: Ring, frame: Frame) -> RobotRow | None:
     first, newest = rows.read(rows.written - 1)
     if not len(newest):
         return None
+    # A row of the ring is a frame, then the clocks.
     frame.row[:], *clocks = newest[-1].view(_row_type(frame.layout))[0]
     frame.copy_numbers()
     stamp_ns, clock_ns, last_command = map(int, clocks)
