@@ -225,6 +225,7 @@ class PegTask(Task):
     def __init__(self, settings: PegTransfer, workspace: Workspace):
         super().__init__(settings, workspace)
         spacing, per_row = settings.spacing_mm / 1e3, settings.pegs // 2
+        # Tops of the pegs, in two rows that are centred on the middle.
         self.pegs: list[Point] = []
         for row, k in itertools.product(range(2), range(per_row)):
             x = workspace.middle[0] + spacing * (k - (per_row - 1) / 2.0)
@@ -256,19 +257,18 @@ class PegTask(Task):
             opens = was_closed and opening > OPEN_RAD
             if closes or opens:
                 self._closed[arm] = closes
+            is_near = math.dist(tips[arm], self.object) <= self._tolerance_m
             if arm == self.held:
                 self.object = tips[arm]
                 if opens:
                     self._release()
-            elif closes and self.held is None:
-                if math.dist(tips[arm], self.object) > self._tolerance_m:
-                    continue
+            elif closes and is_near and self.held is None:
                 self.held = arm
                 self.target = self.route[self.placed + 1]
                 self._record_object()
 
     def _release(self):
-        # Places an object that is within the tolerance of its peg, and drops another object.
+        # Places the object if it is within the tolerance of its peg. Otherwise it drops.
         x, y, z = self.object
         self.held, peg = None, self.pegs[self.route[self.placed + 1]]
         self.target = self._object_number

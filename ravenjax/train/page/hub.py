@@ -282,11 +282,10 @@ class Hub:
         self.clients.append(client)
         sender = asyncio.create_task(client.send(lambda: self._visibility[client.role]))
         try:
-            async for message in connection:
-                self._receive(client, message)
-        except ConnectionClosed:
-            # The window has closed. `_remove` releases its pedal.
-            pass
+            # When the window closes, `_remove` releases its pedal.
+            with contextlib.suppress(ConnectionClosed):
+                async for message in connection:
+                    self._receive(client, message)
         finally:
             sender.cancel()
             with contextlib.suppress(asyncio.CancelledError, ConnectionClosed):

@@ -82,7 +82,7 @@ class Clock:
         if now < due - LEAD_NS:
             time.sleep((due - LEAD_NS - now) * 1e-9)
             now = time.monotonic_ns()
-        # If less than half of its time is left, the tick would be late.
+        # With less than half of the warm-up's time left, the tick would be late.
         if warm_up is not None and now < due - WARM_UP_NS // 2:
             while now < due - WARM_UP_NS:
                 now = time.monotonic_ns()

@@ -105,7 +105,7 @@ class DistantRobot:
         return self.remote.report is not None and not self.remote.stale
 
     def arm(self, row: int) -> None:
-        """Order the robot's process to arm the hazard of this row of the fault table."""
+        """Restart the monitor, and order the robot to arm the hazard in this row of faults."""
         self._stepper.change(
             lambda state: replace(state, monitor=monitor.restart_monitor(state.monitor))
         )

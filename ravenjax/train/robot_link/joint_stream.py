@@ -76,7 +76,7 @@ class JointReport(BaseModel):
 
 
 def encode_report(frame: Frame, tick: int, last_seq: int, checks: TrippedChecks) -> bytes:
-    """Return a report as a line. The arguments are those of `JointReport`."""
+    """Return a report as a line. last_seq: number of the last packet that the robot accepted."""
     numbers, places = frame.row.tolist(), frame.layout.places
     names = (*_ROBOT_SIZES, *(f"{arm}/{name}" for arm in frame.layout.arms for name in ARM_SIZES))
     channels = {name: numbers[places[name]] for name in names}
@@ -101,7 +101,7 @@ class LineConnection:
         self._outgoing, self._incoming = bytearray(), b""
 
     def send(self, line: bytes = b"") -> bool:
-        """Buffer a line, and send what the kernel accepts. Returns False if the buffer is full."""
+        """Buffer a line, if any, and send what the kernel accepts. Return whether the line fits."""
         fits = len(self._outgoing) + len(line) <= BUFFER_BYTES
         if fits:
             self._outgoing += line

@@ -310,6 +310,7 @@ def _armable(entries: dict[str, Entry], number: int, row: _Row) -> Armable:
     else:
         faults = pd.DataFrame(slots)
         ends = faults.start_ms + faults.duration_ms
+        # A duration of -1 lasts until the end, and a recurring fault never ends.
         is_endless = (faults.duration_ms < 0) | (faults.every_ms > 0)
         # The hazard must last until the time for the response is up.
         shortest_ms = round(entry.within_s * 1000.0) + SETTLE_MS

@@ -208,6 +208,7 @@ class ConsoleArbiter:
 
     def step(self, tick: int) -> bool:
         """Check the owner once a tick. Return whether it lost the seat because it was silent."""
+        # If pedals alone decide, silence counts as a lifted pedal, so the seat becomes free.
         gone_ms = STALE_MS if self._by_pedals else GONE_MS
         if self.owner == NOBODY or tick - self._message_ticks.get(self.owner, tick) <= gone_ms:
             return False

@@ -43,6 +43,7 @@ class Hands:
     def __init__(self, arms: Arms, scale: float, speeds: Speeds):
         """scale: tip motion per hand motion. speeds: of the tips at full deflection."""
         self.arms = arms
+        # The robot's tick multiplies by the scale in single precision.
         self._scale = float(np.float32(scale))
         self._hands = {arm: _Hand(arm, speeds) for arm in self.arms}
         # The hands in this tick, ordered as a row of `Motion.table`; the pedal is last.
@@ -126,7 +127,7 @@ class _Hand:
             self._speeds, self._accelerations = [0.0] * 7, [0.0] * 7
 
     def step(self) -> None:
-        # Changes the speeds smoothly to the wanted speeds, and moves the hand.
+        # Changes the speeds (move 3, turn 3, grasp) smoothly to the wanted ones. Moves the hand.
         if not self._moving:
             return
         v, acceleration = self._speeds, self._accelerations

@@ -111,8 +111,8 @@ class Follower:
         """
         if self._restart_tick < 0:
             self._restart_tick = tick + REST_MS
-        stop_tick = self._restart_tick - REST_MS
-        has_noticed = tick - stop_tick >= SIGHT_DELAY_MS
+        # The robot stopped `REST_MS` before `_restart_tick`.
+        has_noticed = tick - (self._restart_tick - REST_MS) >= SIGHT_DELAY_MS
         commands = []
         if tick % INPUT_EVERY_MS == 0:
             hands = {"type": "input", "source": "script", "pedal": not has_noticed, "arms": {}}

@@ -218,7 +218,8 @@ class SimulatedRobot:
         # Channels of the golden run in the robot's output, and in that of the golden run.
         self._shown_golden, self._computed_golden = self._outputs[:, first.start : last.stop]
         self.next_tick = 0
-        # The golden run's signals follow the frame in its output, and enter the robot's tick.
+        # The golden run's signals follow the frame in its output. Inputs of the robot's tick are
+        # these signals, then `_golden_differs`, then the packet.
         self._golden_output = self._outputs[1, blueprint.layout.simulated :]
         series = self._golden_output.size
         self._golden_input = self._robot.step_inputs[:series]

@@ -69,11 +69,8 @@ class CrtkConsole:
     def poll(self) -> list[Command]:
         """Return the commands of CRTK's consoles; none once the CRTK process has ended."""
         self._polls += 1
-        if (
-            self._polls % _POLLS_PER_CHECK == 0
-            and self.process_connection
-            and self.process_connection.poll()
-        ):
+        is_check_due = self._polls % _POLLS_PER_CHECK == 0
+        if is_check_due and self.process_connection and self.process_connection.poll():
             try:
                 reason = self.process_connection.recv()
             except (EOFError, OSError):

@@ -27,8 +27,8 @@ class RosRobot(RobotLink):
     def __init__(
         self, host: str, itp_port: int, arms: Arms, tools: tuple[str, ...], transport: Any, say: Say
     ):
-        """tools: one for each arm. transport: for the topics of `topics`. say: prints a message if
-        ROS fails. Raises UserError if the host has no address.
+        """tools: one for each arm. transport: exchanges messages on `topics`. say: prints a message
+        if ROS fails. Raises UserError if the host has no address.
         """
         super().__init__(host, itp_port)
         self._transport, self._say = transport, say
