@@ -185,6 +185,7 @@ def from_recording(recording: "Recording", header: Json) -> list[HazardRow]:
                 rows.append({**event["row"]})
             case "hazard_struck" if rows:
                 rows[-1]["struck_ms"] = event["tick"]
+            # All columns, once the hazard is over.
             case "hazard_row" if rows:
                 rows[-1] |= event["row"]
     empty: Json = dict.fromkeys(COLUMNS) | session_columns(header)

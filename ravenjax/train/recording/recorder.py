@@ -46,6 +46,7 @@ class RowWriter:
         """
         left_ms, pedal = rows[:, self._columns].T
         indices = np.arange(len(rows))
+        # The time left is the whole duration until the first pedal-down.
         has_begun = (left_ms < self._duration_ms) | (pedal > 0)
         written = indices[has_begun | ((first + indices) % WAITING_MS == 0)]
         # The log takes runs of successive rows. The last run, which may be empty, takes the events.

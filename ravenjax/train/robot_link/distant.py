@@ -106,9 +106,8 @@ class DistantRobot:
 
     def arm(self, row: int) -> None:
         """Restart the monitor, and order the robot to arm the hazard in this row of faults."""
-        self._stepper.change(
-            lambda state: replace(state, monitor=monitor.restart_monitor(state.monitor))
-        )
+        restart = monitor.restart_monitor
+        self._stepper.change(lambda state: replace(state, monitor=restart(state.monitor)))
         self.remote.order({"order": "arm", "number": row})
 
     def disarm(self) -> None:

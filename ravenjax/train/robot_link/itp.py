@@ -164,10 +164,9 @@ class Gate:
             return
         self._misfits_reported = True
         tried = f"profile {profile.name}" if profile else "any profile"
-        advice = "No bundled profile fits them: write a profile, and start again with --console"
-        advice += " FILE.toml"
-        if fitting:
-            advice = f"They fit {fitting}: start again with --console {fitting}"
+        advice = f"They fit {fitting}: start again with --console {fitting}"
+        if not fitting:
+            advice = "No bundled profile fits them: write one, and start with --console FILE.toml"
         # `received` does not count the present packet yet.
         self._say(
             f"console: {self._misfit_count} of {self.received + 1} packets do not fit {tried}, the"
@@ -429,8 +428,8 @@ def force_at_hand(
     frame: Frame, arm: ArmName, units_per_n: float, cap: float, cue: bool
 ) -> tuple[float, float, float]:
     """Return the force at the operator's hand in device units, frame 0. The sum of cue and contact
-    force is limited to `cap`, or to the cue alone if the cue is larger. cue: whether the operator
-    feels the cue. The operator always feels the contact.
+    force is limited to `cap`, or to the cue alone if the cue is larger. units_per_n: device units
+    per N of contact, which the operator always feels. cue: whether the operator feels the cue.
     """
     cue_force = frame[f"{arm}/force"].tolist() if cue else [0.0] * 3
     contact_n = frame[f"{arm}/contact"].tolist()

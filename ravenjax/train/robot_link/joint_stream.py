@@ -48,7 +48,7 @@ class JointReport(BaseModel):
     @field_validator("channels")
     @classmethod
     def _require_sizes(cls, channels: dict[str, list[float]]) -> dict[str, list[float]]:
-        # Refuses channels of another size, and a run level that is missing or unknown.
+        # Refuses unknown channels, wrong sizes, and a run level that is missing or unknown.
         for name, numbers in channels.items():
             size = _SIZES.get(name.rpartition("/")[2])
             if len(numbers) != size:

@@ -206,6 +206,7 @@ class OperatingState:
             return "FAULT"
         if self._stopped:
             return "DISABLED" if self._disabled else "FAULT"
+        # A robot that homes or that another console drives is enabled, but not by CRTK.
         if self.runlevel == INIT or self.other_drives:
             return "ENABLED"
         if self._disabled:
