@@ -167,8 +167,8 @@ class Episode:
     def __init__(
         self, hazard: Armable, harm: Harm, tick: int, cue_on: bool, record: Callable[..., None]
     ):
-        """tick: when the hazard is armed. cue_on: whether the operator feels the cue.
-        record: as in `Judge`; its events get the number of this hazard.
+        """tick: when the hazard is armed. cue_on: whether the operator feels the cue. record: gets
+        kind and content of each event, to which the number of this hazard is added.
         """
         self.hazard, self.harm = hazard, harm
         self.record = functools.partial(record, number=hazard.number)
@@ -330,8 +330,8 @@ class Episode:
         return "missed"
 
     def score(self) -> float | None:
-        """Return the score, 0 to 100, or None if the hazard is unaffected or interrupted. The
-        module's docstring defines the two parts: 50 points for the response, 50 for safety.
+        """Return the score, 0 to 100, or None if the hazard is unaffected or interrupted: up to 50
+        points for a prompt right response, and up to 50 for the distance to harm that is left.
         """
         if self.outcome() in ("unaffected", "interrupted"):
             return None
@@ -450,7 +450,7 @@ class Trips:
     ) -> list[Trip]:
         """Return a `Trip` for each check that tripped since the last reading, the earliest first.
         tick, robot_tick: ms of session and robot. outcomes, golden: `check_*` columns of robot and
-        golden run so far. Without a golden run every trip exceeds it.
+        golden run since the robot's last restart. Without a golden run every trip exceeds it.
         """
         trips = []
         for name in checks.check_names(outcomes):
@@ -470,6 +470,7 @@ class Trips:
                     ms=ms,
                     exceeds_golden=count > golden_count,
                     is_after_pause=ms - self._last_tick.get(name, -math.inf) > QUIET_MS,
+                    # The robot counts from 0 after each restart, the session does not.
                     count=self._earlier_counts[name] + count,
                 )
             )
@@ -511,6 +512,7 @@ class SlowdownDetector:
         """Compare later speeds with the usual speed before the hazard that becomes active now."""
         can_slow_down = self.usual_mm_s > MOVING_MM_S
         self._limit_mm_s = SLOW_SHARE * self.usual_mm_s if can_slow_down else 0.0
+        # Hands that are slow already count only after they were faster again.
         self.slow_ms = -math.inf if self.present_mm_s < self._limit_mm_s else 0
 
     def skip_step(self) -> None:
@@ -633,7 +635,9 @@ class Judge:
     def step(
         self, tick: int, frame: Frame, outcomes: Json | None = None, golden: Json | None = None
     ) -> None:
-        """Judge one tick. outcomes (None: checks are not read), golden: see `read_checks`."""
+        """Judge one tick. outcomes, golden: outcome columns of robot and golden run so far, whose
+        trips of checks are read; None: they are not read in this tick.
+        """
         if not self._arms:
             self._arms = tuple(_Arm(frame, name) for name in frame.layout.arms)
         row = frame.numbers
@@ -662,13 +666,14 @@ class Judge:
                 self._respond(tick, "release")
             slow_ms = self._slowdown.slow_ms
             if pedal_down and self._live and slow_ms > SLOW_FOR_MS:
+                # The response is dated to the beginning of the slow-down.
                 self._respond(tick + 1 - int(slow_ms), "slow")
         self._pedal_down = pedal_down
         self._operator_left = self._operator_left and not pedal_down
 
     def rows(self, **identity: Any) -> list[Json]:
-        """Return a row for each hazard, with its number in session.json and times in ticks; see
-        `reader.number_hazards`. identity: `reader.session_columns`.
+        """Return a row for each hazard, with its number in the session's list and times in ticks;
+        hazards.csv has others. identity: columns that all rows share.
         """
         episodes = (*self._ended_episodes, self._episode)
         rows = [identity | episode.row() for episode in episodes if episode]
@@ -700,6 +705,7 @@ class Judge:
         for trip in self._trips.new_trips(tick, self._robot_tick, outcomes, golden):
             check, ms, is_first = trip.check, trip.ms, False
             if episode is not None and trip.exceeds_golden:
+                # `ms` is of the first of several trips, which may precede the activation.
                 ms = max(ms, episode.struck_ms or 0)
                 is_first = episode.record_trip(ms, check)
             if check.response in verdict.TOLD:

@@ -31,15 +31,10 @@ from ravenjax.train.judge import COLUMNS
 from ravenjax.train.protocol import Command, Json, Say
 from ravenjax.train.realtime import clock, loop
 from ravenjax.train.robot import UDP_PORT, scene
+from ravenjax.train.robot_link import process as robot_process
 from ravenjax.train.robot_link.crtk.messages import Ros
 from ravenjax.train.robot_link.distant import DistantRobot
 from ravenjax.train.robot_link.joint_stream import JOINT_PORT, RemoteRobot
-from ravenjax.train.robot_link.process import (
-    ConsoleOptions,
-    format_counts,
-    hash_hazards,
-    open_consoles,
-)
 from ravenjax.train.scenario import Scenario
 from ravenjax.train.session import scripts
 from ravenjax.train.session.advance import Session
@@ -52,7 +47,7 @@ COMMANDS = "commands.jsonl"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class SessionOptions(ConsoleOptions):
+class SessionOptions(robot_process.ConsoleOptions):
     """The options with which a session starts."""
 
     scenario: Scenario
@@ -148,9 +143,11 @@ def run_realtime(
             helpers.page.receive_answer()
             browser = loop.PageCommands(commands, drives=options.script is None)
         elsewhere = options.robot is not None
-        consoles, itp = open_consoles(stack, options, session, session.blueprint, say, elsewhere)
+        consoles, itp = robot_process.open_consoles(
+            stack, options, session, session.blueprint, say, elsewhere
+        )
         if itp is not None:
-            stack.callback(lambda: say(f"console: {format_counts(itp.counters())}"))
+            stack.callback(lambda: say(f"console: {robot_process.format_counts(itp.counters())}"))
         consoles = [*filter(None, (browser, *consoles, script))]
         say("recorder: opening its file")
         helpers.recorder.receive_answer()
@@ -328,7 +325,7 @@ def _connect(
     remote = RemoteRobot(host, itp_port, stream, arms, options.token)
     stack.callback(remote.close)
     greeting = remote.greeting
-    if hash_hazards(armables) != greeting.get("hazards"):
+    if robot_process.hash_hazards(armables) != greeting.get("hazards"):
         raise UserError(
             f"the robot at {host} (scenario {greeting.get('scenario')!r}, seed"
             f" {greeting.get('seed')}) has other hazards than this session"

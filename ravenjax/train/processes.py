@@ -83,7 +83,7 @@ class SessionHelpers:
         self.recorder = Helper(stack, recording.run_when_told)
 
     def show_progress(self, step: str, say: Callable[[str], None]) -> None:
-        """Show in the terminal and on the page which step of the start goes on."""
+        """Show in the terminal and on the page which step of the start is under way."""
         say(step)
         if self.page is not None:
             self.page.send(step)
@@ -98,7 +98,7 @@ def spawn_process(
     # As python -P: the process does not import a file such as tempfile.py in the current folder.
     os.environ["PYTHONSAFEPATH"] = "1"
     process = multiprocessing.get_context("spawn").Process(target=target, args=given, daemon=True)
-    # Otherwise the process also imports the file of the running command.
+    # Without `__file__`, the process does not import the file of the running command, too.
     command = vars(sys.modules["__main__"])
     file = command.pop("__file__", None)
     # SIGINT is blocked while the process starts, so that the child never has it unblocked. The

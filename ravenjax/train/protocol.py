@@ -50,7 +50,7 @@ VIEW: Rows = _SHARED["operator_axes"]
 """Axes of the operator's view (right, up, toward) in the world: z up, gold arm at negative x."""
 encode = json.JSONEncoder(separators=(",", ":")).encode
 """Returns a command or an event as JSON text."""
-# The limit of 1e9 is_kept whole numbers exact and squares finite.
+# Up to this limit, whole numbers are exact and squares are finite.
 Number = Annotated[float, Field(ge=-1e9, le=1e9, allow_inf_nan=False)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 TISSUE = {"top": scene.TISSUE_TOP, "sag": scene.TISSUE_SAG, "half": scene.TISSUE_HALF}

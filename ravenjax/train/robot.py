@@ -54,6 +54,7 @@ def tip_twist(arm: ArmName, jpos: np.ndarray, jvel: np.ndarray) -> tuple[np.ndar
     """Return velocity, m/s, and angular velocity, rad/s, of the jaws in frame 0."""
     with run_eagerly():
         jacobian = np.array(kinematics.tip_jacobian(arm, Vec(map(float, jpos))), float)
+    # The jaws' angles have opposite signs, so their middle turns at half the difference of rates.
     twist = jacobian @ (*jvel[:5], 0.5 * (jvel[6] - jvel[5]))
     return twist[:3], twist[3:]
 

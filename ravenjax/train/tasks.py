@@ -68,8 +68,9 @@ class Task:
         """Process one tick. Return its events, of kind target, object, level or task_done."""
         self._events = []
         if not self.done:
-            arms = self._workspace.start_tips
-            tips: Tips = {arm: protocol.tip_in_world(frame, arm) for arm in arms}
+            # `start_tips` has all arms of the session, also those that do not do the task.
+            session_arms = self._workspace.start_tips
+            tips: Tips = {arm: protocol.tip_in_world(frame, arm) for arm in session_arms}
             self._step(frame, tips, tick)
         if self.target != self._published_target:
             self._published_target = self.target
@@ -224,11 +225,13 @@ class PegTask(Task):
     def __init__(self, settings: PegTransfer, workspace: Workspace):
         super().__init__(settings, workspace)
         spacing, per_row = settings.spacing_mm / 1e3, settings.pegs // 2
+        # Tops of the pegs, in two rows that are centred on the middle.
         self.pegs: list[Point] = []
         for row, k in itertools.product(range(2), range(per_row)):
             x = workspace.middle[0] + spacing * (k - (per_row - 1) / 2.0)
             y = workspace.middle[1] + spacing * (row - 0.5)
             self.pegs.append((x, y, tissue_height(x, y) + settings.height_mm / 1e3))
+        # The 2 separates these draws from those of another task with the same seeds.
         rng = np.random.default_rng([workspace.seed, settings.seed, 2])
         self.route = [int(rng.integers(settings.pegs))]
         """Numbers of the pegs on which the object is to be, in order. The first is the start."""
@@ -254,19 +257,18 @@ class PegTask(Task):
             opens = was_closed and opening > OPEN_RAD
             if closes or opens:
                 self._closed[arm] = closes
+            is_near = math.dist(tips[arm], self.object) <= self._tolerance_m
             if arm == self.held:
                 self.object = tips[arm]
                 if opens:
                     self._release()
-            elif closes and self.held is None:
-                if math.dist(tips[arm], self.object) > self._tolerance_m:
-                    continue
+            elif closes and is_near and self.held is None:
                 self.held = arm
                 self.target = self.route[self.placed + 1]
                 self._record_object()
 
     def _release(self):
-        # Places an object that is within the tolerance of its peg, and drops another object.
+        # Places the object if it is within the tolerance of its peg. Otherwise it drops.
         x, y, z = self.object
         self.held, peg = None, self.pegs[self.route[self.placed + 1]]
         self.target = self._object_number
@@ -322,6 +324,7 @@ class ReachTask(Task):
 
     def __init__(self, settings: Reach, workspace: Workspace):
         super().__init__(settings, workspace)
+        # The 1 separates these draws from those of another task with the same seeds.
         rng = np.random.default_rng([workspace.seed, settings.seed, 1])
         self.targets: list[tuple[ArmName, Point]] = []
         # Each arm's last target; at first, its start position.
@@ -473,9 +476,7 @@ def make_task(scenario: Scenario, tips: Mapping[ArmName, Point], seed: int) -> T
     """Return the task of a session. tips: start positions, m, in frame 0 of each arm."""
     settings = scenario.task
     arms = settings.arms or scenario.arms
-    start_tips: dict[ArmName, Point] = {}
-    for arm in scenario.arms:
-        start_tips[arm] = protocol.to_world(arm, tips[arm])
+    start_tips: Tips = {arm: protocol.to_world(arm, tips[arm]) for arm in scenario.arms}
     x, y = (sum(start_tips[arm][axis] for arm in arms) / len(arms) for axis in (0, 1))
     workspace = Workspace(tuple(arms), start_tips, (x, y), seed)
     kinds = {"reach": ReachTask, "peg_transfer": PegTask, "path": PathTask, "levels": LevelsTask}

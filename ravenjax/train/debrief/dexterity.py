@@ -29,7 +29,7 @@ def measure_dexterity(course: Recording) -> Json:
     measure: "both" and "correlation" (of the tips' speeds) with one arm, "economy" without targets.
     """
     driven = (course["pedal"] > 0) & (course["phase"] == RUNNING) & (course["view"] == REAL)
-    # A stretch begins and ends where `driven` changes, and where rows of a recording are missing.
+    # A stretch is a range of rows with driving. Rows are 1 ms apart unless some are missing.
     has_gap = np.diff(course.ms) > 1.5
     cuts = np.flatnonzero(np.diff(driven) | has_gap) + 1
     edges = [0, *cuts.tolist(), len(driven)]
@@ -111,7 +111,8 @@ def read_attempts(folder: Path) -> list[Json]:
 
 
 def _movements(course: Recording, tip: np.ndarray, stretches: Sequence[tuple[int, int]]) -> Json:
-    # Measures each movement of a tip. Returns the economy over all, the number, and the medians.
+    # Measures each movement of a tip: within one of `stretches` (ranges of rows with driving), and
+    # between two changes of target. Returns the economy over all, the number, and the medians.
     target = course["target"]
     paths_to_targets, arc_lengths, jerks = [], [], []
     for first, last in stretches:
@@ -125,7 +126,7 @@ def _movements(course: Recording, tip: np.ndarray, stretches: Sequence[tuple[int
                 continue
             arc_lengths.append(motion.spectral_arc_length(profile))
             jerks.append(motion.log_dimensionless_jerk(profile))
-            # A straight line is the best path only to a target.
+            # A straight line is the best path only to a target. -1: there is no target.
             if target[a] >= 0:
                 paths_to_targets.append(path)
     measures: Json = {"economy": motion.path_economy(paths_to_targets), "movements": len(jerks)}

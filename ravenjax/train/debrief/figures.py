@@ -39,21 +39,23 @@ UNITS_PER_M = 10_000  # Units of the replay's positions in a metre
 def hazard_charts(
     course: Recording, row: HazardRow, limits: Mapping[str, float], blinded: bool
 ) -> list[Chart]:
-    """Return the charts of one hazard over ms after its start; [] if it was not recorded. limits:
-    mm by name, drawn as lines across the distances. blinded: hide the cue.
+    """Return the charts of one hazard over ms after its activation, at which its fault acts for the
+    first time; [] if it was not activated or not recorded. limits: mm by name, drawn as lines
+    across the distances. blinded: hide the cue.
     """
     if row.struck_ms is None:
         return []
     # Moments may be a few ms apart, so their lines have no text. The page lists their colours.
+    # "strike" is the activation, and time 0 of the charts.
     moments = [("strike", 0.0, "")]
-    for kind, ms in row.times_after_activation.items():
-        if kind != "cue" or not blinded:
-            moments.append((kind, ms, ""))
+    times = row.times_after_activation.items()
+    moments += [(kind, ms, "") for kind, ms in times if kind != "cue" or not blinded]
     end = max(ms for _, ms, _ in moments) + AFTER_MS
     end = min(max(end, MIN_END_MS), MAX_END_MS)
     is_inside = (course.ms >= row.struck_ms - BEFORE_MS) & (course.ms <= row.struck_ms + end)
     if is_inside.sum() < 2:
         return []
+    # All arms, if the fault acts on no single arm.
     arms = [row.arm] if row.arm in course.layout.arms else list(course.layout.arms)
     axis = ChartAxis("ms after the start of the hazard", -BEFORE_MS, end, unit="ms")
     section = replace(course, rows=course.rows[is_inside], numbers=course.numbers[is_inside])
@@ -94,6 +96,7 @@ def learning_charts(attempts: Sequence[Json]) -> list[Chart]:
         if not known:
             continue
         x, y, colour = np.array(known) + 1.0, values[known], palette.series_colour(number)
+        # The tooltip of a dot is the session's name.
         tips = tuple(attempts[index]["name"] for index in known)
         dots = Dots(measure, colour, x, y, tips=tips, in_legend=False)
         line = Curve(measure, colour, x, y, in_legend=False)
@@ -110,8 +113,7 @@ def thin_curve(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.nda
     greatest value of each interval remains, as do both ends. NaN and infinity become 0.
     """
     finite = np.where(np.isfinite(values), values, 0.0).astype(float)
-    # Rounded up.
-    stride = -(-len(time) // MAX_POINTS)
+    stride = int(np.ceil(len(time) / MAX_POINTS))
     starts = range(0, len(time), stride)
     peaks = [start + int(finite[start : start + stride].argmax()) for start in starts]
     indices = np.unique([0, *peaks, len(time) - 1])
@@ -146,13 +148,15 @@ def _charts(
         if np.nanmax(values) > 0:
             line = _curve(title, colour, time, np.maximum(values, 0.0))
             charts.append(_chart(title, unit, axis, [line], moments, SMALL_HEIGHT))
+    # The pedal, 0 or 1, is drawn at the run levels pedal up and pedal down.
     pedal = run_levels.PEDAL_UP + course["pedal"]
     levels = [
         _curve("robot", "series2", time, course["runlevel"], step=True),
         _curve("pedal", "series0", time, pedal, step=True, dashed=True),
     ]
-    names = ", ".join(f"{level} {name}" for level, name in enumerate(run_levels.NAMES))
-    return [*charts, _chart("Run level and pedal", names, axis, levels, moments, SMALL_HEIGHT)]
+    # A run level has no unit. In its place, the axis explains the numbers: "0 E-stop, 1 init, ..".
+    unit = ", ".join(f"{level} {name}" for level, name in enumerate(run_levels.NAMES))
+    return [*charts, _chart("Run level and pedal", unit, axis, levels, moments, SMALL_HEIGHT)]
 
 
 def _curve(
@@ -179,11 +183,11 @@ def _chart(
     # values are 0 to 1. Only a chart of full HEIGHT shows texts, above these lines.
     top = 1.0 if share else 1.1 * max(1e-3, *(float(curve.y.max()) for curve in curves))
     marks: list[Mark] = [
-        Curve("", MOMENTS[kind][1], np.full(2, at), np.array([0.0, top]), in_legend=False)
-        for kind, at, _ in moments
+        Curve("", MOMENTS[kind][1], np.full(2, time), np.array([0.0, top]), in_legend=False)
+        for kind, time, _ in moments
     ]
     if height == HEIGHT:
-        x, texts = np.array([at for _, at, _ in moments]), tuple(text for *_, text in moments)
+        x, texts = np.array([time for _, time, _ in moments]), tuple(text for *_, text in moments)
         # Dots of size 0 show only their texts.
         y, sizes = np.full(len(x), top), (0.0,) * len(x)
         marks.append(Dots("", palette.SAME, x, y, size=sizes, texts=texts, in_legend=False))
@@ -238,6 +242,7 @@ def _arm_positions(
     if blinded:
         del channels["model"]
     for name, (axis, joints) in channels.items():
+        # Column 0 of the rotation is the direction of the closed jaws in frame 0.
         jaws = JAW_LENGTH * jaw_rotation(arm, course[f"{arm}/{joints}"][rows])[..., 0]
         points = origin + np.nan_to_num(course[f"{arm}/{axis}"][rows] + jaws) @ rotation.T
         positions[name] = np.rint(UNITS_PER_M * points).astype(int).tolist()

@@ -132,7 +132,7 @@ class Visibility:
     blinded: bool
 
     def shows_event(self, event: Event) -> bool:
-        """Whether this role may see an event. A blinded session hides the cue from everybody."""
+        """Whether this role may see an event. Nobody sees rows, or the cue of a blinded session."""
         kind = event.get("kind", "")
         if self.role == "instructor":
             return kind != "hazard_row" and not (self.blinded and kind == "cue")
@@ -244,8 +244,8 @@ class Hub:
         on_page: Callable[[Client, Command], None],
         on_input: Callable[[], None],
     ):
-        """place: of `describe_field`. on_page: called with each message of type "page". on_input:
-        called when the operator's input changes.
+        """place: positions of arms and tissue, by `scene.describe_field`. on_page: called with each
+        message of type "page". on_input: called when the operator's input changes.
         """
         header, blinded = options.header, bool(options.header.get("blinded"))
         self._header, self._place, self._commands = header, place, commands
@@ -282,11 +282,10 @@ class Hub:
         self.clients.append(client)
         sender = asyncio.create_task(client.send(lambda: self._visibility[client.role]))
         try:
-            async for message in connection:
-                self._receive(client, message)
-        except ConnectionClosed:
-            # The window has closed. `_remove` releases its pedal.
-            pass
+            # When the window closes, `_remove` releases its pedal.
+            with contextlib.suppress(ConnectionClosed):
+                async for message in connection:
+                    self._receive(client, message)
         finally:
             sender.cancel()
             with contextlib.suppress(asyncio.CancelledError, ConnectionClosed):

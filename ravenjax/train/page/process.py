@@ -53,6 +53,7 @@ class Auth:
     def refusal(self, request: Request) -> str | None:
         """Return why this request is refused; None if it is allowed."""
         try:
+            # Raises ValueError if the address is invalid.
             urlsplit(request.path)
             return self._refusal(request)
         except ValueError as error:
@@ -368,6 +369,7 @@ class Page:
         while not parent_has_ended():
             now = time.monotonic()
             self._forward()
+            # A wait may end up to a millisecond early.
             if now >= last_frame + PERIOD_S - 1e-3:
                 last_frame = now
                 self._draw()

@@ -85,9 +85,9 @@ class DepthLine:
 
 class TaskShapes:
     """Scene nodes of one task, made from its geometry, m, in the world: {"targets": [{"number",
-    "at", "radius_m", "colour"}], "pegs": [{"number", "at", "height_m", "radius_m", "colour"}],
-    "object": {"number", "at", "radius_m", "colour"} or None, "path": {"points", "colour"} or None};
-    all optional.
+    "at", "radius_m", "colour", "arm"}], "pegs": [{"number", "at" (the top), "height_m", "radius_m",
+    "colour"}], "object": {"number", "at", "radius_m", "colour"} or None, "path": {"points",
+    "radius_m", "colour"} or None}; all optional.
     """
 
     _goal: int | None = None
@@ -98,7 +98,7 @@ class TaskShapes:
     def __init__(self, server: viser.ViserServer, geometry: Json):
         self._server = server
         self._markers: dict[int, tuple[Any, Rgb]] = {}
-        self._places: dict[int, np.ndarray] = {}
+        self._places: dict[int, np.ndarray] = {}  # position of each possible goal, by its number
         targets = geometry.get("targets") or ()
         self._arm_of_target = {int(target["number"]): target.get("arm", "") for target in targets}
         ring = segments_of_path(_RING)
@@ -108,22 +108,19 @@ class TaskShapes:
             line, colour = segments_of_path(points), _rgb(path["colour"])
             server.scene.add_line_segments("/task/path", line, colour, **STYLES["path"])
             self._places = dict(enumerate(points))
-            radius_m = path["radius_m"]
-            self._path_ball = self._add_ball("on_path", radius_m, GOAL_COLOUR, 0.55, visible=False)
+            self._path_ball = self._add_ball(
+                "on_path", path["radius_m"], GOAL_COLOUR, opacity=0.55, visible=False
+            )
         for target in targets:
-            self._add_marker(f"target/{target['number']}", target, 0.55)
+            self._add_marker(f"target/{target['number']}", target, opacity=0.55)
         for peg in geometry.get("pegs") or ():
             (x, y, top), height = peg["at"], peg["height_m"]
-            server.scene.add_cylinder(
-                f"/task/stem/{peg['number']}",
-                peg["radius_m"],
-                height,
-                color=_rgb(peg["colour"]),
-                position=(x, y, top - height / 2),
-            )
-            self._add_marker(f"peg/{peg['number']}", peg, 0.7)
+            stem, colour = f"/task/stem/{peg['number']}", _rgb(peg["colour"])
+            middle = (x, y, top - height / 2)
+            server.scene.add_cylinder(stem, peg["radius_m"], height, color=colour, position=middle)
+            self._add_marker(f"peg/{peg['number']}", peg, opacity=0.7)
         if carried := geometry.get("object"):
-            self._object = self._add_marker("object", carried, None)
+            self._object = self._add_marker("object", carried, opacity=None)
 
     def follow(self, event: Event) -> None:
         """Process an event of kind "object": an arm took the object or released it."""
@@ -229,6 +226,7 @@ class RobotFigure:
         arms: Arms,
         shapes: Shapes,
     ):
+        """layer: "robot", "ghost" or "virtual". The last two have a style in scene.toml."""
         self._model, self._data = model, mujoco.MjData(model)
         self._data.qpos[:] = model.key("home").qpos
         self._qpos = {
@@ -285,13 +283,9 @@ class Scene:
             data = mujoco.MjData(model)
             mujoco.mj_kinematics(model, data)
             for body, name in body_shapes.fixed_bodies(model).items():
-                server.scene.add_glb(
-                    f"/fixed/{name}",
-                    shapes[body][0],
-                    position=data.xpos[body],
-                    wxyz=data.xquat[body],
-                    receive_shadow=True,
-                )
+                pose = {"position": data.xpos[body], "wxyz": data.xquat[body]}
+                glb, _, _ = shapes[body]
+                server.scene.add_glb(f"/fixed/{name}", glb, **pose, receive_shadow=True)
             self._robot = RobotFigure(server, "robot", model, ARMS, shapes)
             self._virtual = RobotFigure(server, "virtual", model, arms, shapes)
             self._ghosts = {
@@ -321,11 +315,8 @@ class Scene:
                 driven = "virtual_tip" if is_virtual else "tip"
                 tips[arm] = origin + turn @ frame[f"{arm}/{driven}"]
                 if arm in self._ghosts:
-                    _point(
-                        self._forces[arm],
-                        tip,
-                        FORCE_M_PER_UNIT * turn @ frame[f"{arm}/force"] * is_felt,
-                    )
+                    arrow_m = FORCE_M_PER_UNIT * turn @ frame[f"{arm}/force"] * is_felt
+                    _point(self._forces[arm], tip, arrow_m)
                     # A visible ghost has the lower threshold, so that it does not flicker.
                     threshold_mm = GHOST_MM[not self._has_ghost[arm]]
                     self._has_ghost[arm] = bool(frame.number(f"{arm}/error_mm") > threshold_mm)
@@ -392,6 +383,7 @@ class Windows:
         async def _(client: viser.ClientHandle) -> None:
             name = window.get() or str(client.client_id)
             self._clients[name] = client
+            # An inset's name is WINDOW.VIEW, such as "k3f.theatre".
             _, _, inset = name.partition(".")
             if inset in VIEWS:
                 _look_from(client, inset)

@@ -1,1 +1,1 @@
-"""Defines the clock, the realtime loop, and ring buffers in shared memory."""
+"""Runs a session in real time, one tick a millisecond."""

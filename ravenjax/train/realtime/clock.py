@@ -10,7 +10,7 @@ import numpy as np
 
 PERIOD_NS = 1_000_000  # The period of the robot's control cycle
 PHASE_NS = PERIOD_NS // 2
-"""Time within a millisecond at which a tick starts. Linux's timer interrupts come at another."""
+"""Time within a millisecond at which a tick starts, away from Linux's timer interrupts."""
 _CPUS = len(os.sched_getaffinity(0))
 LEAD_NS = PERIOD_NS if _CPUS >= 4 else 300_000 if _CPUS > 1 else 0
 """How long before a tick the process wakes up, because a CPU is slow just after a sleep.
@@ -49,6 +49,7 @@ class LoopTiming:
         counts = getattr(self, duration).cumsum()
         if not counts[-1]:
             return float("nan")
+        # The index of a bin is its duration in us.
         return float(np.searchsorted(counts, share * counts[-1]))
 
     def facts(self) -> dict[str, float]:
@@ -81,6 +82,7 @@ class Clock:
         if now < due - LEAD_NS:
             time.sleep((due - LEAD_NS - now) * 1e-9)
             now = time.monotonic_ns()
+        # With less than half of the warm-up's time left, the tick would be late.
         if warm_up is not None and now < due - WARM_UP_NS // 2:
             while now < due - WARM_UP_NS:
                 now = time.monotonic_ns()
@@ -123,8 +125,7 @@ def use_realtime_priority(choose_cpu: Callable[[set[int]], int] = max) -> Iterat
         os.sched_setaffinity(0, {choose_cpu(cpus)})
         granted.append(f"CPU {choose_cpu(cpus)}")
     if LEAD_NS >= PERIOD_NS:
-        # A process with a realtime priority that never sleeps would be stopped for 50 ms of every
-        # second.
+        # Linux stops a realtime process that never sleeps for 50 ms of every second.
         granted.append("always awake")
     else:
         try:

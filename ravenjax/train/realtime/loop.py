@@ -88,21 +88,18 @@ def run_loop(
     warmer = _CacheWarmer(session) if isinstance(session, Session) else None
     frame, places = session.frame, session.frame.layout.places
     row = frame.row.view(np.uint8)
-    timing = slice(places["compute_us"].start, places["late_ticks"].stop)
+    timing_places = slice(places["compute_us"].start, places["late_ticks"].stop)
     reported_late_ticks = ticks_after_end = ticks = 0
     failure = None
     with clock.no_collection():
         loop_clock = clock.Clock()
+        timing = loop_clock.timing
         while ticks_after_end < AFTER_END_MS:
             loop_clock.wait(warmer and warmer.tick)
             commands = [command for console in consoles for command in console.poll()]
             if not session.over and stopped():
                 commands.append({"type": "instructor", "do": "end", "by": "terminal"})
-            frame.row[timing] = (
-                loop_clock.compute_us,
-                loop_clock.lateness_us,
-                loop_clock.timing.late,
-            )
+            frame.row[timing_places] = loop_clock.compute_us, loop_clock.lateness_us, timing.late
             session.move(commands)
             if rings:
                 rings[0].put(row)
@@ -112,8 +109,8 @@ def run_loop(
             session_events = session.conclude()
             if warmer:
                 warmer.set_commands(commands)
-            if loop_clock.timing.late > reported_late_ticks and session.ticks % 100 == 0:
-                reported_late_ticks = loop_clock.timing.late
+            if timing.late > reported_late_ticks and session.ticks % 100 == 0:
+                reported_late_ticks = timing.late
                 event = {"kind": "overrun", "late_ticks": reported_late_ticks}
                 session_events.append({"tick": session.ticks, **event})
             ticks += 1
@@ -124,7 +121,7 @@ def run_loop(
                     put_json(rings[1], event)
             ticks_after_end += session.over
             loop_clock.rest()
-    return loop_clock.timing
+    return timing
 
 
 class _CacheWarmer:

@@ -3,6 +3,7 @@
 If the session was killed before it wrote hazards.csv, the hazards are read from its events.
 """
 
+import contextlib
 import csv
 import dataclasses
 import io
@@ -64,10 +65,8 @@ def find_sessions(base: Path) -> dict[str, SessionFolder]:
     """
     sessions = []
     for file in Path(base).glob(f"*/{description.FILE}"):
-        try:
+        with contextlib.suppress(StoreError):
             sessions.append(SessionFolder(file.parent, description.read_session(file.parent)))
-        except StoreError:
-            continue
     sessions.sort(key=lambda session: session.order)
     return {session.path.name: session for session in sessions}
 
@@ -150,6 +149,7 @@ def read_table(folder: Path) -> list[HazardRow]:
     path = Path(folder) / TABLE
     try:
         with open(path, newline="", encoding="utf-8") as file:
+            # Surplus fields get the key "" and are ignored. `_ROWS` refuses the default, None.
             reader = csv.DictReader(file, restkey="")
             columns = list(reader.fieldnames or [])
             lines = list(reader)
@@ -185,6 +185,7 @@ def from_recording(recording: "Recording", header: Json) -> list[HazardRow]:
                 rows.append({**event["row"]})
             case "hazard_struck" if rows:
                 rows[-1]["struck_ms"] = event["tick"]
+            # All columns, once the hazard is over.
             case "hazard_row" if rows:
                 rows[-1] |= event["row"]
     empty: Json = dict.fromkeys(COLUMNS) | session_columns(header)
@@ -222,6 +223,7 @@ def summarize_hazards(rows: Sequence[HazardRow]) -> Json:
         return dict(Counter(word for row in rows if (word := getattr(row, name))))
 
     def reduce(function, name: str, selected: Sequence[HazardRow]):
+        # Reduces the numbers in a column of the selected rows to one; None if there are none.
         known = [value for row in selected if (value := getattr(row, name)) is not None]
         return round(function(known), 1) if known else None
 

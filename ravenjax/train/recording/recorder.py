@@ -46,6 +46,7 @@ class RowWriter:
         """
         left_ms, pedal = rows[:, self._columns].T
         indices = np.arange(len(rows))
+        # The time left is the whole duration until the first pedal-down.
         has_begun = (left_ms < self._duration_ms) | (pedal > 0)
         written = indices[has_begun | ((first + indices) % WAITING_MS == 0)]
         # The log takes runs of successive rows. The last run, which may be empty, takes the events.
@@ -59,7 +60,9 @@ class RowWriter:
 
 @contextlib.contextmanager
 def open_recording(folder: Path, names: Sequence[str], header: Json) -> Iterator[RowWriter]:
-    """Yield a recording's writer; write session.json before and after. See `record_session`."""
+    """Yield a recording's writer; write session.json before and after. names, header: as in
+    `record_session`, the names of a row's numbers and the content of session.json.
+    """
     header = {"started": utc_now(), **header, "ended": None}
     description.write_session(folder, header)
     writer = RowWriter(folder, names, header)

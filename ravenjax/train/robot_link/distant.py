@@ -28,7 +28,7 @@ from ravenjax.train.protocol import Frame, Json
 from ravenjax.train.robot import ARMS, E_STOP, FIELDS, ROBOT, kinematics
 from ravenjax.train.robot_link import WORDS
 from ravenjax.train.robot_link.joint_stream import JointReport, RobotLink
-from ravenjax.train.session.simulation import SOURCE, Blueprint, hazard_distances
+from ravenjax.train.session.simulation import SOURCE, Blueprint, hazard_distances, write_numbers
 
 _CHECKS = frozenset(ROBOT.checks)
 _MAX_TRIPS = 2**23
@@ -92,7 +92,7 @@ class DistantRobot:
     def stand_by(self) -> None:
         """Restart the motion table, so that it does not end. Robot and model do not move."""
         removed_ms = self.next_tick - 1
-        # The next packet has the increments from the newest row, which is now the first row.
+        # [columns, ticks]. The next packet has the motion since the newest tick, now the first.
         self.motion[:, 0] = self.motion[:, removed_ms]
         self.next_tick = 1
         for name in self._outcomes:
@@ -105,10 +105,9 @@ class DistantRobot:
         return self.remote.report is not None and not self.remote.stale
 
     def arm(self, row: int) -> None:
-        """Order the robot's process to arm the hazard of this row of the fault table."""
-        self._stepper.change(
-            lambda state: replace(state, monitor=monitor.restart_monitor(state.monitor))
-        )
+        """Restart the monitor, and order the robot to arm the hazard in this row of faults."""
+        restart = monitor.restart_monitor
+        self._stepper.change(lambda state: replace(state, monitor=restart(state.monitor)))
         self.remote.order({"order": "arm", "number": row})
 
     def disarm(self) -> None:
@@ -124,28 +123,27 @@ class DistantRobot:
 
     def _set_report(self, numbers: Sequence[Any]):
         # The motor commands, which are last, are unknown and stay 0.
-        for place, number in zip(tree.tree_leaves(self._reported), numbers, strict=False):
-            place[0] = number
+        write_numbers(tree.tree_leaves(self._reported), numbers)
 
     def _datagram(self, numbers: list[float]) -> bytes:
-        """Return the bytes of this tick's ITP packet. numbers: the pedal, then increments (3),
-        quaternions (4) and grasps (1). Each component is there for the gold and the green arm.
+        """Return the bytes of this tick's ITP packet. numbers: the pedal, then increment (3),
+        quaternion (4) and grasp (1). Each component has two numbers: gold arm, then green arm.
         """
         pedal, *delta = map(int, numbers[:7])
         quat, grasp = numbers[7:15], map(int, numbers[15:])
         # ITP's checksum: the sum of pedal, packet number and increments, as a signed 32-bit number.
         checksum = (pedal + self._sequence + sum(delta) + 2**31) % 2**32 - 2**31
+        # The zeros are the packet's type and version, and then the buttons of both arms.
         return FIELDS.pack(self._sequence, 0, 0, *delta, *quat, 0, 0, *grasp, pedal, checksum)
 
     def _use_report(self, report: JointReport):
-        # Uses the robot's report as the state of this tick. Counts new stops and trips of checks.
+        # Takes the state of this tick from the robot's report, and counts trips of checks.
         report.fill(self._frame)
         frame, arms = self._frame, self.arms
         stopped = bool(frame.number("soft_estopped"))
         numbers = []
-        for name in ("jpos", "mvel"):
-            for arm in arms:
-                numbers += frame[f"{arm}/{name}"].tolist()
+        for name, arm in itertools.product(("jpos", "mvel"), arms):
+            numbers += frame[f"{arm}/{name}"].tolist()
         self._set_report([*numbers, report.runlevel, stopped])
         frame["live"] = observers.is_live(report.runlevel, stopped)
         is_stopped = {"soft_estop": stopped, "estop": report.runlevel == E_STOP}

@@ -87,7 +87,7 @@ class Gate:
         return sum(self.counts.values())
 
     def peer(self, now_ms: float) -> tuple | None:
-        """Return the address of the console whose packets are accepted, or None."""
+        """Return the address of the console that sends; None after `RELEASE_MS` of silence."""
         if self._peer is not None and now_ms - self._last_packet_ms > RELEASE_MS:
             self._peer, self._last_number = None, 0
             self._choice.begin_stream()
@@ -102,6 +102,7 @@ class Gate:
         """Return the increments in a datagram, or None if it is refused. now_ms: monotonic."""
         increments, cause = self._check(datagram, source, now_ms)
         self.counts[cause] += 1
+        # Causes for which a well-formed packet is refused, such as "stranger" or "duplicate".
         drops = WORDS["drops"]
         dropped = sum(self.counts[drop] for drop in drops) if cause in drops else 0
         are_many = dropped >= max(KEPT_MISFITS, MISFIT_SHARE * self.received)
@@ -153,6 +154,7 @@ class Gate:
         """
         self._misfits.append(fields)
         self._misfit_count += 1
+        # Profiles are compared only after every `KEPT_MISFITS` such packets.
         if self._misfits_reported or self._misfit_count % KEPT_MISFITS:
             return
         profile = self._choice.profile
@@ -162,10 +164,10 @@ class Gate:
             return
         self._misfits_reported = True
         tried = f"profile {profile.name}" if profile else "any profile"
-        advice = "No bundled profile fits them: write a profile, and start again with --console"
-        advice += " FILE.toml"
-        if fitting:
-            advice = f"They fit {fitting}: start again with --console {fitting}"
+        advice = f"They fit {fitting}: start again with --console {fitting}"
+        if not fitting:
+            advice = "No bundled profile fits them: write one, and start with --console FILE.toml"
+        # `received` does not count the present packet yet.
         self._say(
             f"console: {self._misfit_count} of {self.received + 1} packets do not fit {tried}, the"
             f" last for {misfit}. {advice}"
@@ -184,6 +186,7 @@ class Gate:
         if number < last:
             is_quiet = now_ms - self._last_packet_ms > QUIET_MS
             return "restart" if number == 1 and is_quiet else "behind"
+        # A new stream (`last` is 0) may begin with any number.
         return "far_ahead" if last and number - last > robot.RESET_GAP else "skip"
 
 
@@ -201,7 +204,9 @@ def increments_of(pedal: bool, tables: Mapping[ArmName, Sequence[Any]], source: 
 
 
 def merge_commands(commands: Sequence[Increments]) -> Increments | None:
-    """Combine commands, in their order, into one: displacements are added, turns are chained."""
+    """Combine commands "increments", in their order, into one; None if there are none.
+    Displacements are added and turns are chained. The pedal is that of the last command.
+    """
     if not commands:
         return None
     total = commands[0]
@@ -280,9 +285,9 @@ class ItpServer:
         return self._socket.getsockname()[:2]
 
     def poll(self) -> list[Command]:
-        """Return the increments since the last call as one command "increments", or []. At most
-        `SentStream.per_tick` packets are accepted in one tick. The others wait in the kernel.
-        Refused datagrams do not delay them, because at least `MIN_DATAGRAMS_PER_TICK` are read.
+        """Return the motion since the last call as one command "increments", or []. It accepts at
+        most as many packets as the profile allows. The others wait in the kernel. Refused datagrams
+        do not delay them, because at least `MIN_DATAGRAMS_PER_TICK` are read.
         """
         now_ms = self._clock() * 1e-6
         profile = self.gate.profile
@@ -299,6 +304,7 @@ class ItpServer:
             increments = self.gate.admit(datagram, source, now_ms)
             if increments is not None:
                 accepted.append(increments)
+                # A packet begins with its number.
                 self.last_sequence = int.from_bytes(datagram[:4], "little")
                 if len(accepted) == limit:
                     break
@@ -331,11 +337,13 @@ class ItpServer:
         if alive:
             flags |= ALIVE | PEDAL * (pedal and self._pedal)
             for arm, force in forces.items() if drives else ():
-                # A packet has the components of both arms in turn.
-                slot = ARMS.index(arm)  # type: ignore[arg-type]
-                units = np.dot([_round_force(FORCE_SCALE * float(x)) for x in force], _AXES[slot])
-                components[slot::2] = units
-                flags |= (1 << 8 + slot) if units.any() else 0
+                index = ARMS.index(arm)  # type: ignore[arg-type]
+                # From frame 0 to the axes of ITP.
+                units = np.dot([_round_force(FORCE_SCALE * float(x)) for x in force], _AXES[index])
+                # A packet has x of gold and green arm, then y of both, then z of both.
+                components[index::2] = units
+                # Bits 8 and 9: the cue of the gold and of the green arm pulls.
+                flags |= (1 << 8 + index) if units.any() else 0
         self._sent_forces += 1
         total = sum(components) + int(runlevel) + self._sent_forces
         # The sum of all fields, as a signed number of 32 bits.
@@ -371,10 +379,11 @@ class ItpConsole:
         self._counts = Counter(server.gate.counts)
 
     def poll(self) -> list[Command]:
-        """Return the increments. If the reason for refusing all packets has changed, add a command
-        "unheard". This reason is determined every `STALE_MS`.
+        """Return the console's motion as one command "increments", or []. If the reason why packets
+        are refused has changed, add a command "unheard" with the new reason ("": accepted again).
         """
         commands, self._polls = self._server.poll(), self._polls + 1
+        # The loop polls once a millisecond, so the reason is determined every `STALE_MS`.
         is_due = self._polls % STALE_MS == 0
         refusal = self._find_refusal() if is_due else self._refusal
         if refusal != self._refusal:
@@ -383,13 +392,13 @@ class ItpConsole:
         return [{**command, "console": "itp"} for command in commands]
 
     def _find_refusal(self) -> str:
-        """Return why all packets since the last call were refused; "" if some were accepted. After
-        too few packets to tell, return the last reason.
+        """Return why packets since the last call were refused; "" if some were accepted. If less
+        than `MIN_REFUSED_PACKETS` were refused for one cause, return the last reason.
         """
         counts = Counter(self._server.gate.counts)
         new_counts, self._counts = counts - self._counts, counts
         accepted = new_counts.pop(TAKEN, 0)
-        # Another console's packets are refused while the present console drives.
+        # A second console learns why it is refused, although packets of the first are accepted.
         if new_counts["stranger"] >= MIN_REFUSED_PACKETS:
             return packets_message("stranger")
         if accepted:
@@ -419,8 +428,8 @@ def force_at_hand(
     frame: Frame, arm: ArmName, units_per_n: float, cap: float, cue: bool
 ) -> tuple[float, float, float]:
     """Return the force at the operator's hand in device units, frame 0. The sum of cue and contact
-    force is limited to `cap`, or to the cue alone if the cue is larger. cue: whether the operator
-    feels the cue. The operator always feels the contact.
+    force is limited to `cap`, or to the cue alone if the cue is larger. units_per_n: device units
+    per N of contact, which the operator always feels. cue: whether the operator feels the cue.
     """
     cue_force = frame[f"{arm}/force"].tolist() if cue else [0.0] * 3
     contact_n = frame[f"{arm}/contact"].tolist()

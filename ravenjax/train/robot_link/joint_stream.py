@@ -27,14 +27,12 @@ JOINT_PORT = 36002
 BUFFER_BYTES = 1 << 17
 """Size of a listener's buffer here and in the kernel, bytes: a tenth of a second each."""
 READ_BYTES = 1 << 16
-MAX_ORDER_BYTES = 1024  # bytes
+MAX_ORDER_BYTES = 1024
 _NOT_ALLOWED = "not from the robot's machine: start robot and session with the same --token"
 _ROBOT_SIZES, ARM_SIZES = WORDS["report"], WORDS["report_arm"]
 _SIZES = _ROBOT_SIZES | ARM_SIZES
 PATIENCE_S = 10.0
 """The longest time that a busy robot may take to accept a session."""
-
-
 TrippedChecks = dict[str, tuple[int, int]]
 """Number of trips of each check that has tripped, and tick of its first trip."""
 
@@ -50,7 +48,7 @@ class JointReport(BaseModel):
     @field_validator("channels")
     @classmethod
     def _require_sizes(cls, channels: dict[str, list[float]]) -> dict[str, list[float]]:
-        # Refuses channels of another size, and a run level that is missing or unknown.
+        # Refuses unknown channels, wrong sizes, and a run level that is missing or unknown.
         for name, numbers in channels.items():
             size = _SIZES.get(name.rpartition("/")[2])
             if len(numbers) != size:
@@ -78,7 +76,7 @@ class JointReport(BaseModel):
 
 
 def encode_report(frame: Frame, tick: int, last_seq: int, checks: TrippedChecks) -> bytes:
-    """Return a report as a line. The arguments are those of `JointReport`."""
+    """Return a report as a line. last_seq: number of the last packet that the robot accepted."""
     numbers, places = frame.row.tolist(), frame.layout.places
     names = (*_ROBOT_SIZES, *(f"{arm}/{name}" for arm in frame.layout.arms for name in ARM_SIZES))
     channels = {name: numbers[places[name]] for name in names}
@@ -103,7 +101,7 @@ class LineConnection:
         self._outgoing, self._incoming = bytearray(), b""
 
     def send(self, line: bytes = b"") -> bool:
-        """Buffer a line, and send what the kernel accepts. Returns False if the buffer is full."""
+        """Buffer a line, if any, and send what the kernel accepts. Return whether the line fits."""
         fits = len(self._outgoing) + len(line) <= BUFFER_BYTES
         if fits:
             self._outgoing += line
@@ -126,7 +124,7 @@ class LineConnection:
             content = self._socket.recv(READ_BYTES)
         except BlockingIOError:
             return []
-        # As at the end of the connection, no bytes arrive.
+        # An error counts as the end of the connection, at which `recv` returns no bytes.
         except OSError:
             content = b""
         *lines, self._incoming = (self._incoming + content).split(b"\n")
@@ -319,7 +317,7 @@ class RemoteRobot(RobotLink):
         try:
             for line in self._stream.read():
                 self._process_line(line)
-        # A line of another program than a robot.
+        # The other end is no robot.
         except ValueError:
             self.lost = True
         # Send the orders that still wait in the buffer.

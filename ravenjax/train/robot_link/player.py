@@ -58,11 +58,12 @@ class Played(NamedTuple):
 def lead_packets(first: bytes) -> list[bytes]:
     """Return LEAD_COUNT packets without motion, pedal up. Their numbers precede that of `first`."""
     packets = np.repeat(np.frombuffer(first, U_STRUCT), LEAD_COUNT)
-    last_index = int(packets["sequence"][0]) - 1
-    # Numbers are 1 to the largest number, because 0 is not valid.
-    packets["sequence"] = (last_index - np.arange(LEAD_COUNT, 0, -1)) % _MAX_NUMBER + 1
+    # Numbers are 1 to the largest number, because 0 is not valid. An index counts them from 0.
+    first_index = int(packets["sequence"][0]) - 1
+    packets["sequence"] = (first_index - np.arange(LEAD_COUNT, 0, -1)) % _MAX_NUMBER + 1
     for name in (*DELTAS, "surgeon_mode"):
         packets[name] = 0
+    # The checksum also contains increments and pedal, which are 0.
     total = packets["sequence"] + packets["buttonstate"].sum(axis=1)
     packets["checksum"] = total.astype(np.int32)
     return [packet.tobytes() for packet in packets]

@@ -114,7 +114,7 @@ class PacketSession:
         return []
 
     def _obey(self, command: Command):
-        # Carries out the order of a listener, or the end.
+        # Carries out a listener's order, or the command "end".
         match command["do"]:
             case "arm":
                 self.robot.arm(command["hazard"])
@@ -205,11 +205,13 @@ def run_robot(
         joints = JointServer(greeting, options.host, joint_port, options.token)
         stack.callback(joints.close)
         assert itp_server is not None
+        # Orders of listeners come before the commands of consoles in a tick.
         consoles.insert(0, JointConsole(joints, itp_server, session, len(armables)))
         stop = stack.enter_context(interruption.until_interrupted())
         for armable in armables:
             say(f"hazard {armable.number}: {armable.title} ({armable.hazard})")
         say("joint state: TCP {}:{}".format(*joints.address))
+        # A session on this machine uses the CPU with the largest number.
         with clock.use_realtime_priority(choose_cpu=min) as granted:
             say(f"realtime: {granted}")
             timing = loop.run_loop(session, consoles, lambda: bool(stop))
@@ -235,8 +237,8 @@ def open_consoles(
     elsewhere: bool = False,
 ) -> tuple[list[loop.Console], ItpServer | None]:
     """Open the ports of network consoles until `stack` ends, and print who can reach them. Return
-    the consoles, and the server of the consoles over ITP. elsewhere: see `bridge.spawn_bridge`.
-    Raises UserError if a port cannot be opened.
+    the consoles, and the server of the consoles over ITP (None without `options.itp_port`).
+    elsewhere: another process has the robot. Raises UserError if a port cannot be opened.
     """
     consoles: list[loop.Console] = []
     server = None

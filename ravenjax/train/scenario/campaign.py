@@ -177,13 +177,14 @@ def _scenario_message(key: Key, message: str) -> str:
 
 
 def _scenario_key(scenario: Scenario, key: Key, entry_numbers: list[int]) -> Key:
-    """Return the key in the scenario file for a key of the campaign. entry_numbers: for each group
-    of the campaign, the number of its entry in the scenario.
+    """Return the key in the scenario file for a key of the campaign. For example, the key
+    ("group", 5, "fault", 0, "value") becomes ("hazard", 2, "value") if the third entry names a
+    hazard of the library. entry_numbers: of each group of the campaign, the entry's number.
     """
     match key:
         case ("group", int(number), *rest) if number < len(entry_numbers):
             entry = entry_numbers[number]
-            # The scenario file has no keys of faults from the library.
+            # Faults of the library are not in the scenario file, so "fault" and its number go.
             if rest[:1] == ["fault"] and not scenario.hazard[entry].fault:
                 rest = rest[2:]
             return ("hazard", entry, *rest)
@@ -219,6 +220,7 @@ def _groups(scenario: Scenario, seed: int) -> tuple[list[Tables], list[int]]:
                 if site is not None and site.per_arm:
                     fault.setdefault("arm", scenario.arms[0])
             groups.append({"name": f"{name}/{FAULT}", "fault": faults})
+        # Each group that was added for this entry gets its number.
         numbers += [h] * (len(groups) - len(numbers))
     return groups, numbers
 
@@ -231,11 +233,12 @@ def _config(
 
 
 def _tables(scenario: Scenario, seed: int, groups: list[Tables], duration_s: float) -> Tables:
-    # Returns a campaign without motion; the session replaces it by the operator's motion.
+    # Returns a campaign whose hands are still; the session computes the operator's motion.
     robot, start = scenario.robot, scenario.robot.start
     # Each parameter has one value, the same for every hazard of the session.
     parameters = {}
     for path, axis in scenario.parameters.items():
+        # From a random number, 0 to 1, to a value of the parameter's list or distribution.
         place = axis.places(_rng(seed, f"parameter {path}").random(1))
         parameters[path] = float(axis.at(place)[0])
     return {
@@ -255,6 +258,7 @@ def _tables(scenario: Scenario, seed: int, groups: list[Tables], duration_s: flo
         },
         "haptics": scenario.cue.model_dump(exclude={"on", "blinded"}),
         "parameters": _CLUTCHED | parameters,
+        # A campaign needs a group, also without a hazard.
         "group": groups or [{"name": "none"}],
     }
 
@@ -306,6 +310,7 @@ def _armable(entries: dict[str, Entry], number: int, row: _Row) -> Armable:
     else:
         faults = pd.DataFrame(slots)
         ends = faults.start_ms + faults.duration_ms
+        # A duration of -1 lasts until the end, and a recurring fault never ends.
         is_endless = (faults.duration_ms < 0) | (faults.every_ms > 0)
         # The hazard must last until the time for the response is up.
         shortest_ms = round(entry.within_s * 1000.0) + SETTLE_MS

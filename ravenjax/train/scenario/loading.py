@@ -51,5 +51,6 @@ def json_schema() -> Tables:
     fault, entry = schema["$defs"]["Fault"], schema["$defs"]["Entry"]
     # A fault is active from its hazard's start, so it needs no start_ms.
     fault["required"].remove("start_ms")
+    # An entry has either hazards of the library or faults of its own.
     entry["oneOf"] = [{"required": ["hazards"]}, {"required": ["fault"]}]
     return schema

@@ -66,7 +66,7 @@ class Director:
     def step(self, tick: int, frame: Frame, clock: int) -> list[tuple[str, int]]:
         """Return the orders before this tick: [("arm" or "disarm", number of the hazard)], or []. A
         hazard ends on the instructor's order, after its time, or if the pedal stays up as a right
-        response. The instructor's hazard goes first. frame: of the last tick. clock: session ms.
+        response. The instructor's hazard goes first. frame: of the last tick. clock: ms.
         """
         number, pedal = frame.number, frame.number("pedal")
         ready = (
@@ -270,7 +270,7 @@ class Session:
             state["runlevel"] = int(self.frame.number("runlevel"))
         for kind, value in state.items():
             if value != self._reported_state.get(kind):
-                # An event of another kind has the new value under the kind itself.
+                # The key of the new value is the kind, but "alive" for console, "down" for pedal.
                 key = _VALUE_KEYS.get(kind, kind)
                 self._record(kind, **{key: value})
         self._reported_state |= state
@@ -284,9 +284,7 @@ class Session:
         return self._events
 
     def _refusal_reason(self, console: str) -> str:
-        """Return why a console's messages are refused, or why its pedal, which is held down, does
-        not count; "" if the messages are accepted and the pedal counts or is up.
-        """
+        """Return why a console's messages or its pedal do not count; "" if there is no reason."""
         if self.over:
             return ""
         reason = self.arbiter.refusal_reason(console, self.ticks)
@@ -310,6 +308,7 @@ class Session:
                 is_owner = console in console_arbiter.NETWORK and console == self.arbiter.owner
                 if is_owner and self._presses.update(command["pedal"], self.ticks):
                     self._operator({"do": _DOUBLE_PRESS_COMMANDS[self.view]})
+            # A console's server or process reports why it refuses the console's messages.
             case "unheard":
                 why = str(command.get("why", ""))[:200]
                 if command.get("once"):
@@ -427,7 +426,7 @@ class Session:
         self._resting_row[-1] = 0
         self._trial_start = tick
         self._trial_checks = Trips()
-        # Do not report trips before the trial.
+        # Trips before the trial are counted now, so that they are not reported.
         self._trial_checks.new_trips(self.ticks, tick, self.virtual.outcomes())
         self._trial_trips = float(self.virtual.row[self._trips_place])
         self.judge.begin_trial(self.ticks)
@@ -490,11 +489,8 @@ class Session:
         # Updates task, judge and phase after the robot's tick.
         frame = self.frame
         # A distant robot may stop reporting; its state is then unknown.
-        if not self.robot.reports_arrive and self.phase in (
-            protocol.READY,
-            protocol.RUNNING,
-            protocol.STOPPED,
-        ):
+        is_driven = self.phase in (protocol.READY, protocol.RUNNING, protocol.STOPPED)
+        if is_driven and not self.robot.reports_arrive:
             self._release_pedal("link")
             self.phase = protocol.LOST
         elif self.robot.reports_arrive and self.phase == protocol.LOST:
@@ -502,6 +498,7 @@ class Session:
             self.phase = protocol.READY
         for event in self.task.step(frame, self.ticks):
             self._record(**event)
+        # Reading the checks takes as long as a tick, so it is not done in each tick.
         is_due = self.ticks - self._reading_tick >= OUTCOMES_EVERY
         outcomes = self._new_outcomes() if is_due else None
         self.judge.step(self.ticks, frame, *(outcomes or ()))
@@ -551,6 +548,6 @@ class Session:
         """Return where the jaws close at the beginning, m, in frame 0 of each arm."""
         tips: dict[ArmName, Point] = {}
         for arm, jpos in zip(self.arms, self.blueprint.plan.motion.start_jpos, strict=True):
-            joints = [float(joint) for joint in jpos]
+            joints = [*map(float, jpos)]
             tips[arm] = protocol.closing_point(arm, tip_pose(arm, joints)[0].tolist(), joints)
         return tips

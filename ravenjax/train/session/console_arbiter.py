@@ -142,6 +142,7 @@ class ConsoleArbiter:
                 self._hand_over(console, "pedal", tick)
             self.pedal_down = counts
         self._message_ticks[console], self._pedals_down[console] = tick, pedal
+        # The hands are in range again.
         if self._refusals.get(console) == REASONS["out_of_range"]:
             del self._refusals[console]
         if not pedal:
@@ -207,6 +208,7 @@ class ConsoleArbiter:
 
     def step(self, tick: int) -> bool:
         """Check the owner once a tick. Return whether it lost the seat because it was silent."""
+        # If pedals alone decide, silence counts as a lifted pedal, so the seat becomes free.
         gone_ms = STALE_MS if self._by_pedals else GONE_MS
         if self.owner == NOBODY or tick - self._message_ticks.get(self.owner, tick) <= gone_ms:
             return False
@@ -215,7 +217,7 @@ class ConsoleArbiter:
         return True
 
     def require_lifts(self, cause: str) -> None:
-        """Require that every pedal is lifted before it counts again."""
+        """Require that every pedal is lifted before it counts again. cause: shown to the user."""
         if self._ready:
             self._record("rearm", why=cause)
         self._ready.clear()

@@ -43,6 +43,7 @@ class Hands:
     def __init__(self, arms: Arms, scale: float, speeds: Speeds):
         """scale: tip motion per hand motion. speeds: of the tips at full deflection."""
         self.arms = arms
+        # The robot's tick multiplies by the scale in single precision.
         self._scale = float(np.float32(scale))
         self._hands = {arm: _Hand(arm, speeds) for arm in self.arms}
         # The hands in this tick, ordered as a row of `Motion.table`; the pedal is last.
@@ -79,7 +80,7 @@ class Hands:
             else:
                 hand.stop()
             values += hand.columns(self._scale)
-        values.append(1.0 if alive and self._pedal else 0.0)
+        values.append(float(alive and self._pedal))
         self.columns[:] = values
         return self
 
@@ -126,11 +127,12 @@ class _Hand:
             self._speeds, self._accelerations = [0.0] * 7, [0.0] * 7
 
     def step(self) -> None:
-        # Changes the speeds smoothly to the wanted speeds, and moves the hand.
+        # Changes the speeds (move 3, turn 3, grasp) smoothly to the wanted ones. Moves the hand.
         if not self._moving:
             return
         v, acceleration = self._speeds, self._accelerations
-        # Exact solution of a critically damped second-order system.
+        # Critically damped: with rate r, the difference d to the wanted speed is after t ms
+        # (d + (d' + r d) t) exp(-r t). Here t = 1 ms, and `slope` is d' + r d.
         for i, wanted in enumerate(self._wanted_speeds):
             difference = v[i] - wanted
             if difference or acceleration[i]:
@@ -161,7 +163,7 @@ class _Hand:
             self._quat = turn_by(self._quat, turn)
 
     def is_in_range(self, increment: Json) -> bool:
-        """Return whether position and grasp stay within `MAX_POSITION_UM`."""
+        """Whether position (um) and grasp (mrad) stay within the number `MAX_POSITION_UM`."""
         pairs = zip(self._position_um, increment["delta_um"], strict=True)
         values = [position + delta for position, delta in pairs]
         values.append(self._grasp_mrad + increment.get("grasp_mrad", 0.0))
@@ -182,7 +184,7 @@ class _Hand:
         return [*position, *self._quat, _away_from_zero(self._grasp_mrad)]
 
     def move_to(self, values: list[float], scale: float) -> None:
-        """Set the position from the arm's columns in a row of motion."""
+        """Set the position to that of `columns` [8] of a row of motion. Inverse of `columns`."""
         self._position_um = [_toward_zero(x * scale) for x in values[0:3]]
         self._quat = unit_quaternion(tuple(values[3:7]))  # type: ignore[arg-type]
         self._grasp_mrad = _toward_zero(values[7])

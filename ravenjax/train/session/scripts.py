@@ -111,6 +111,7 @@ class Follower:
         """
         if self._restart_tick < 0:
             self._restart_tick = tick + REST_MS
+        # The robot stopped `REST_MS` before `_restart_tick`.
         has_noticed = tick - (self._restart_tick - REST_MS) >= SIGHT_DELAY_MS
         commands = []
         if tick % INPUT_EVERY_MS == 0:

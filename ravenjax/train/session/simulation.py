@@ -174,6 +174,7 @@ def hazard_distances(live: Scalar, distances: monitor.Distances) -> list[Scalar]
     """Return unintended_mm, unintended_off_mm, loss_mm and false_report_mm of a frame. They are 0
     while not live; unintended_off_mm is 0 while live. distances: m.
     """
+    # Factors from m to mm, or 0.
     while_live = jnp.where(live, 1e3, 0.0)
     return [
         distances.unintended * while_live,
@@ -181,6 +182,14 @@ def hazard_distances(live: Scalar, distances: monitor.Distances) -> list[Scalar]
         distances.loss * while_live,
         distances.false_report * while_live,
     ]
+
+
+def write_numbers(inputs: Sequence[np.ndarray], numbers: Sequence[Any]) -> None:
+    """Write numbers into the first inputs of compiled code. Each input is an array of one number,
+    and inputs beyond the numbers keep their values.
+    """
+    for array, number in zip(inputs, numbers, strict=False):
+        array[0] = number
 
 
 _FIELDS = tuple(field.name for field in dataclasses.fields(FaultSlot))
@@ -197,7 +206,9 @@ class SimulatedRobot:
         self.blueprint = blueprint
         code = blueprint.code
         self._robot = Stepper(code, blueprint.inputs)
+        # Both use the same motion table.
         self._golden = Stepper(code, blueprint.inputs, self._robot.flat)
+        # Row 0: of the robot. Row 1: of the golden run.
         self._outputs = np.zeros((2, code.outputs), np.float32)
         self._robot_address, self._golden_address = (out.ctypes.data for out in self._outputs)
         self.row = self._outputs[0, : blueprint.layout.simulated]
@@ -207,18 +218,19 @@ class SimulatedRobot:
         # Channels of the golden run in the robot's output, and in that of the golden run.
         self._shown_golden, self._computed_golden = self._outputs[:, first.start : last.stop]
         self.next_tick = 0
-        # The golden run's signals follow the frame in its output, and enter the robot's tick.
+        # The golden run's signals follow the frame in its output. Inputs of the robot's tick are
+        # these signals, then `_golden_differs`, then the packet.
         self._golden_output = self._outputs[1, blueprint.layout.simulated :]
         series = self._golden_output.size
         self._golden_input = self._robot.step_inputs[:series]
         self._golden_differs = False
         self._golden_differs_input = self._robot.step_inputs[series]
-        steppers = self._robot, self._golden
-        self.packets = [stepper.step_inputs[series + 1 :] for stepper in steppers]
+        self.packets = [each.step_inputs[series + 1 :] for each in (self._robot, self._golden)]
         """Where a packet from outside enters the robot and its golden run."""
         self._initial_state = self._robot.snapshot()
-        places = tree.fill_tree(code.state.record, list(range(len(code.state.layout.types))))
-        self._slot_leaves = [tree.tree_leaves(slot) for slot in places.faults.slots]
+        # The state of the tick with the index of each leaf in place of its value.
+        indices = tree.fill_tree(code.state.record, list(range(len(code.state.layout.types))))
+        self._slot_leaves = [tree.tree_leaves(slot) for slot in indices.faults.slots]
         # The fields of all slots are the last inputs of the compiled code.
         slot_inputs = len(_FIELDS) * (blueprint.fault_slots + 1)
         self._first_fault_input = len(code.inputs.layout.types) - slot_inputs
@@ -228,8 +240,7 @@ class SimulatedRobot:
         if self._golden_differs:
             self._golden.step(self.next_tick, self._golden_address)
             # The golden run's signals are inputs of the robot's tick, which compares them.
-            for place, number in zip(self._golden_input, self._golden_output.tolist(), strict=True):
-                place[0] = number
+            write_numbers(self._golden_input, self._golden_output.tolist())
         self._robot.step(self.next_tick, self._robot_address)
         if self._golden_differs:
             self._shown_golden[:] = self._computed_golden
@@ -262,14 +273,16 @@ class SimulatedRobot:
         self._robot.restore(other._robot.snapshot())
         self._golden.restore(other._golden.snapshot())
         self._set_golden_differs(other._golden_differs)
-        # Later packets may repeat packets of this time.
+        # A fault may repeat packets of the last `HISTORY_MS`, so their motion is copied, too.
         begin = max(0, other.next_tick - HISTORY_MS)
         self.motion[:, begin : other.next_tick] = other.motion[:, begin : other.next_tick]
         self._outputs[:] = other._outputs
         self.next_tick = other.next_tick
 
     def _realign_golden(self):
-        """Start the golden run at the robot's state: a past hazard may have separated them."""
+        """Let the golden run continue from the robot's state, because a past hazard may have
+        separated them. Distances from the golden run then count from here.
+        """
         self._robot.change(
             lambda state: replace(state, monitor=monitor.realign_golden(state.monitor))
         )
@@ -285,19 +298,19 @@ class SimulatedRobot:
         at once, or with the next packet; the others keep their distances in time. No fault waits
         for the pedal.
         """
-        faults = self.blueprint.plan.faults
-        slots = range(self.blueprint.fault_slots)
-        used = [slot for slot in slots if faults["code"][row, slot]]
-        first = min((int(faults["start"][row, slot]) for slot in used), default=0)
+        plan, slots = self.blueprint.plan, range(self.blueprint.fault_slots)
+        # A slot without a fault has code 0.
+        used = [slot for slot in slots if plan.faults["code"][row, slot]]
+        first = min((int(plan.faults["start"][row, slot]) for slot in used), default=0)
         for slot in slots:
-            values = {name: column[row, slot] for name, column in faults.items()}
+            values = {name: column[row, slot] for name, column in plan.faults.items()}
             # Faults of packets start by the packet's number, which is 1 in tick 0.
             by_packet = values["trigger"] == TRIGGER_CODES["packet"]
             values["trigger"] = TRIGGER_CODES["packet" if by_packet else "time"]
             values["start"] = self.next_tick + by_packet + int(values["start"]) - first
             self._set_fault(slot, values if slot in used else None)
-        for k, values in enumerate(self.blueprint.plan.varied.values()):
-            self._robot.inputs[k][0] = values[row]
+        # The first inputs of the compiled code are the varied parameters.
+        write_numbers(self._robot.inputs, [values[row] for values in plan.varied.values()])
         self._realign_golden()
         self._set_golden_differs(True)
 
@@ -306,8 +319,9 @@ class SimulatedRobot:
         # The last slot is that of the E-stop button.
         for slot in range(self.blueprint.fault_slots + 1):
             self._set_fault(slot, None)
-        for k, value in enumerate(self.blueprint.inputs[0]):
-            self._robot.inputs[k][0] = value
+        # The first inputs of the compiled code are the varied parameters.
+        initial_parameters, _ = self.blueprint.inputs
+        write_numbers(self._robot.inputs, initial_parameters)
         self._realign_golden()
         self._set_golden_differs(False)
 
@@ -318,7 +332,7 @@ class SimulatedRobot:
         if not self._golden_differs:
             self._golden.restore(self._robot.snapshot())
             self._set_golden_differs(True)
-        # The pressed button is a fault. Its slot follows the slots of hazards.
+        # The pressed button is a fault: slot 0 of its row. It acts in the slot after the hazards'.
         button = {name: column[row, 0] for name, column in self.blueprint.plan.faults.items()}
         button |= {"trigger": TRIGGER_CODES["time"], "start": self.next_tick, "duration": 100}
         self._set_fault(self.blueprint.fault_slots, button)
@@ -328,8 +342,7 @@ class SimulatedRobot:
         first = self._first_fault_input + slot * len(_FIELDS)
         # Without a fault, all fields are 0 but the period, which the tick divides by.
         fields = {name: name == "period" for name in _FIELDS} if values is None else values
-        for k, name in enumerate(_FIELDS):
-            self._robot.inputs[first + k][0] = fields[name]
+        write_numbers(self._robot.inputs[first:], [fields[name] for name in _FIELDS])
         self._robot.restore_leaves(self._initial_state, self._slot_leaves[slot])
 
 
@@ -347,7 +360,9 @@ class EstopHold:
     _held: dict[str, np.ndarray] | None = None
 
     def apply(self, frame: Frame) -> None:
-        """In an E-stop of robot or software, hold the model's pose. Fit error and force to it."""
+        """In an E-stop of robot or software, hold the model's pose in the frame. Set the error to
+        the distance of the measured tip from this pose, and the force to 0.
+        """
         if not (frame["runlevel"] == E_STOP or frame["soft_estopped"]):
             self._held = None
             return
@@ -377,9 +392,7 @@ class PacketRobot(SimulatedRobot):
         """Compute one tick with a packet or None. Return the same `Frame` object each time."""
         for entering in self.packets:
             # Without a packet, only its flag "received" changes. It is the first leaf.
-            leaves = [0] if packet is None else tree.tree_leaves(packet)
-            for place, number in zip(entering, leaves, strict=packet is not None):
-                place[0] = number
+            write_numbers(entering, [0] if packet is None else tree.tree_leaves(packet))
         self.step()
         self.frame.row[: self.row.size] = self.row
         self._estop_hold.apply(self.frame)

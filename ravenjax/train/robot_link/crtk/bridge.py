@@ -69,11 +69,8 @@ class CrtkConsole:
     def poll(self) -> list[Command]:
         """Return the commands of CRTK's consoles; none once the CRTK process has ended."""
         self._polls += 1
-        if (
-            self._polls % _POLLS_PER_CHECK == 0
-            and self.process_connection
-            and self.process_connection.poll()
-        ):
+        is_check_due = self._polls % _POLLS_PER_CHECK == 0
+        if is_check_due and self.process_connection and self.process_connection.poll():
             try:
                 reason = self.process_connection.recv()
             except (EOFError, OSError):
@@ -101,7 +98,7 @@ class CrtkConsole:
 def spawn_bridge(
     stack: contextlib.ExitStack, ros: messages.Ros, blueprint: Blueprint, say: Say, elsewhere: bool
 ) -> CrtkConsole:
-    """Start the process for the robot of a blueprint, and wait until it exchanges messages.
+    """Start the CRTK process for a blueprint's robot, and wait until it exchanges messages.
     elsewhere: another process has the robot, so contact is unknown. Raises UserError without ROS.
     """
     console = CrtkConsole(blueprint.layout, ros, say)
@@ -129,6 +126,7 @@ def newest_row(rows: Ring, frame: Frame) -> RobotRow | None:
     first, newest = rows.read(rows.written - 1)
     if not len(newest):
         return None
+    # A row of the ring is a frame, then the clocks.
     frame.row[:], *clocks = newest[-1].view(_row_type(frame.layout))[0]
     frame.copy_numbers()
     stamp_ns, clock_ns, last_command = map(int, clocks)

@@ -99,7 +99,7 @@ def _quality(*, latched: bool, reliable: bool = True) -> Any:
 @cache
 def _data_type(kind: str) -> Any:
     """Return the DDS type of a message such as `sensor_msgs/msg/JointState`. Its samples hold the
-    serialised bytes, so its functions pass them on without encoding or decoding.
+    serialised bytes. `serialize` and `deserialize`, which cyclonedds calls, only pass them on.
     """
     package, _, word = kind.split("/")
     definitions = messages.message_types("ros2").store.fielddefs[kind][1]
@@ -117,7 +117,8 @@ def _data_type(kind: str) -> Any:
 
 
 def _idl(node) -> Any:
-    # Returns the DDS type of a field. node: kind and content, as rosbags describes the field.
+    # Returns the DDS type of a field. node: kind and content, as rosbags describes the field. The
+    # content is a message's name, (node of the elements, length), or (name of a plain type, 0).
     kind, content = node
     if kind == Nodetype.NAME:
         return _data_type(content)

@@ -36,7 +36,7 @@ _TABLES = resources.read_tables(__file__, "interpreter.toml")
 BASE: dict[ArmName, np.ndarray] = {arm: np.array(rows) for arm, rows in _TABLES["base"].items()}
 MAX_SPEEDS, MAX_ACCELERATIONS = np.array([_TABLES["fastest"], _TABLES["strongest"]])
 _PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 10 / math.sqrt(3)
-"""Peaks of the derivatives of the minimum-jerk profile 10 s^3 - 15 s^4 + 6 s^5, s from 0 to 1."""
+"""Peaks of the first two derivatives of the minimum-jerk profile 10 s^3 - 15 s^4 + 6 s^5."""
 
 
 def to_base(arm: ArmName, position: np.ndarray, rotation: np.ndarray) -> tuple[Any, Any]:
@@ -81,14 +81,18 @@ class SetpointFollower:
         """grasp_gain: mrad that the jaws close per mrad of an increment in the control software."""
         self.name: ArmName = arm
         self._gain = grasp_gain
-        self.motors = robot.motor_matrix(arm, tool)  # motors per joint
+        self.motors = robot.motor_matrix(arm, tool)  # from joints to motors
+        # Limits of the first five joints; joints 5 and 6 are the jaws.
         self.lower, self.upper = (np.array(side[:5], float) for side in robot.soft_limits(tool)[:2])
         self.jpos_d = np.zeros(7)  # joint setpoint of the control software
+        # The ITP axes as columns, in frame 0. The transpose turns vectors from frame 0 to ITP.
         self._axes = np.array(robot.ITP_AXES[arm], float)
 
-    def engage(self, at: Setpoint) -> None:
+    def engage(self, setpoint: Setpoint) -> None:
         """Start at the control software's setpoint, because the pedal went down."""
-        self.commanded = Setpoint(np.rint(at.position_um), at.rotation, round(at.grasp_mrad))
+        # Increments are whole micrometres and milliradians.
+        position_um, rotation, grasp_mrad = setpoint
+        self.commanded = Setpoint(np.rint(position_um), rotation, round(grasp_mrad))
         self.target = None
 
     def set_target(self, target: Setpoint) -> bool:
@@ -101,17 +105,20 @@ class SetpointFollower:
         self.target = target
         return True
 
-    def continue_from(self, at: Setpoint) -> bool:
-        """Return whether the setpoint `at` differs from `commanded`. If so, continue from `at`."""
-        if self.commanded is None:
+    def continue_from(self, setpoint: Setpoint) -> bool:
+        """Continue from the control software's setpoint if it differs from `commanded`. Return
+        whether it differs.
+        """
+        commanded = self.commanded
+        if commanded is None:
             return False
         differs = (
-            np.abs(at.position_um - self.commanded.position_um).max() > TOLERANCE_UM
-            or (at.rotation * self.commanded.rotation.inv()).magnitude() > TOLERANCE_RAD
-            or abs(at.grasp_mrad - self.commanded.grasp_mrad) * 1e-3 > TOLERANCE_RAD
+            np.abs(setpoint.position_um - commanded.position_um).max() > TOLERANCE_UM
+            or (setpoint.rotation * commanded.rotation.inv()).magnitude() > TOLERANCE_RAD
+            or abs(setpoint.grasp_mrad - commanded.grasp_mrad) * 1e-3 > TOLERANCE_RAD
         )
         if differs:
-            self.engage(at)
+            self.engage(setpoint)
         return bool(differs)
 
     def step(self, elapsed_ms: float) -> Json:
@@ -122,12 +129,13 @@ class SetpointFollower:
             return STILL
         position, rotation, grasp = self.commanded
         way = self.target.position_um - position
-        # Without elapsed time the hand does not move, and nothing is divided by 0.
+        # If no time has elapsed, a tiny step avoids a division by 0 and is rounded to no motion.
         max_step_um = SPEED_UM_MS * elapsed_ms or 1e-9
+        # The way, shortened to `max_step_um` if it is longer, in whole micrometres.
         delta = np.rint(way / max(1.0, float(np.linalg.norm(way)) / max_step_um))
         turn = (self.target.rotation * rotation.inv()).as_rotvec()
         angle = float(np.linalg.norm(turn))
-        # Smaller angles are rounding errors.
+        # Angles below 1e-6 rad are rounding errors.
         turn *= 0.0 if angle < 1e-6 else min(1.0, TURN_RAD_MS * elapsed_ms / angle)
         max_grasp = GRASP_MRAD_MS * elapsed_ms
         opens_by = min(max(self.target.grasp_mrad - grasp, -max_grasp), max_grasp)
@@ -150,13 +158,16 @@ class Trajectory:
     def __init__(self, start: np.ndarray, goal: np.ndarray, begins_ms: float):
         """start, goal: [7], rad, insertion m."""
         self._start, self._way, self._begins_ms = start, goal - start, begins_ms
-        # The shortest duration of each joint for its largest speed and acceleration, s.
+        # The shortest duration of each joint, s. In a motion of T seconds, the largest speed is
+        # _PEAK_SPEED * way / T, and the largest acceleration _PEAK_ACCELERATION * way / T^2.
         speed_s = _PEAK_SPEED * np.abs(self._way) / MAX_SPEEDS
         acceleration_s = np.sqrt(_PEAK_ACCELERATION * np.abs(self._way) / MAX_ACCELERATIONS)
         self.duration_s = float(max(speed_s.max(), acceleration_s.max()))
 
     def at(self, now_ms: float) -> tuple[np.ndarray, bool]:
-        """Return the joints at this time, and whether the goal is reached."""
+        """Return the joints at this time, and whether the goal is reached. The share of the way is
+        10 s^3 - 15 s^4 + 6 s^5, where s is the share of the duration.
+        """
         elapsed_s = (now_ms - self._begins_ms) * 1e-3
         s = 1.0 if elapsed_s >= self.duration_s else max(elapsed_s / self.duration_s, 0.0)
         return self._start + s**3 * (10 + s * (6 * s - 15)) * self._way, s == 1.0
@@ -195,6 +206,7 @@ class OperatingState:
             return "FAULT"
         if self._stopped:
             return "DISABLED" if self._disabled else "FAULT"
+        # A robot that homes or that another console drives is enabled, but not by CRTK.
         if self.runlevel == INIT or self.other_drives:
             return "ENABLED"
         if self._disabled:
@@ -378,6 +390,7 @@ class Interpreter:
             except ValueError as error:
                 self._refuse_once(str(error))
                 return
+            # `states` then publishes the state even if it has not changed.
             self._published = None
             self._orders += [{"type": "operator", "do": order} for order in orders]
             self._report_rival(wants_pedal=word in ("enable", "resume"))
@@ -471,7 +484,7 @@ class Interpreter:
 
     def commands(self, now_ms: float) -> list[Command]:
         """Return the orders, then one command with the pedal and the increments since last time."""
-        # After a long delay the arms do not jump, as if it had been 20 ms.
+        # A longer delay counts as 20 ms, so that the arms do not jump.
         last_ms = now_ms if self._last_step_ms is None else self._last_step_ms
         elapsed, self._last_step_ms = min(now_ms - last_ms, 20.0), now_ms
         increments: Json = {}
@@ -488,7 +501,7 @@ class Interpreter:
         return [{**command, "source": "crtk", "console": "crtk"} for command in (*orders, hands)]
 
     def record_sent(self, number: int) -> None:
-        """Record the number of the last of `commands` that was sent."""
+        """Record that `commands` were sent. number: of the last of them."""
         if self._has_motion:
             self._sent_number, self._processed_row = number, None
 
@@ -544,11 +557,9 @@ class Interpreter:
             joints = np.insert(joints, 3, 0.0, axis=1)
             arm_fields = dict(zip(_TABLES["ravenstate"], joints, strict=True))
             for suffix, (position, rotation) in (("", pose), ("_d", pose_d)):
-                arm_fields |= {
-                    f"pos{suffix}": np.rint(position * 1e6),
-                    f"ori{suffix}": rotation.ravel(),
-                }
-            arm_fields |= {"grasp_d": np.array([grasp_d])}
+                arm_fields[f"pos{suffix}"] = np.rint(position * 1e6)
+                arm_fields[f"ori{suffix}"] = rotation.ravel()
+            arm_fields["grasp_d"] = np.array([grasp_d])
             arm_fields |= dict.fromkeys(("jac_vel", "jac_f"), np.concatenate(twist))
             for field, numbers in arm_fields.items():
                 both = raven.setdefault(field, np.zeros(len(ARMS) * len(numbers)))

@@ -73,7 +73,7 @@ def message_types(ros: Ros) -> MessageTypes:
 
 
 def pose_of(message: Any) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return position and quaternion; None if not finite, or if its length is not near 1."""
+    """Return position and quaternion. None: not finite, or no quaternion of about length 1."""
     point, turn = message.pose.position, message.pose.orientation
     numbers = numbers_of((point.x, point.y, point.z, turn.x, turn.y, turn.z, turn.w), 7)
     if numbers is None or not 0.9 < np.linalg.norm(numbers[3:]) < 1.1:

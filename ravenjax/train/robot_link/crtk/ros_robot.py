@@ -13,17 +13,7 @@ import numpy as np
 
 from ravenjax.errors import UserError
 from ravenjax.train.protocol import Json, Say
-from ravenjax.train.robot import (
-    ARMS,
-    E_STOP,
-    INIT,
-    PEDAL_DOWN,
-    PEDAL_UP,
-    ArmName,
-    Arms,
-    motor_matrix,
-    tip_pose,
-)
+from ravenjax.train.robot import ARMS, ArmName, Arms, motor_matrix, run_levels, tip_pose
 from ravenjax.train.robot_link import WORDS
 from ravenjax.train.robot_link.crtk import messages
 from ravenjax.train.robot_link.joint_stream import ARM_SIZES, JointReport, RobotLink
@@ -37,8 +27,8 @@ class RosRobot(RobotLink):
     def __init__(
         self, host: str, itp_port: int, arms: Arms, tools: tuple[str, ...], transport: Any, say: Say
     ):
-        """tools: one for each arm. transport: for the topics of `topics`. say: prints a message if
-        ROS fails. Raises UserError if the host has no address.
+        """tools: one for each arm. transport: exchanges messages on `topics`. say: prints a message
+        if ROS fails. Raises UserError if the host has no address.
         """
         super().__init__(host, itp_port)
         self._transport, self._say = transport, say
@@ -87,12 +77,12 @@ class RosRobot(RobotLink):
         names = "jpos", "jpos_d", "mpos", "mvel"
         joints = {name: np.radians(getattr(message, name)) for name in names}
         for arm in self._arms.values():
-            slot = ARMS.index(arm)
+            index = ARMS.index(arm)
             for name, numbers in (joints | {"dac": counts}).items():
                 # ravenstate has 8 joints per arm; joint 3 does not exist on the robot.
-                arm_numbers = np.delete(np.reshape(numbers, (len(ARMS), 8))[slot], 3)
+                arm_numbers = np.delete(np.reshape(numbers, (len(ARMS), 8))[index], 3)
                 self._channels[f"{arm}/{name}"] = arm_numbers.tolist()
-            position_um = np.reshape(message.pos, (len(ARMS), 3))[slot]
+            position_um = np.reshape(message.pos, (len(ARMS), 3))[index]
             self._channels[f"{arm}/position"] = (1e-6 * position_um).tolist()
         self._finish_report(message.hdr, int(message.runlevel), int(message.last_seq))
 
@@ -128,7 +118,9 @@ class RosRobot(RobotLink):
         # Stores the channels as the report of one tick. Ticks count from the first report.
         stamp_ns = messages.stamp_ns(header)
         self._first_stamp_ns = self._first_stamp_ns or stamp_ns
-        state = {"runlevel": [runlevel & 3], "surgeon_mode": [int(runlevel == PEDAL_DOWN)]}
+        # A run level has two bits.
+        is_pedal_down = runlevel == run_levels.PEDAL_DOWN
+        state = {"runlevel": [runlevel & 3], "surgeon_mode": [int(is_pedal_down)]}
         report = JointReport.model_construct(
             tick=max(stamp_ns - self._first_stamp_ns, 0) // 10**6,
             last_seq=last_seq,
@@ -140,5 +132,7 @@ class RosRobot(RobotLink):
 def _runlevel(message) -> int:
     # Returns raven2's run level that fits CRTK's operating state best.
     if message.state == "ENABLED":
-        return INIT if message.is_busy and not message.is_homed else PEDAL_DOWN
-    return PEDAL_UP if message.is_homed else E_STOP
+        return (
+            run_levels.INIT if message.is_busy and not message.is_homed else run_levels.PEDAL_DOWN
+        )
+    return run_levels.PEDAL_UP if message.is_homed else run_levels.E_STOP
