@@ -46,8 +46,8 @@ def random_normal(key: Scalar, tick: Scalar, channel: int) -> Scalar:
     deviations from 0. The upper 16 random bits give the radius, the lower 16 bits the angle.
     """
     word = random_bits(key, tick, channel)
-    radius_half = lax.convert_element_type(word >> _u32(16), jnp.float32)
-    angle_half = lax.convert_element_type(word & _u32(0xFFFF), jnp.float32)
-    # 0.5 is added, so that the logarithm is of a number above 0.
-    radius = jnp.sqrt(-2.0 * jnp.log((radius_half + 0.5) * 2.0**-16))
-    return radius * jnp.cos((angle_half + 0.5) * (2.0 * math.pi * 2.0**-16))
+    upper = lax.convert_element_type(word >> _u32(16), jnp.float32)
+    lower = lax.convert_element_type(word & _u32(0xFFFF), jnp.float32)
+    # 0.5 is added, so that the logarithm is of a number above 0. The factor 2^-16 maps to 0..1.
+    radius = jnp.sqrt(-2.0 * jnp.log((upper + 0.5) * 2.0**-16))
+    return radius * jnp.cos((lower + 0.5) * (2.0 * math.pi * 2.0**-16))

@@ -80,8 +80,7 @@ class HostModule:
         self._library = builder.link(self._jit, "kernel")
 
     def function(self, name: str, arguments: Sequence[Any], brief: bool = False) -> Any:
-        """Return a function without a result.
-
+        """Return the compiled function `name`, which has no result. arguments: ctypes' types.
         ctypes releases the GIL while the function runs, unless it is `brief`: a thread that
         releases the GIL may wait milliseconds to get it back.
         """

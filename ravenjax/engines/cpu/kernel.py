@@ -56,10 +56,9 @@ def schedule_operations(
 
 
 def _schedule(operations: Sequence[Operation], order: Sequence[int]):
-    """Return operations without regions in an order with less waiting.
-
-    In each cycle, the first operation in the window begins whose operands are available. If there
-    is none, the operation begins that waits least.
+    """Return operations without regions in an order with less waiting. In each cycle, the first
+    operation in the window begins whose operands are available. If there is none, the operation
+    begins that waits least.
     """
     # From here on operations are identified by their index in `order`.
     index = {i: k for k, i in enumerate(order)}
@@ -139,6 +138,7 @@ class _LlvmModule(LoopPrinting[Place]):
         self.lane_state = (*split.lane_state, *split.held_state)
         step, results = self.step.operations, self.finish.operations
 
+        # A row of a buffer of lanes has `width` values of each number; that of a group has one.
         def layout(types: Iterable[str], lanes: int = width):
             return BufferLayout.of_lanes(types, lanes)
 
@@ -209,7 +209,8 @@ class _LlvmModule(LoopPrinting[Place]):
 
     def _add_tick_inputs(self, printer: LlvmPrinter, sources: dict[int, Place], shared: bool):
         """Add the places of a tick's inputs to `sources`, operation -> place. Return operation ->
-        variable with the tick's number, which only the `shared` code of a group needs.
+        variable with the tick's number, which only the `shared` code of a group needs. In the
+        code, `in` points to this tick's inputs, and `in_step` is the bytes from one to the next.
         """
         tick_values: dict[int, str] = {}
         for i, k in self.tick_reads.items():
@@ -224,7 +225,8 @@ class _LlvmModule(LoopPrinting[Place]):
 
     def _lane_begin(self):
         # Prints the first state of a vector of lanes and the prologue: numbers that are constant in
-        # time, which `lane_run` reads from the buffer `held`.
+        # time, which `lane_run` reads from the buffer `held`. Both depend on the lanes' inputs; the
+        # prologue also on numbers of the state that never change.
         printer = LlvmPrinter(self.width, self.features)
         inputs, state = self.buffers.inputs.places("%inputs"), self._lane_state_places()
         self.print_begin(printer, inputs, state)
