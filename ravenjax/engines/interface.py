@@ -41,9 +41,8 @@ class Loop(Protocol):
     def advance(
         self, setup: Any, params: Any, faults: Any, state: Any, now: Any, motion: Any, golden: Any
     ) -> tuple[Any, tuple[Any, ...], Any]:
-        """Compute one tick; return the new state, the reference series, and every signal.
-
-        The reference series are the numbers with which faulty runs are compared. now: int32, ticks
+        """Compute one tick; return the new state, the reference series, and every signal. The
+        reference series are the numbers with which faulty runs are compared. now: int32, ticks
         since the run began. motion: columns of the operator's motion, each a 1-D array. golden:
         reference series of the golden run in this tick.
         """
@@ -230,7 +229,6 @@ class BranchingKernel(Kernel, Protocol):
         self, block: Block, motion: Motion, last: int, ends: np.ndarray
     ) -> tuple[Any, dict[str, np.ndarray]]:
         """Return snapshots of a golden run before tick `last`, and its outcomes at `ends`, [ends].
-
         Runs whose fault begins to act in tick `last` or before can start from a snapshot (see
         `Block.trunks`). block: the golden run in each of the `size(1)` lanes of a smallest block,
         with its reference series. ends: int [ends], ascending.

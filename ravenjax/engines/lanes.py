@@ -8,11 +8,10 @@ import numpy as np
 
 @dataclasses.dataclass(frozen=True)
 class Lanes:
-    """The inputs of lanes that run together; on a CPU, of the whole vectors of one group.
-
-    Inputs of ticks have the shape [ticks, numbers, lanes]. If lanes of a group have equal inputs,
-    the shape is [ticks, numbers] on a CPU, and [groups, ticks, numbers] on a GPU. On a CPU, arrays
-    begin with tick `first`, and an array of one tick is used in all ticks.
+    """The inputs of lanes that run together; on a CPU, of the whole vectors of one group. Inputs of
+    ticks have the shape [ticks, numbers, lanes]. If lanes of a group have equal inputs, the shape
+    is [ticks, numbers] on a CPU, and [groups, ticks, numbers] on a GPU. On a CPU, arrays begin with
+    tick `first`, and an array of one tick is used in all ticks.
     """
 
     inputs: Sequence[np.ndarray]  # each [lanes]

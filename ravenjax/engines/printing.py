@@ -199,11 +199,9 @@ class LoopPrinting(Generic[Where]):
         given: Mapping[int, str] | None = None,
         schedule: Callable[..., list[int | Region]] = lambda _, order: order,
     ) -> None:
-        """Print the statements that compute these operations of a tick.
-
-        They write the new state to the places `state`, and other results to `outputs`, pairs
-        (operation, place). schedule: (all operations, order) -> another valid order. See
-        `Printing.run` for sources and given.
+        """Print the statements that compute these operations of a tick. They write the new state to
+        the places `state`, and other results to `outputs`, pairs (operation, place). schedule: (all
+        operations, order) -> another valid order. See `Printing.run` for sources and given.
         """
         new_state = [(self.step.outputs[k], place) for k, place in state.items()]
         results = [*new_state, *outputs]

@@ -44,7 +44,6 @@ def select_engine(
     ticks: int | None = None,
 ) -> "Engine":
     """Return the engine of that name; "auto": this machine's fastest with this precision.
-
     precision: types of floats; None: float32, as in campaigns. objects: cache of compiled code that
     several processes share; None: no such cache. ticks: number of ticks of all runs together; None:
     unknown, treated as a large campaign. Raises UserError.

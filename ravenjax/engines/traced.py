@@ -33,11 +33,9 @@ MAX_PROGRAMS = 4
 
 @dataclasses.dataclass(frozen=True)
 class TracedTick:
-    """The time loop of one lane as programs.
-
-    Inputs of the lane are the varied parameters and the faults. Inputs of a tick are its number and
-    the golden run's reference series. Outputs of a tick are the lane's reference series, then all
-    signals.
+    """The time loop of one lane as programs. Inputs of the lane are the varied parameters and the
+    faults. Inputs of a tick are its number and the golden run's reference series. Outputs of a tick
+    are the lane's reference series, then all signals.
     """
 
     loop: TimeLoop  # its results are the outcomes

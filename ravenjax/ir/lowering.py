@@ -67,7 +67,6 @@ class UnknownPrimitive(NotImplementedError):
 
 def lower_jaxpr(jaxpr: core.ClosedJaxpr, functions: Functions = "polynomials") -> Program:
     """Return the program of a closed jaxpr (`jax.make_jaxpr(f)(...)`). Raises UnknownPrimitive.
-
     Inputs of the program are the jaxpr's single numbers in order, and tables are its 1-D inputs.
     functions: with `polynomials`, sin, atan2 and similar functions become sums and products. With
     `library`, they remain functions of the C library, and integers may have 64 bits.

@@ -55,6 +55,7 @@ class Program:
         wanted = bytearray(len(self.operations))
         for i in self.outputs if outputs is None else outputs:
             wanted[i] = 1
+        # Backwards, because operands come before the operations that read them.
         for i in range(len(self.operations) - 1, -1, -1):
             if wanted[i]:
                 for operand in self.operations[i].operands:

@@ -27,7 +27,6 @@ _FREE = ("neg", "bitcast")
 @dataclasses.dataclass(frozen=True)
 class TimeLoop:
     """Programs that compute a run: `begin` the first state, `step` one tick, `finish` the results.
-
     Inputs of `begin` are the lane's inputs. Inputs of `step` are the lane's inputs, the state, and
     the inputs of the tick; its outputs are the new state and the outputs of the tick. Inputs of
     `finish` are the lane's inputs and the state.

@@ -121,7 +121,7 @@ def _kinematics(
     links: Sequence[Link], qpos: list[Number], qvel: list[Number], upward: Vec
 ) -> list[_Body]:
     # Returns each link's motion without joint accelerations, and its wrench: the moment and the
-    # force that this motion needs. upward: acceleration of the base that acts like gravity.
+    # force that this motion needs. upward: minus gravity, with which the base accelerates instead.
     bodies: list[_Body] = []
     # Angular acceleration of each link, and acceleration of its origin.
     accelerations: list[tuple[Vec, Vec]] = []
@@ -174,7 +174,8 @@ def _mass_matrix(links: Sequence[Link], bodies: list[_Body]) -> Matrix:
     inertia: Matrix = [[0.0] * n for _ in range(n)]
     for index in reversed(range(n)):
         link, body = links[index], bodies[index]
-        # h: integral of r dm. J: integral of r r^T dm. The joint's axis is z.
+        # h: integral of r dm. J: integral of r r^T dm. A unit acceleration along z needs the force
+        # mass z and the moment h x z; one about z needs z x h and the integral of r x (z x r) dm.
         h, J = body.first_moment, body.second_moments
         if link.slide:
             moment, force = Vec((h[1], -h[0], 0.0)), Vec((0.0, 0.0, body.mass))
@@ -192,7 +193,8 @@ def _mass_matrix(links: Sequence[Link], bodies: list[_Body]) -> Matrix:
 
 
 def _add_child(parent: _Body, child: _Body):
-    # Adds the child's mass, first and second moments to the parent, in the parent's frame.
+    # Adds the child's mass, first and second moments to the parent, in the parent's frame. The move
+    # by p changes the second moments J to J + p (h + mass p)^T + h p^T.
     p = child.position
     J, total = child.second_moments, parent.second_moments
     for turn in reversed(child.turns):

@@ -196,7 +196,7 @@ def _leaf_direction(joint: _HomeJoint) -> np.ndarray:
     first_moment, mass = joint.pseudo_inertia[:3, 3], joint.pseudo_inertia[3, 3]
     base_axes = np.eye(3)[np.argsort(np.abs(joint.axis))]
     for candidate in (first_moment - mass * joint.origin, *base_axes):
-        # A centre of mass within 1 um of the axis gives no direction.
+        # A centre of mass within 1 um of the axis (times mass, which may be 0) gives no direction.
         direction = _unit(_perpendicular(joint, candidate), 1e-6 * max(mass, 1e-300))
         if direction is not None:
             return direction
@@ -205,7 +205,8 @@ def _leaf_direction(joint: _HomeJoint) -> np.ndarray:
 
 def _make_links(joints: list[_HomeJoint]) -> tuple[Link, ...]:
     # Returns the links in their frames. Inertia without effect on a joint's own motion is moved to
-    # the parent, which does not change the dynamics.
+    # the parent, which does not change the dynamics: of a slide, all second moments; of a hinge
+    # about z, the mass and the moments along z.
     inertias = []
     for joint in joints:
         to_link = joint.rotation.T

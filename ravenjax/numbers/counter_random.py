@@ -28,7 +28,9 @@ def _mix(x: Scalar) -> Scalar:
 
 
 def random_bits(key: Scalar, tick: Scalar, channel: int) -> Scalar:
-    """Return 32 random bits (uint32) for `key` (uint32), `tick` (int32) and a fixed `channel`."""
+    """Return 32 random bits (uint32) for a run's `key` (uint32), `tick` (int32) and `channel`, the
+    number of a random signal.
+    """
     # The mask makes the Python number a 32-bit number, as the other operands are.
     channel_offset = _u32((channel * CHANNEL_STRIDE) & 0xFFFFFFFF)
     counter = lax.convert_element_type(tick, jnp.uint32) * _u32(GOLDEN) + channel_offset

@@ -42,7 +42,7 @@ def step(state: FiniteState, watched: Mapping[str, Iterable[Scalar]], tick: Scal
 
 
 def outcomes(state: FiniteState) -> dict[str, Scalar]:
-    """Return the outcome columns: the tick (ms) in which a number was first infinite or NaN, and
-    the code of that number; -1: never.
+    """Return the outcome columns: the tick, which the engine converts to ms, in which a number was
+    first infinite or NaN, and the code of that number; -1: never.
     """
     return {"failed_ms": state.first, "failed_signal": state.signal}

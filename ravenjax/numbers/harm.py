@@ -304,8 +304,8 @@ def step(
 
 
 def outcomes(setup: Setup, state: tuple[HarmState, ...]) -> dict[str, Scalar]:
-    """Return the outcome columns of each harm: its first tick (ms; -1: none), and its margin, the
-    smallest distance from the harm, negative if it occurred.
+    """Return the outcome columns of each harm: its first tick (-1: none), which the engine converts
+    to ms, and its margin, the smallest distance from the harm, negative if it occurred.
     """
     columns = {}
     for use, harm in zip(setup.harms, state, strict=True):

@@ -117,7 +117,7 @@ def incidence_curve(delays: Delays) -> Incidence:
     had_event = np.bincount(index, delays.count * delays.occurred)
     at_risk = delays.n - np.cumsum(ended) + ended
     with np.errstate(divide="ignore", invalid="ignore"):
-        # The product of the general formula would round the plain share.
+        # The estimate without censored runs. The product below would round this plain share.
         fraction = np.cumsum(had_event) / delays.n
         without_event = 1 - fraction
         if events < delays.n:

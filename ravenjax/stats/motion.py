@@ -76,6 +76,7 @@ def resample_path(ms: np.ndarray, points: np.ndarray) -> np.ndarray:
     # The import takes half a second.
     from scipy import signal
 
+    # The small number lets the last point be included.
     times = np.arange(ms[0], ms[-1] + 1e-9, 1e3 / RATE_HZ)
     even = np.stack([np.interp(times, ms, axis) for axis in points.T], axis=1)
     # The filter needs 16 points or more. A shorter path is not filtered.

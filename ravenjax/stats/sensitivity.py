@@ -26,7 +26,6 @@ class SobolIndices(NamedTuple):
 
 class MorrisEffects(NamedTuple):
     """Elementary effects of each input, arrays [d], in the output's unit per range of the input.
-
     mu_star: mean absolute effect, with its band. mu: mean effect with sign; if it is near 0 and
     mu_star is large, the output is not monotone. sigma: standard deviation; it is large if the
     output is not linear or has interactions.

@@ -263,6 +263,7 @@ def stratified_rate(
     z = norm.isf(alpha / 2)
     centre = (hits + z**2 / 2) / (runs + z**2)
     overall = share @ centre
+    # The number of runs with which a plain sample has the variance of this estimate.
     effective = overall * (1 - overall) / np.sum(share**2 * centre * (1 - centre) / runs)
     value = float(share @ (hits / runs))
     effective_counts = np.array(value * effective), np.array(effective)

@@ -93,7 +93,7 @@ def group_units(label: ArrayLike, stratum: ArrayLike | None = None) -> "Units":
     row_stratum, _ = label_codes(stratum)
     unit_stratum = np.zeros(count, int)
     unit_stratum[unit] = row_stratum
-    # Another row of the unit has overwritten the stratum.
+    # If a row's stratum is not its unit's, another row of the unit has overwritten the unit's.
     if (unit_stratum[unit] != row_stratum).any():
         raise ValueError("units: each unit must be in one stratum, but a unit is in several")
     return Units(unit, unit_stratum)

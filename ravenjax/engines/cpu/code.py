@@ -59,6 +59,7 @@ class LaneGroup:
         kernel = self.kernel = code.kernel
         self._calls: list[tuple[int, ...]] = []
         self._inputs = kernel.inputs.pack(lanes.inputs, vectors)
+        # The inputs that a group shares are equal in its lanes, so those of the first lane serve.
         self._group_inputs = kernel.group_inputs.pack([column[:1] for column in lanes.inputs], 1)
         self.state = aligned_buffer(vectors, kernel.state.bytes)
         self._prologue = aligned_buffer(vectors, kernel.prologue.bytes)

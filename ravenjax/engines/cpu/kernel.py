@@ -163,6 +163,7 @@ class _LlvmModule(LoopPrinting[Place]):
         self._lane_begin()
         self._lane_run()
         self._lane_finish()
+        # Without these attributes, LLVM splits vectors of 512 bits on some CPUs.
         bits = self.width * 32
         widths = f'"min-legal-vector-width"="{bits}" "prefer-vector-width"="{bits}"'
         calls = render_template("cpu/calls.ll.j2", arguments=ARGUMENTS, call_words=CALL_WORDS)

@@ -144,11 +144,9 @@ class LlvmPrinter(Printing[Place]):
         self.lines.append(f"store {target}, align {stored_size(dtype)}")
 
     def _select_as_floats(self, dtype: str, inputs: list[str]) -> str:
-        """Select one of two integers as if they were floats.
-
-        inputs: condition, then both integers. With AVX-512, LLVM 22.1 combines a logic operation on
-        a constant and a following select into one instruction (a masked vpternlog), which may give
-        the wrong bits.
+        """Select one of two integers as if they were floats. inputs: condition, then both integers.
+        With AVX-512, LLVM 22.1 combines a logic operation on a constant and a following select into
+        one instruction (a masked vpternlog), which may give the wrong bits.
         """
         wide, real = self.type(dtype), self.type("float32")
         sides = [self.op(f"bitcast {wide} {x} to {real}") for x in inputs[1:]]

@@ -134,7 +134,7 @@ class Interpreted:
         self._transitions = transitions
 
     def bind(self, name: str, memory: Memory) -> Callable[[], None]:
-        """Return a function that makes a transition, as `Compiled.bind` does; without tables."""
+        """Return a function as `Compiled.bind` does, for a program that reads no tables."""
         transition = self._transitions[name]
 
         def make_transition():

@@ -161,6 +161,7 @@ class _Run:
                 rows_done.append(self._make_rows(k + 1, starts[k + 1]))
             session.wait(main, rows_done[k])
             self._store_snapshot("lane", code.source.state, main, self.state, k)
+            # The arguments are in the order of the parameters of `lane_run` in kernel.cu.j2.
             session.launch(
                 code.lane_run,
                 *(self.blocks, self.threads, main),

@@ -149,7 +149,6 @@ class _CudaModule(LoopPrinting[str]):
 
     def _divide_state(self):
         """Return the numbers of a lane's state in device memory, and those in shared memory.
-
         Numbers are indices in the state. Shared memory, which is faster but small, has those that a
         tick reads most often. Both are in the order of first use, because one instruction loads
         VECTOR consecutive words.
