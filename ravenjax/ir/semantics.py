@@ -69,7 +69,7 @@ def fma(a: Array, b: Array, c: Array) -> Array:
         return np.float64(np.longdouble(a) * np.longdouble(b) + np.longdouble(c))
     product = np.float64(a) * np.float64(b)  # exact: 48 bits
     total = product + np.float64(c)
-    # What the rounding of `total` removed, exactly: Knuth's two-sum.
+    # What the rounding of `total` removed is, exactly, `error` (Knuth's two-sum).
     rest = total - product
     error = (product - (total - rest)) + (np.float64(c) - rest)
     bits = total.view(np.int64)

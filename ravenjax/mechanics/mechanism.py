@@ -215,7 +215,6 @@ def step(
     mechanism: Mechanism, qpos: Vec, qvel: Vec, torque: Vec, velocity_gain: Vec | None = None
 ) -> tuple[Vec, Vec]:
     """Return positions and velocities a time step later, by MuJoCo's integrator implicitfast.
-
     torque: torques of motors or controller at this state, Nm or N. velocity_gain: decrease of the
     torque for each rad/s or m/s, not negative; None: 0. `torque` already includes this decrease;
     the gain makes the step implicit in it.
@@ -256,7 +255,6 @@ def advance_by_mjx(
     model: mujoco.MjModel, qpos: Vec, qvel: Vec, applied: Any, option: Any, **numbers: Any
 ) -> tuple[Any, Any]:
     """Return positions and velocities after one `mjx.step`, arrays of the type of `qpos` or wider.
-
     applied: `qfrc_applied`, Nm or N. option: values that replace fields of `model.opt`. numbers:
     values that replace fields of the model. A model whose integrator is implicit takes damping at
     the end of the step.

@@ -120,9 +120,8 @@ def as_int(x: Scalar) -> Scalar:
 
 
 def if_rarely(condition: Scalar, then: Callable[[], Any], otherwise: Any) -> Any:
-    """Return `then()` if `condition`, which is rarely true, else `otherwise`. Both are records of
-    the same structure and types. Engines that generate code skip `then()` in ticks in which no run
-    needs it.
+    """Return `then()` if `condition`, which is seldom true, else `otherwise`: records of the same
+    structure and types. Generated code skips `then()` in ticks in which no run needs it.
     """
     return lax.cond(condition, then, lambda: otherwise)
 

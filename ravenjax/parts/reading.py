@@ -52,7 +52,7 @@ class Reader:
             self.taken[name] = self.known[name]
         else:
             reason = "no copy is stored, because the code did not read this file in its first run"
-            raise FileNotFoundError(2, reason, name)  # 2: ENOENT
+            raise FileNotFoundError(2, reason, name)  # 2 is ENOENT
         return self.taken[name]
 
     def _run(self, code: str | bytes, path: Path, name: str) -> types.ModuleType:

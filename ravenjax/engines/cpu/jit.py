@@ -48,6 +48,7 @@ class Host:
 @cache
 def host_target() -> Host:
     """Return this machine's CPU. Raises UserError if it has no fused multiply-add."""
+    # LLVM takes options as from a command line, which begins with the name of a program.
     for option in _OPTIONS:
         llvm.set_option("ravenjax", option)
     llvm.initialize_native_target()

@@ -180,7 +180,8 @@ class _LlvmModule(LoopPrinting[Place]):
         return _places_by_number(self.split.shared_state, self.buffers.group_state, pointer, splat)
 
     def _function(self, name: str, printer: LlvmPrinter):
-        # Adds a function without a loop, whose body is the lines of the printer.
+        # Adds a function without a loop, whose body is the lines of the printer. `kernel` defines
+        # its attributes, #0.
         body = "\n".join(f"  {line}" for line in printer.lines)
         head = f"define void @{name}({_noalias_parameters(name)}) #0"
         self.functions.append(f"{head} {{\nentry:\n{body}\n  ret void\n}}\n")
@@ -192,7 +193,7 @@ class _LlvmModule(LoopPrinting[Place]):
         self.declared |= printer.declared
 
     def _shared_begin(self):
-        printer = LlvmPrinter(1, self.features)
+        printer = LlvmPrinter(width=1, features=self.features)
         inputs = self.buffers.group_inputs.places("%inputs")
         self.print_begin(printer, inputs, self._group_state_places())
         self._function("shared_begin", printer)
@@ -200,7 +201,7 @@ class _LlvmModule(LoopPrinting[Place]):
     def _shared_run(self):
         # Prints the loop over ticks of a group. A tick reads the group's inputs and its own, writes
         # the new state of the group, and writes the numbers that lanes read to the tick's row.
-        printer = LlvmPrinter(1, self.features, in_loop=True)
+        printer = LlvmPrinter(width=1, features=self.features, in_loop=True)
         split, buffers, state = self.split, self.buffers, self._group_state_places()
         sources = self.sources(self.step, buffers.group_inputs.places("%inputs"), state)
         tick_values = self._add_tick_inputs(printer, sources, shared=True)

@@ -41,7 +41,7 @@ class LlvmPrinter(Printing[Place]):
             return self._lookup(program, detail, inputs[0])
         # Operands: condition, number where it is true, number where it is false.
         if name in ("select", "rarely"):
-            # See `_select_as_floats`.
+            # Avoids a mistake of LLVM, which `_select_as_floats` describes.
             is_logic = any(program.operations[o].name in ("and", "or", "xor") for o in operands[1:])
             if is_logic and dtype in ("int32", "uint32") and self.width > 1:
                 return self._select_as_floats(dtype, inputs)
@@ -220,7 +220,8 @@ class LlvmPrinter(Printing[Place]):
         return value
 
     def _convert(self, dtype: str, source: str, x: str) -> str:
-        # Converts numbers. LLVM's own conversion is undefined for NaN and values out of range.
+        # Converts numbers. LLVM's own conversion is undefined for NaN and values out of range. Names
+        # such as sitofp begin with the first letter of `_KINDS`, "signed" or "unsigned".
         wide, before = self.type(dtype), self.type(source)
         if dtype.startswith("float") and source.startswith("float"):
             return self.op(f"{'fpext' if dtype == 'float64' else 'fptrunc'} {before} {x} to {wide}")

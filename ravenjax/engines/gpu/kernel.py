@@ -80,9 +80,11 @@ class _CudaModule(LoopPrinting[str]):
     def __init__(self, split: Split, form: Form, given_by_group: bool):
         super().__init__(split)
         self.form, self.given_by_group = form, given_by_group
+        # Numbers of inputs of a lane and of a tick. The tick's number is not counted.
         self.inputs, self.tick_inputs = split.loop.lane_inputs, len(split.loop.tick_inputs) - 1
         self.saved = self._finish_reads()
         self.in_row = self._row_order()
+        # Words of a row, in whole vectors.
         self.row = -(-len(self.in_row) // VECTOR) * VECTOR
         self.in_device_memory, self.in_shared = self._divide_state()
         self.lane_state = (*self.in_device_memory, *self.in_shared)
