@@ -171,8 +171,8 @@ def trace_function(
     function: Callable[..., Any], *arguments: Any, functions: lowering.Functions = "polynomials"
 ) -> tuple[Program, Any]:
     """Return a function's program for arguments of these shapes, and the shapes of its results.
-    functions: "polynomials": sines and similar functions become polynomials, and a sum with a
-    product becomes one fused operation; "library": see `lowering.lower_jaxpr`.
+    With functions = "polynomials", sines and similar functions become polynomials, and a sum with a
+    product becomes one fused operation. For "library" see `lowering.lower_jaxpr`.
     """
     with refuse_leaked_numbers():
         jaxpr, results = jax.make_jaxpr(function, return_shape=True)(*arguments)

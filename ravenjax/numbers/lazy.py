@@ -172,7 +172,7 @@ def run_eagerly(array: Any = None) -> Iterator[Any]:
     an array of NumPy, JAX, torch or another library of the array API standard, or numbers, which
     become a NumPy array. Yield the array.
     """
-    # The module with the functions for this array, by the array API standard.
+    # The library of the array, by the array API standard; NumPy for numbers.
     library = getattr(array, "__array_namespace__", lambda: np)()
     # Arrays of torch do not name their library as the standard requires.
     if type(array).__module__.startswith("torch"):

@@ -220,8 +220,8 @@ class LlvmPrinter(Printing[Place]):
         return value
 
     def _convert(self, dtype: str, source: str, x: str) -> str:
-        # Converts numbers. LLVM's own conversion is undefined for NaN and values out of range. Names
-        # such as sitofp begin with the first letter of `_KINDS`, "signed" or "unsigned".
+        # Converts numbers. LLVM's own conversion is undefined for NaN and values out of range.
+        # Names such as sitofp begin with the first letter of `_KINDS`, "signed" or "unsigned".
         wide, before = self.type(dtype), self.type(source)
         if dtype.startswith("float") and source.startswith("float"):
             return self.op(f"{'fpext' if dtype == 'float64' else 'fptrunc'} {before} {x} to {wide}")

@@ -55,8 +55,8 @@ def false_rates(alarms: AlarmCounts, times: float = 1.0) -> Estimate:
 
 
 def cheapest_alarms(alarms: AlarmCounts, weight: float, times: float = 1.0) -> np.ndarray:
-    """Return which alarms may have the lowest cost, bool [alarms]. times: see `false_rates`. A
-    missed hazard costs as much as `weight` false alarms. There is one hazard per hour.
+    """Return which alarms may have the lowest cost, bool [alarms]. A missed hazard costs as much as
+    `weight` false alarms. There is one hazard per hour. times: see `false_rates`.
     """
     missed, false = missed_difference(alarms), false_rates(alarms, times)
     # Cost of a first alarm minus that of a second, at least, [first, second]. If it is above 0, the
