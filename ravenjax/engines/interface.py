@@ -27,9 +27,8 @@ TIMES = re.compile("_ms$|^(near_ms|differs|leaves):")
 
 
 class Loop(Protocol):
-    """The functions of a robot that an engine calls: first state, one tick, and outcomes.
-
-    `setup` is specific to the robot. `params`, `state` and `signals` are records of single numbers.
+    """The functions of a robot that an engine calls: first state, one tick, and outcomes. `setup`
+    is specific to the robot. `params`, `state` and `signals` are records of single numbers.
     `faults` is `ravenjax.faults.fault.Faults`. `ravenjax.robots` explains what a robot is.
     """
 
@@ -42,9 +41,8 @@ class Loop(Protocol):
     def advance(
         self, setup: Any, params: Any, faults: Any, state: Any, now: Any, motion: Any, golden: Any
     ) -> tuple[Any, tuple[Any, ...], Any]:
-        """Compute one tick; return the new state, the reference series, and every signal.
-
-        The reference series are the numbers with which faulty runs are compared. now: int32, ticks
+        """Compute one tick; return the new state, the reference series, and every signal. The
+        reference series are the numbers with which faulty runs are compared. now: int32, ticks
         since the run began. motion: columns of the operator's motion, each a 1-D array. golden:
         reference series of the golden run in this tick.
         """
@@ -56,7 +54,6 @@ class Loop(Protocol):
 
     def outcomes(self, setup: Any, params: Any, state: Any) -> dict[str, Any]:
         """Return the outcomes of the run so far: columns of the result table before the verdict.
-
         Times, with names that end in `_ms`, are in ticks.
         """
         ...
@@ -66,9 +63,8 @@ class Loop(Protocol):
         ...
 
     def name_signals(self, setup: Any, signals: Any) -> Mapping[str, Any]:
-        """Return every signal by its name, for time series and comparisons.
-
-        There are at least fault_active (bool of each slot), live (bool), and detectors
+        """Return every signal by its name, for time series and comparisons. There are at least
+        fault_active (bool of each slot), live (bool), and detectors
         (`stages.detectors.DetectorsState`).
         """
         ...
@@ -91,7 +87,7 @@ class TickProgram:
         return importlib.import_module(self.module)  # type: ignore[return-value]
 
     def params_of(self, varied: Sequence[Any]) -> Any:
-        """Return the parameters of a run. varied: values of the parameters `self.varied`."""
+        """Return a run's parameters. varied: its values at the paths `self.varied`, in order."""
         record = self.params
         for path, value in zip(self.varied, varied, strict=True):
             record = paths.assign_numbers(record, self.setup, path, value)
@@ -111,7 +107,9 @@ class TickProgram:
         golden: Any,
         motion: Any,
     ) -> tuple[Any, Any, Any]:
-        """Advance a lane as `Loop.advance` does. end: () or (tick,), from which the state stays."""
+        """Advance a lane as `Loop.advance` does. end: (tick,) from which on the state does not
+        change, or () if the lane runs to the end.
+        """
         lane = self.setup, self.params_of(varied), faults
         new, series, signals = self.loop.advance(*lane, state, now, motion, golden)
         return where(now < end[0], new, state) if end else new, series, signals
@@ -137,14 +135,16 @@ class Block:
     faults: Any  # faults.fault.Faults of arrays [lanes]
     # [ticks, series, golden runs]; None: the lanes are golden runs; NO_REFERENCE: no reference
     reference: np.ndarray | None
-    # int [lanes]: golden run of each lane; None: one per lane, in order.
+    # int [lanes]: each lane's golden run, an index of the last axis of `reference`; None: one per
+    # lane, in order.
     golden: np.ndarray | None = None
     # int [lanes]: until this tick a lane has the same bits as its golden run; None: unknown.
     acts: np.ndarray | None = None
     # int [lanes]: the first tick that a lane does not run; None: all lanes run to the end.
     ends: np.ndarray | None = None
     rows: int | None = None  # number of lanes, from the first, whose results are read; None: all
-    # For each golden run, its snapshots (`BranchingKernel.trunk`) or None; empty: no snapshots.
+    # For each golden run, its snapshots, from which lanes may start (`BranchingKernel.trunk`), or
+    # None; empty: every lane starts in tick 0.
     trunks: Sequence[Any] = ()
 
     @property
@@ -154,12 +154,14 @@ class Block:
 
     @property
     def lanes(self) -> int:
-        """Number of lanes; 0 if nothing differs between them."""
+        """Number of lanes; 0 if there is no array of lanes from which to read it."""
         arrays = [*self.varied.values(), *tree.tree_leaves(self.faults), self.golden, self.acts]
         return next((len(array) for array in arrays if array is not None), 0)
 
     def select_lanes(self, lanes: np.ndarray) -> Block:
-        """Return a block of the lanes with these indices (int), which may repeat."""
+        """Return a block of the lanes with these indices (int), which may repeat. `reference` and
+        `trunks` still contain all golden runs.
+        """
 
         def pick(column):
             return None if column is None else np.asarray(column)[lanes]
@@ -178,10 +180,7 @@ class Block:
         return lanes if self.golden is None else self.golden[lanes]
 
     def series(self, lanes: np.ndarray) -> np.ndarray:
-        """Return the golden runs of these lanes, [ticks, series, len(lanes)].
-
-        Only for a block that has a reference.
-        """
+        """Return the reference series of these lanes' golden runs, [ticks, series, len(lanes)]."""
         assert self.reference is not None
         return self.reference.take(self.golden_of(lanes), axis=2)
 
@@ -230,7 +229,6 @@ class BranchingKernel(Kernel, Protocol):
         self, block: Block, motion: Motion, last: int, ends: np.ndarray
     ) -> tuple[Any, dict[str, np.ndarray]]:
         """Return snapshots of a golden run before tick `last`, and its outcomes at `ends`, [ends].
-
         Runs whose fault begins to act in tick `last` or before can start from a snapshot (see
         `Block.trunks`). block: the golden run in each of the `size(1)` lanes of a smallest block,
         with its reference series. ends: int [ends], ascending.
@@ -275,8 +273,8 @@ class Tracer:
         self, golden: Block, block: Block, motion: Motion
     ) -> tuple[BlockResult, BlockResult, Any]:
         """Return the results of both blocks, and every signal of `block`'s first lane, [ticks].
-
-        `golden` is the same block without faults.
+        `golden` is the same block without faults. It runs first, and its reference series are those
+        with which `block` is compared.
         """
         results = self.kernel.run(golden, motion)
         block = dataclasses.replace(block, reference=results.reference)

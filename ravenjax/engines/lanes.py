@@ -8,11 +8,10 @@ import numpy as np
 
 @dataclasses.dataclass(frozen=True)
 class Lanes:
-    """The inputs of lanes that run together; on a CPU, of the whole vectors of one group.
-
-    Inputs of ticks have the shape [ticks, numbers, lanes]. If lanes of a group have equal inputs,
-    the shape is [ticks, numbers] on a CPU, and [groups, ticks, numbers] on a GPU. On a CPU, arrays
-    begin with tick `first`, and an array of one tick is used in all ticks.
+    """The inputs of lanes that run together; on a CPU, of the whole vectors of one group. Inputs of
+    ticks have the shape [ticks, numbers, lanes]. If lanes of a group have equal inputs, the shape
+    is [ticks, numbers] on a CPU, and [groups, ticks, numbers] on a GPU. On a CPU, arrays begin with
+    tick `first`, and an array of one tick is used in all ticks.
     """
 
     inputs: Sequence[np.ndarray]  # each [lanes]
@@ -33,7 +32,7 @@ SNAPSHOT_BYTES = 2**26
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Trunk:
-    """Snapshots of a golden run, from which faulty runs can start."""
+    """Snapshots of a golden run, the checkpoints from which faulty runs can start."""
 
     every: int  # ticks from one snapshot to the next; the first snapshot is that of tick 0
     group: np.ndarray  # uint32 [snapshots, words], state that its group shares
@@ -41,11 +40,11 @@ class Trunk:
 
     @staticmethod
     def allocate(every: int, snapshots: int, group: int, lane: int) -> "Trunk":
-        """Allocate `snapshots` snapshots with this many words of the group and of the lane."""
+        """Allocate snapshots. group, lane: 32-bit words of the state of a group and of a lane."""
         return Trunk(every, *(np.empty((snapshots, words), np.uint32) for words in (group, lane)))
 
     def start_ticks(self, first: np.ndarray) -> np.ndarray:
-        """Return the tick of the last snapshot before `first`, the tick of a fault, int."""
+        """Return the tick of the last snapshot before each tick of `first`, when a fault acts."""
         return np.clip((first - 1) // self.every, 0, len(self.lane) - 1) * self.every
 
 
@@ -55,6 +54,6 @@ def snapshot_bytes(ticks: int) -> int:
 
 
 def snapshot_spacing(last: int, words: int) -> int:
-    """Return the ticks between snapshots of `words` words up to tick `last`."""
-    most = max(1, SNAPSHOT_BYTES // max(4 * words, 1))
-    return max(EVERY, -(-last // most))
+    """Return the ticks between snapshots of `words` 32-bit words up to tick `last`."""
+    largest_count = max(1, SNAPSHOT_BYTES // max(4 * words, 1))
+    return max(EVERY, -(-last // largest_count))

@@ -32,7 +32,7 @@ def render_template(template: str, **values: Any) -> str:
 
 
 Where = TypeVar("Where")
-"""A place in memory, as the language writes it."""
+"""The address of a number in memory, as the printer of a language represents it."""
 
 
 class Printing(ABC, Generic[Where]):
@@ -54,7 +54,8 @@ class Printing(ABC, Generic[Where]):
 
         operations: operations of `program` in order. A region becomes a block that is skipped if
         its condition is false. sources: operation -> place of its number in memory. results:
-        (operation, place to write to). given: operation -> existing value in the printed code.
+        (operation, place to write to). given: operation -> name of a variable that the code around
+        these statements has for it.
         """
         operations = list(operations)
         types = [operation.dtype for operation in program.operations]
@@ -158,24 +159,25 @@ class Printing(ABC, Generic[Where]):
 
 
 class LoopPrinting(Generic[Where]):
-    """Prints the functions of a split time loop.
-
-    `state` of the methods: index in the state -> place in memory.
+    """Prints the functions of a split time loop, for all lanes of a group or for one lane. `state`
+    of the methods: index of a number in the state -> its place in memory.
     """
 
     def __init__(self, split: Split):
         self.split, loop = split, split.loop
         self.step, self.begin, self.finish = loop.step, loop.begin, loop.finish
         self.outputs = loop.step.outputs[loop.states :]
+        # The inputs of `step` are those of the lane, the state, then those of the tick.
         first = loop.lane_inputs + loop.states
-        # Operation -> index of the input of a tick that it is; 0: the tick's number.
+        # Operation that reads an input of the tick -> index of this input; 0: the tick's number.
         self.tick_reads = {i: k - first for i, k in loop.step.reads.items() if k >= first}
 
     @staticmethod
     def sources(
         program: Program, inputs: Sequence[Where], state: Mapping[int, Where]
     ) -> dict[int, Where]:
-        """Return the places of a lane's inputs and its state, by operation of `program`."""
+        """Return operation -> place, for the operations that read a lane's inputs or state."""
+        # The inputs of a program are those of the lane, then the state.
         places = dict(enumerate(inputs)) | {len(inputs) + k: at for k, at in state.items()}
         return {i: places[k] for i, k in program.reads.items() if k in places}
 
@@ -197,10 +199,9 @@ class LoopPrinting(Generic[Where]):
         given: Mapping[int, str] | None = None,
         schedule: Callable[..., list[int | Region]] = lambda _, order: order,
     ) -> None:
-        """Print the statements that compute these operations of a tick.
-
-        They write the new state to the places `state`, and other results to `outputs`, pairs
-        (operation, place). schedule: changes the order. See `Printing.run` for sources and given.
+        """Print the statements that compute these operations of a tick. They write the new state to
+        the places `state`, and other results to `outputs`, pairs (operation, place). schedule: (all
+        operations, order) -> another valid order. See `Printing.run` for sources and given.
         """
         new_state = [(self.step.outputs[k], place) for k, place in state.items()]
         results = [*new_state, *outputs]

@@ -32,9 +32,8 @@ ENGINES = {name: EngineProperties(**table) for name, table in _TABLES.items()}
 CHOICES = ", ".join(("auto", *ENGINES))
 """The values of `--engine`."""
 SMALL_TICKS = 12_000_000
-"""Ticks for each CPU core below which "auto" selects engine simd.
-
-Engine simd computes this number in about two seconds. Engine cuda takes longer to start.
+"""Ticks for each CPU core below which "auto" selects engine simd. Engine simd computes this number
+in about two seconds. Engine cuda takes longer to start.
 """
 
 
@@ -45,10 +44,9 @@ def select_engine(
     ticks: int | None = None,
 ) -> "Engine":
     """Return the engine of that name; "auto": this machine's fastest with this precision.
-
-    precision: None: float32, as in campaigns. objects: cache of compiled code that several
-    processes share; None: no such cache. ticks: number of ticks of all runs; None: unknown, treated
-    as a large campaign. Raises UserError.
+    precision: types of floats; None: float32, as in campaigns. objects: cache of compiled code that
+    several processes share; None: no such cache. ticks: number of ticks of all runs together; None:
+    unknown, treated as a large campaign. Raises UserError.
     """
     if name == "auto":
         name = fastest_engine(precision, ticks)[0]
@@ -60,6 +58,7 @@ def engine_properties(name: str) -> EngineProperties:
     """Return the properties of the engine `name`. Raises UserError if the name is unknown."""
     try:
         return ENGINES[name]
+    # TypeError: `name` is not hashable, such as a list.
     except (KeyError, TypeError):
         text = f"engine {name!r} is unknown: expected {CHOICES}{suggest_name(name, ENGINES)}"
         raise UserError(text) from None
@@ -71,7 +70,7 @@ def single_run_engine(name: str) -> str:
 
 
 def fastest_engine(precision: "Precision | None", ticks: int | None = None) -> tuple[str, str]:
-    """Return the engine that "auto" selects, and the reason against "cuda" ("" if it is "cuda")."""
+    """Return the engine that "auto" selects, and why it is not "cuda" ("" if it is)."""
     if ticks is not None and ticks < SMALL_TICKS * len(os.sched_getaffinity(0)):
         return "simd", "this campaign is so small that engine simd ends before a GPU could start"
     from ravenjax.engines.gpu import device, engine

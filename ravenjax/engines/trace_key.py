@@ -31,12 +31,14 @@ def hash_values(*values: Any) -> str:
     digest = hashlib.sha256()
     for value in values:
         for piece in _pieces(value):
+            # With its length, because "ab", "c" and "a", "bc" have the same bytes.
             digest.update(len(piece).to_bytes(8, "little") + piece)
     return digest.hexdigest()
 
 
 def _pieces(value) -> Iterator[bytes]:
-    # Yields bytes that are equal only for values of equal type and content.
+    # Yields pieces of bytes that are equal only for values of equal type and content, such as
+    # b"builtins.tuple", b"1", b"builtins.int", b"5" for (5,).
     kind = f"{type(value).__module__}.{type(value).__qualname__}".encode()
     if isinstance(value, np.ndarray | np.generic):
         yield from (kind, value.dtype.str.encode(), repr(value.shape).encode(), value.tobytes())
@@ -44,6 +46,7 @@ def _pieces(value) -> Iterator[bytes]:
     if value is None or isinstance(value, bool | int | float | str | bytes):
         yield from (kind, repr(value).encode())
         return
+    # `kind` stays that of the dataclass, while its fields are hashed like a dict.
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
     if isinstance(value, tuple | list | dict):
@@ -62,7 +65,9 @@ def package_versions() -> tuple[str, ...]:
 
 
 def hash_files() -> str:
-    """Return the sha256 of all files on which generated code depends: source files and models."""
+    """Return the sha256 of all files on which generated code depends: source files of the package,
+    and models of robots, both the user's (in ./models) and the bundled ones.
+    """
     files = [
         path
         for folder in _FOLDERS
@@ -72,6 +77,7 @@ def hash_files() -> str:
     models = [*sorted(Path("models").rglob("*")), *resources.list_resources("models", "**/*")]
     result = hashlib.sha256()
     for path in (*files, *(path for path in models if path.is_file())):
+        # The hash does not depend on folders outside of the package, which differ between machines.
         name = path.relative_to(_PACKAGE) if path.is_relative_to(_PACKAGE) else path.name
         result.update(f"{name}\0{path.stat().st_size}\0".encode() + path.read_bytes())
     return result.hexdigest()
@@ -83,16 +89,16 @@ AT_IMPORT = hash_files()
 
 def persistent_key(*values: Any) -> str:
     """Return a key for the cache on disk: a hash of these values, the source files and versions.
-
-    Returns "" if the files have changed since the import, as they are then not the running code.
+    Returns "" if the files have changed since the import, because the process then does not run the
+    code that the files contain.
     """
     return hash_values(*values, AT_IMPORT, package_versions()) if hash_files() == AT_IMPORT else ""
 
 
 def load_or_make(objects: Objects | None, key: str, make: Callable[[], Code]) -> Code:
-    """Return the result of `make`, or load it from `objects` if it was stored before.
-
-    With an empty key nothing is stored. The folder also has machine code, so pickles add no risk.
+    """Return the result of `make`, or load it from `objects` if it was stored before. key: hash of
+    all inputs of `make`; "": nothing is loaded or stored. Results are pickles. Loading one can run
+    code, but the cache also contains machine code, so this adds no risk.
     """
     if objects is None or not key:
         return make()

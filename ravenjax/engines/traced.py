@@ -33,10 +33,9 @@ MAX_PROGRAMS = 4
 
 @dataclasses.dataclass(frozen=True)
 class TracedTick:
-    """The time loop of one lane as programs.
-
-    Inputs of the lane are the varied parameters and the faults. Inputs of a tick are its number and
-    the golden run's reference series. Its outputs are the lane's reference series and all signals.
+    """The time loop of one lane as programs. Inputs of the lane are the varied parameters and the
+    faults. Inputs of a tick are its number and the golden run's reference series. Outputs of a tick
+    are the lane's reference series, then all signals.
     """
 
     loop: TimeLoop  # its results are the outcomes
@@ -62,16 +61,16 @@ class Forms:
         self._lock = threading.Lock()
 
     def code(self, key: tuple[Any, ...], make: Callable[[], Any]) -> Any:
-        """Return the code of this key; the first call makes it with `make`."""
+        """Return the compiled code of this key. The first call makes it with `make`."""
         with self._lock:
             if key not in self._codes:
                 self._codes[key] = make()
             return self._codes[key]
 
     def printed(self, key: Any, make: Callable[[], Code]) -> Code:
-        """Return generated code, or load it from disk. key: its inputs in addition to the trace."""
-        entry = self._key and trace_key.hash_values("printed", self._key, key)
-        return trace_key.load_or_make(self._objects, entry, make)
+        """Return code that `make` prints, or load it from disk. key: inputs beside the trace."""
+        disk_key = self._key and trace_key.hash_values("printed", self._key, key)
+        return trace_key.load_or_make(self._objects, disk_key, make)
 
 
 def traced_forms(
@@ -82,6 +81,7 @@ def traced_forms(
     def empty(column):
         return np.zeros(0, np.asarray(column).dtype)
 
+    # A trace depends on the types of the lanes' inputs, not on their values or their number.
     varied = {path: empty(block.varied[path]) for path in program.varied}
     empty_block = Block(varied, tree.map_leaves(empty, block.faults), None)
     shapes = varied, empty_block.faults, [(column.shape, column.dtype.str) for column in motion]
@@ -93,7 +93,7 @@ def traced_forms(
             # A robot of another package may import unknown files, so it is not cached on disk.
             cacheable = program.module.startswith("ravenjax.") and objects is not None
             disk_key = trace_key.persistent_key("trace", key) if cacheable else ""
-            # Zeros that take no memory.
+            # Only the shapes of the motion count, so zeros that take no memory take its place.
             columns = [np.broadcast_to(np.zeros((), c.dtype), c.shape) for c in motion]
             trace = partial(trace_tick, program, empty_block, columns)
             _FORMS[key] = Forms(trace_key.load_or_make(objects, disk_key, trace), disk_key, objects)
@@ -138,9 +138,8 @@ def record_shapes(record: Any) -> Any:
 
 
 def trace_tick(program: TickProgram, block: Block, motion: Sequence[np.ndarray]) -> TracedTick:
-    """Trace the tick for blocks and motions of these types.
-
-    No array is created, so JAX does not initialise a device.
+    """Trace the tick for blocks and motions of these types. No array is created, so JAX does not
+    initialise a device.
     """
     setup = program.setup
     series = program.loop.series_length(setup)
@@ -156,13 +155,15 @@ def trace_tick(program: TickProgram, block: Block, motion: Sequence[np.ndarray])
     tick_inputs = record_shapes((np.int32, [np.dtype(setup.precision.real)] * series))
 
     with x64_context(setup):
-        # All three programs have the same inputs of the lane. `begin` and `finish` read only some.
+        # `TimeLoop` gives all three programs the same inputs of the lane (varied, faults, end), so
+        # `begin` and `finish` have arguments that they do not read.
         begin, state = trace_function(lambda varied, faults, end: program.begin(varied), *lane)
         step, (_, _, signals) = trace_function(program.step, *lane, state, *tick_inputs, columns)
         finish, outcomes = trace_function(
             lambda varied, faults, end, state: program.finish(varied, state), *lane, state
         )
     signals = tree.map_leaves(lambda leaf: np.dtype(leaf.dtype), signals)
+    # JAX orders the numbers of a dict by their keys.
     return TracedTick(TimeLoop(begin, step, finish), tuple(sorted(outcomes)), series, signals)
 
 
@@ -170,8 +171,8 @@ def trace_function(
     function: Callable[..., Any], *arguments: Any, functions: lowering.Functions = "polynomials"
 ) -> tuple[Program, Any]:
     """Return a function's program for arguments of these shapes, and the shapes of its results.
-
-    functions: see `lowering.lower_jaxpr`. With polynomials, sums with a product are fused.
+    With functions = "polynomials", sines and similar functions become polynomials, and a sum with a
+    product becomes one fused operation. For "library" see `lowering.lower_jaxpr`.
     """
     with refuse_leaked_numbers():
         jaxpr, results = jax.make_jaxpr(function, return_shape=True)(*arguments)
@@ -180,7 +181,7 @@ def trace_function(
 
 
 def printable_program(program: TickProgram) -> TickProgram:
-    """Return `program` without ends, because printed code stops each lane at its end."""
+    """Return `program` without ends: printed code itself stops each lane at its end."""
     return dataclasses.replace(program, ends=False)
 
 
@@ -198,14 +199,15 @@ class PrintedKernel:
         return self._forms
 
     def groups(self, block: Block) -> tuple[list[np.ndarray], np.ndarray]:
-        """Return a block's inputs, each [lanes], and the group number of each lane.
-
-        Lanes of a group have the same bits in varied parameters. A block without a size is full.
+        """Return a block's inputs, each [lanes], and the group number of each lane, int [lanes].
+        Lanes of a group have the same bits in all varied parameters. If nothing differs between the
+        lanes of a block, so that it has no arrays, it has `self.lanes` lanes.
         """
         columns = lane_inputs(self.program, block)
         # Divides the groups further by each parameter in turn, and numbers them anew.
         group = np.zeros(block.lanes or self.lanes, np.int64)
         for column in columns[: len(self.program.varied)]:
+            # Bits, because 0.0 and -0.0 are equal numbers that may give different results.
             pattern = np.ascontiguousarray(column).view(f"u{column.dtype.itemsize}")
             _, value_number = np.unique(pattern, return_inverse=True)
             combined = group * (int(value_number.max()) + 1) + value_number
@@ -214,7 +216,7 @@ class PrintedKernel:
 
 
 def motion_tables(motion: Motion) -> np.ndarray:
-    """Return the columns of the motion, concatenated."""
+    """Return the columns of the motion, concatenated to one 1-D array."""
     return np.concatenate([np.ascontiguousarray(column) for column in motion])
 
 

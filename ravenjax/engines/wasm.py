@@ -24,7 +24,7 @@ class Unlinkable(ValueError):
 
 class _Reader(io.BytesIO):
     def number(self) -> int:
-        """Read an unsigned LEB128 number."""
+        """Read an unsigned LEB128 number: bytes of 7 bits, lowest first, + 128 if not the last."""
         result = shift = 0
         while True:
             byte = self.read(1)[0]
@@ -73,6 +73,7 @@ def link_module(code: bytes, defined: Sequence[str], names: Sequence[str]) -> by
     if count != 1 or name != MEMORY:
         got = f"{count} imports, first {'.'.join(name)}"
         raise Unlinkable(f"the object file has {got}, expected one import: env.__linear_memory")
+    # An export: length of the name, name, kind (0: function), and the function's number.
     exports = [
         encode_leb128(len(name)) + name.encode() + b"\0" + encode_leb128(defined.index(name))
         for name in names
@@ -86,9 +87,8 @@ def link_module(code: bytes, defined: Sequence[str], names: Sequence[str]) -> by
 
 TRIPLE = "wasm32-unknown-unknown"
 FEATURES = frozenset(("simd128", "bulk-memory", "nontrapping-fptoint", "sign-ext"))
-"""Features of WebAssembly 2.0, which browsers have had since 2023 (Safari 16.4).
-
-The relaxed vector instructions of 3.0, such as a multiply-add, may round differently on machines.
+"""Features of WebAssembly 2.0, which browsers have had since 2023 (Safari 16.4). The relaxed vector
+instructions of 3.0, such as a multiply-add, may round differently on machines.
 """
 WIDTH = 4
 """float32 lanes of a vector."""
@@ -104,5 +104,6 @@ def emit_module(text: str, names: Sequence[str]) -> bytes:
     llvm.initialize_all_asmprinters()
     host, target = jit.Host("generic", FEATURES), llvm.Target.from_triple(TRIPLE)
     machine = target.create_target_machine(host.cpu, host.text, _OPTIMISATION)
+    # Names of all functions of the text, in the order in which LLVM numbers them.
     defined = re.findall(r"^define [^@]*@(\w+)\(", text, re.MULTILINE)
     return link_module(jit.emit_for_machine(text, machine), defined, names)

@@ -36,10 +36,9 @@ the time is the fixed cost of some hundred loops.
 """
 MJX_CPU_LANES = 2**10  # The same for engine mjx: XLA can wait forever for products of 2048 lanes.
 ACCELERATOR_LANES = 2**19
-"""Largest number of lanes of a block on each accelerator.
-
-A tick launches some 400 kernels, which takes 1.7 ms on an H100, so large blocks are the fastest
-(analysis/engines/gpu.md). With 2**20 lanes an array of mjx exceeds 2**31 bytes and is wrong.
+"""Largest number of lanes of a block on each accelerator. A tick launches some 400 kernels, which
+takes 1.7 ms on an H100, so large blocks are the fastest (analysis/engines/gpu.md). With 2**20 lanes
+an array of mjx exceeds 2**31 bytes and is wrong.
 """
 LANE_BYTES = 2**14
 """Device memory of each lane in bytes: its state and the intermediate results of a tick."""
@@ -52,7 +51,8 @@ LANE_MULTIPLE = 16
 
 def segment_ticks(ticks: int, longest: int) -> int:
     """Return the ticks of equal segments that cover a run. The last may go beyond the run."""
-    return -(-ticks // -(-ticks // max(1, min(ticks, longest))))
+    segments = -(-ticks // max(1, min(ticks, longest)))
+    return -(-ticks // segments)
 
 
 @functools.cache
@@ -78,7 +78,7 @@ def _choose_lanes(runs: int, cores: int, by_mjx: bool) -> int:
 
 
 def _place(array, axis: int = 0) -> Any:
-    """Put an array on the accelerators, divided along its axis of lanes if that is possible."""
+    """Put an array on the accelerators, divided along `axis`, that of lanes, if possible."""
     devices = _accelerators()
     # Lanes that cannot be divided evenly, such as the one of a trace, stay on the first device.
     if len(devices) < 2 or np.shape(array)[axis] % len(devices):
@@ -91,10 +91,10 @@ def _place(array, axis: int = 0) -> Any:
 def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> Any:
     """Return the segment function.
 
-    segment(varied, faults, ends, state, first tick, reference, motion) returns the state, the
-    outcomes so far, the lanes' own series and, if kept, every signal of the first lane [length].
-    The lanes' series and `reference`, the series of their golden runs, are [length, series, lanes].
-    ends: value of `traced.lane_ends`.
+    segment(varied, faults, ends, state, first tick, reference, motion) advances all lanes by
+    `length` ticks. It returns the state, the outcomes so far, the lanes' own series and, if kept,
+    every signal of the first lane [length]. The lanes' series and `reference`, the series of their
+    golden runs, are [length, series, lanes]. ends: value of `traced.lane_ends`.
     """
     # If the last segment extends beyond the run, lanes without an own end stop at the run's end.
     run_end = (program.ticks,) if program.ticks % length else ()
@@ -105,7 +105,7 @@ def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> 
         return new, series, signals if keep_signals else ()
 
     def segment(varied, faults, ends, state, first, reference, motion):
-        # Advances all lanes by `length` ticks. At tick 0 they start from the initial state.
+        # The segment that begins with tick 0 replaces `state` by the initial state.
         lanes = reference.shape[2]
         fresh = jax.vmap(program.begin, axis_size=lanes)(varied)
         state = jax.tree.map(lambda a, b: jnp.where(first == 0, a, b), fresh, state)
@@ -149,6 +149,7 @@ class ScanKernel:
     def _compile(self, lanes: int, arguments: tuple[Any, ...]) -> Any:
         with self._locks[lanes]:
             if lanes not in self.compiled:
+                # The new state is written into the memory of the old one, argument 3.
                 function = jax.jit(self.segment, donate_argnums=(3,))
                 by_mjx = getattr(self.program.setup, "link_dynamics", "") == "mjx"
                 options = MJX_ON_CPU if by_mjx and not _accelerators() else None
@@ -167,7 +168,8 @@ class ScanKernel:
         threads.map_in_threads(compile_for, blocks, 2)
 
     def _arguments(self, block: Block, motion: Motion):
-        # Places the block's numbers on the devices, with a zero state for tick 0.
+        # Returns the number of lanes, and the arguments of the first segment, on the devices. Their
+        # state is zeros, which the segment replaces. A block without arrays of lanes is full.
         lanes = block.lanes or self.lanes
         varied = [_place(block.varied[path]) for path in self.program.varied]
         faults = jax.tree.map(_place, block.faults)
@@ -179,9 +181,8 @@ class ScanKernel:
         return lanes, (varied, faults, ends, state, jnp.int32(0), reference, columns)
 
     def _reference(self, block: Block, first: int, lanes: int) -> Any:
-        """Return the lanes' golden series from tick `first` on, [length, series, lanes].
-
-        The last row is repeated if the segment ends after the run.
+        """Return the lanes' golden series from tick `first` on, [length, series, lanes]. The last
+        row is repeated if the segment ends after the run. Without golden runs: zeros.
         """
         if not block.compared:
             return _place(np.zeros((self.length, self.series, lanes), self.dtype), axis=2)
@@ -205,7 +206,7 @@ class ScanKernel:
             lanes, arguments = self._arguments(block, motion)
             compiled = self._compile(lanes, arguments)
             varied, faults, ends, state, _, reference, columns = arguments
-            # The state's memory is donated to the compiled function.
+            # A segment reuses the memory of its state, so no other reference to it may remain.
             del arguments
             outcomes: Any = {}
             chunks = []
@@ -247,6 +248,7 @@ class ScanEngine:
         return 1 if _accelerators() else len(os.sched_getaffinity(0))
 
     def _program(self, program: TickProgram) -> TickProgram:
+        # Returns the program with the link dynamics of this engine.
         if self.name == "xla":
             return program
         if not hasattr(program.setup, "link_dynamics"):

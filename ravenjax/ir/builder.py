@@ -46,10 +46,10 @@ class Builder:
         return i
 
     def emit(self, name: str, dtype: str, *operands: int) -> int:
-        """Return the number of an operation's result. An equal or simpler operation is reused."""
+        """Return the number of an operation with this result. An equal or simpler one is reused."""
         if all(o in self.constants for o in operands):
-            known = tuple(self.constants[o] for o in operands)
-            return self.constant(dtype, semantics.evaluate_operation(name, dtype, known))
+            constants = tuple(self.constants[o] for o in operands)
+            return self.constant(dtype, semantics.evaluate_operation(name, dtype, constants))
         if name in COMMUTATIVE and operands[0] > operands[1]:
             operands = (operands[1], operands[0])
         simpler = _simplify(self, name, dtype, operands)
@@ -103,7 +103,7 @@ def _simplify(b: Builder, name: str, dtype: str, operands: tuple[int, ...]) -> i
 
 
 def _operands_if_named(b: Builder, i: int, name: str) -> tuple[int, ...]:
-    # Returns the operands of operation `i` if its name is `name`, else none.
+    # Returns the operands of operation `i` if its name is `name`, else ().
     operation = b.operations[i]
     return operation.operands if operation.name == name else ()
 
@@ -156,11 +156,11 @@ def _simplify_product(b: Builder, dtype: str, x: int, y: int) -> int | None:
 
 
 def _simplify_quotient(b: Builder, dtype: str, x: int, y: int) -> int | None:
-    """Return a product for a division by a power of two: only products can be fused with sums.
-
-    A sign of x or y is moved out of the division. Returns None if neither applies.
+    """Return a product for a division by a power of two: only products can be fused with sums. A
+    minus sign of x or y is moved out of the division. Returns None if neither applies.
     """
     divisor = b.constants.get(y)
+    # frexp gives the mantissa, which is 0.5 or -0.5 for a power of two, and the exponent.
     if divisor is not None and np.isfinite(divisor) and abs(math.frexp(divisor)[0]) == 0.5:
         inverse = 1.0 / float(divisor)
         if np.finfo(dtype).tiny <= abs(inverse) <= np.finfo(dtype).max:
@@ -187,15 +187,15 @@ def _simplify_logic(b: Builder, name: str, x: int, y: int) -> int | None:
         if p in b.constants:
             if name == "xor":
                 return b.emit("not", "bool", q) if b.constants[p] else q
-            # `q and True` and `q or False` are q. `q and False` and `q or True` are the constant.
+            # `q and True` and `q or False` are q. `q and False` and `q or True` are the constant p.
             return q if bool(b.constants[p]) == (name == "and") else p
     return None
 
 
 def _simplify_select(b: Builder, dtype: str, condition: int, yes: int, no: int) -> int | None:
-    # Simplifies a `select` with equal results or a constant condition. Also recognizes the selects
-    # that `vec.to_int32` writes: a conversion where the number fits int32, else the least int32.
-    # Together these operations are `truncate`.
+    # Simplifies a `select` with equal results or a constant condition. Also recognizes what
+    # `vec.to_int32` writes, which becomes the operation `truncate` of x:
+    # select(fits, convert(select(fits, x, 0)), -2147483648).
     if yes == no:
         return yes
     if condition in b.constants:
@@ -214,7 +214,7 @@ def _simplify_select(b: Builder, dtype: str, condition: int, yes: int, no: int) 
 
 
 def _simplify_conversion(b: Builder, name: str, dtype: str, x: int) -> int | None:
-    # Simplifies conversions to the same type. Those from and to bool become selects, comparisons.
+    # Simplifies conversions to the same type. Those from bool become selects, those to bool `ne 0`.
     source = b.operations[x].dtype
     if source == dtype:
         return x
@@ -225,7 +225,6 @@ def _simplify_conversion(b: Builder, name: str, dtype: str, x: int) -> int | Non
 
 def contract_to_fma(program: Program) -> Program:
     """Return the program with each sum of a product as one `fma`, without unneeded operations.
-
     Whether a sum is fused depends only on its operands, not on parts that are left out.
     """
     builder = Builder()
@@ -254,7 +253,8 @@ def _fuse(b: Builder, name: str, dtype: str, operands: tuple[int, ...]) -> int |
         product, c = b.operations[operands[k]], operands[1 - k]
         if product.name == "mul":
             x, y = product.operands
-            # x y - c is fma(x, y, -c), and c - x y is fma(-x, y, c).
+            # x y - c is fma(x, y, -c). If the product is the second operand (k = 1), c - x y is
+            # fma(-x, y, c).
             if name == "sub":
                 x, c = (b.emit("neg", dtype, x), c) if k else (x, b.emit("neg", dtype, c))
             return b.emit("fma", dtype, x, y, c)

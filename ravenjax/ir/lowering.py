@@ -34,6 +34,7 @@ def _emit_sign(b: Builder, dtype: str, x: int) -> int:
 def _emit_power(b: Builder, dtype: str, x: int, exponent: int) -> int:
     # Computes a power by repeated squaring. A negative exponent divides 1 by the result.
     result, square = None, x
+    # In step k, `square` becomes x^(2^k).
     for k in range(abs(exponent).bit_length()):
         square = square if k == 0 else b.emit("mul", dtype, square, square)
         if abs(exponent) >> k & 1:
@@ -66,7 +67,6 @@ class UnknownPrimitive(NotImplementedError):
 
 def lower_jaxpr(jaxpr: core.ClosedJaxpr, functions: Functions = "polynomials") -> Program:
     """Return the program of a closed jaxpr (`jax.make_jaxpr(f)(...)`). Raises UnknownPrimitive.
-
     Inputs of the program are the jaxpr's single numbers in order, and tables are its 1-D inputs.
     functions: with `polynomials`, sin, atan2 and similar functions become sums and products. With
     `library`, they remain functions of the C library, and integers may have 64 bits.
@@ -112,7 +112,8 @@ class _Lowering:
         return name
 
     def input(self, aval: Any) -> _Value:
-        # Adds an input of the program: a single number, or a table for a 1-D array.
+        # Adds an input of the program: a single number, or a table for a 1-D array. aval: its
+        # abstract value in JAX, with shape and dtype.
         if len(aval.shape) > 1:
             raise UnknownPrimitive(f"an input has shape {aval.shape}; {_SMALL}")
         if aval.shape:
@@ -174,6 +175,7 @@ class _Lowering:
         """
         if (count := len(eqn.params["branches"])) != 2:
             raise UnknownPrimitive(f"a cond has {count} branches; expected 2 (nest several conds)")
+        # Operand 0 of a `cond` is the number of the branch; the others are the branches' arguments.
         b, index = self.builder, _require_number(operands[0])
         condition = b.emit("ne", "bool", index, b.constant(b.operations[index].dtype, 0))
         usual, rare = (
@@ -184,9 +186,10 @@ class _Lowering:
         return [b.emit("rarely", b.operations[x].dtype, condition, x, y) for x, y in pairs]
 
     def _equation(self, eqn: core.JaxprEqn, operands: list[_Value]) -> int:
-        # Emits one equation of the jaxpr. Returns the index of the operation that has its result.
+        # Emits one equation of the jaxpr. Returns the number of the operation that has its result.
         aval: Any = eqn.outvars[0].aval
         name = eqn.primitive.name
+        # An array of one number, such as a slice of a table, counts as a number.
         if math.prod(aval.shape) != 1:
             got = f"the result of {name} has shape {aval.shape}"
             raise UnknownPrimitive(f"{got}; expected a single number")
@@ -242,6 +245,7 @@ class _Lowering:
         """Return the number of a 1-D table at an index. Outside of the table, the result is the
         first or last number of the table, or NaN with JAX's mode `fill`.
         """
+        # Operands: the table, the index. `slice_sizes`: numbers that are read along each axis.
         table, is_single = operands[0], tuple(eqn.params["slice_sizes"]) == (1,)
         if not isinstance(table, _Table) or len(operands) != 2 or not is_single:
             aval: Any = eqn.invars[0].aval

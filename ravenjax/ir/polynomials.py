@@ -41,11 +41,7 @@ class Arithmetic:
 
     def __getattr__(self, name: str) -> Callable[..., Number]:
         """Return operation `name` of floats; a Python number among its operands is a constant."""
-
-        def operation(*operands: Number):
-            return self.emit(name.rstrip("_"), "float32", *map(self.number, operands))
-
-        return operation
+        return lambda *operands: self.emit(name, "float32", *map(self.number, operands))
 
     def number(self, value: Number) -> Number:
         """Return the constant for a Python float, and other numbers unchanged."""
@@ -119,7 +115,7 @@ def tan(m: Arithmetic, x: Number) -> Number:
 
 def atan2(m: Arithmetic, y: Number, x: Number) -> Number:
     """Return the angle of the point (x, y), rad in [-pi, pi]."""
-    # First the angle in [0, pi/4] of the point whose larger coordinate lies along the x axis.
+    # First the angle in [0, pi/4], of the point (larger, smaller) of the coordinates' sizes.
     x_size, y_size = m.abs(x), m.abs(y)
     is_steep = m.less(x_size, y_size)
     smaller, larger = m.select(is_steep, x_size, y_size), m.select(is_steep, y_size, x_size)
@@ -162,6 +158,7 @@ _LN2_LOW = -2.1219444e-4
 
 def _power_of_two(m: Arithmetic, exponent: Number) -> Number:
     """Return 2 to an integer power in [-126, 127]."""
+    # A float32 has the exponent plus 127 in the bits from 23 on.
     return m.from_bits(m.integer("shl", m.integer("add", exponent, 127), 23))
 
 
@@ -175,8 +172,8 @@ def exp(m: Arithmetic, x: Number) -> Number:
     power = m.emit("truncate", "int32", whole)
     # Two factors (sar halves the power), because 2^-150 and 2^128 are not float32 numbers.
     half = m.integer("sar", power, 1)
-    other = m.emit("sub", "int32", power, half)
-    return m.mul(m.mul(value, _power_of_two(m, half)), _power_of_two(m, other))
+    other_half = m.emit("sub", "int32", power, half)
+    return m.mul(m.mul(value, _power_of_two(m, half)), _power_of_two(m, other_half))
 
 
 def log(m: Arithmetic, x: Number) -> Number:

@@ -25,13 +25,14 @@ class Operation(NamedTuple):
     name: str
     dtype: str
     operands: tuple[int, ...] = ()
-    detail: Any = None
+    detail: Any = None  # of an input, a constant or a lookup, see above
 
     @property
     def value(self) -> Any:
         """The number of a constant, else None."""
         if self.name != "constant":
             return None
+        # `detail` is the bit pattern as an integer: 0x3F800000 of float32 is 1.0.
         return np.asarray(self.detail, f"u{np.dtype(self.dtype).itemsize}").view(self.dtype)[()]
 
 
@@ -54,6 +55,7 @@ class Program:
         wanted = bytearray(len(self.operations))
         for i in self.outputs if outputs is None else outputs:
             wanted[i] = 1
+        # Backwards, because operands come before the operations that read them.
         for i in range(len(self.operations) - 1, -1, -1):
             if wanted[i]:
                 for operand in self.operations[i].operands:
@@ -61,7 +63,7 @@ class Program:
         return [i for i, w in enumerate(wanted) if w]
 
     def replay(self, apply: Callable[..., Any]) -> list[Any]:
-        """Return the outputs. `apply(operation, *operands)` computes the result of an operation."""
+        """Return the outputs. apply(operation, *results of its operands) computes one operation."""
         values = {}
         for i in self.needed():
             operation = self.operations[i]

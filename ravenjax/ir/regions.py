@@ -22,7 +22,7 @@ class Region(NamedTuple):
     results: tuple[int, ...]  # read outside: by choices, and by a later region of the condition
 
     def reads(self, operations: Sequence[Operation]) -> list[int]:
-        """Return the operations outside the region whose results it reads."""
+        """Return the operations outside the region whose results it reads, each once."""
         inside = set(self.operations)
         inputs = (o for i in self.operations for o in operations[i].operands if o not in inside)
         return list(dict.fromkeys(inputs))

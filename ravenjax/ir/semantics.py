@@ -46,7 +46,6 @@ def run_program(program: Program, inputs: Sequence[Any], tables: Sequence[Array]
     """Return the results of `program`. inputs: NumPy numbers, or arrays of one shape."""
 
     def apply(operation: Operation, *operands):
-        # Computes one operation of the program.
         name, dtype, _, detail = operation
         if name == "input":
             return np.asarray(inputs[detail], dtype)[()]
@@ -70,8 +69,9 @@ def fma(a: Array, b: Array, c: Array) -> Array:
         return np.float64(np.longdouble(a) * np.longdouble(b) + np.longdouble(c))
     product = np.float64(a) * np.float64(b)  # exact: 48 bits
     total = product + np.float64(c)
+    # What the rounding of `total` removed is, exactly, `error` (Knuth's two-sum).
     rest = total - product
-    error = (product - (total - rest)) + (np.float64(c) - rest)  # of the sum, exactly (Knuth)
+    error = (product - (total - rest)) + (np.float64(c) - rest)
     bits = total.view(np.int64)
     is_inexact_and_even = np.isfinite(total) & (error != 0.0) & (bits & 1 == 0)
     # The exact sum is between `total` and this neighbour. bits + 1: the next number away from 0.
@@ -101,6 +101,7 @@ def _convert(x: Array, dtype: np.dtype) -> Array:
     if x.dtype.kind == "f" and dtype.kind in "iu":
         integers = np.iinfo(dtype)
         # The power of two above the largest integer, which may not be a float64 (2^63 - 1 is none).
+        # One bit of a signed integer is its sign.
         limit = 2.0 ** (integers.bits - (dtype.kind == "i"))
         number = np.where(np.isnan(x), 0.0, x).astype(np.float64)
         clipped = np.clip(number, float(integers.min), np.nextafter(limit, 0.0))
@@ -122,6 +123,7 @@ def _larger_or_smaller(is_first: Callable[[Array, Array], Array]):
 def _define_shift(shift: Callable[[Array, Array], Array], fill: Callable[[Array], Array]):
     # Returns a shift whose result is `fill(x)` if the amount is the width of x or more.
     def shifted(x: Array, amount: Array):
+        # As uint32, a negative amount is also too large.
         inside = amount.astype(np.uint32) < x.dtype.itemsize * 8
         return np.where(inside, shift(x, np.where(inside, amount, 0).astype(x.dtype)), fill(x))
 

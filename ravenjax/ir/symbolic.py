@@ -41,8 +41,10 @@ class Term:
         if a.number == b.number:
             return 0.0 if a.sign != b.sign else a * 2.0
         (x, c), (y, d) = a._factor(), b._factor()
-        if c is not None and c == d:  # c x + c y = c (x + y)
+        # c x + c y = c (x + y)
+        if c is not None and c == d:
             return (x + y) * c
+        # The signs are in the terms: -x - y is -(x + y), and -x + y is -(x - y).
         return a._operation("add" if a.sign == b.sign else "sub", b.number, a.sign)
 
     __radd__ = __add__
@@ -59,8 +61,9 @@ class Term:
             return self._operation("mul", other.number, self.sign * other.sign)
         if other == 0.0:
             return 0.0
-        term, before = self._factor()
-        size = abs(other) * (before or 1.0)  # c (d x) = (c d) x
+        term, factor = self._factor()
+        # c (d x) = (c d) x
+        size = abs(other) * (factor or 1.0)
         sign = term.sign if other > 0 else -term.sign
         if size == 1.0:
             return Term(self.builder, term.number, sign)
@@ -79,9 +82,9 @@ class Term:
         # All constants of products are positive, because `__mul__` moves their signs to `sign`.
         operation = self.builder.operations[self.number]
         if operation.name == "mul":
-            for number, rest in (operation.operands, operation.operands[::-1]):
-                if (constant := self.builder.constants.get(number)) is not None:
-                    return Term(self.builder, rest, self.sign), float(constant)
+            for factor, other in (operation.operands, operation.operands[::-1]):
+                if (constant := self.builder.constants.get(factor)) is not None:
+                    return Term(self.builder, other, self.sign), float(constant)
         return self, None
 
 
@@ -113,6 +116,7 @@ def build_program(inputs: Sequence[Term], outputs: Sequence[Number]) -> Program:
     builder = inputs[0].builder
 
     def signed_number(x):
+        # Returns the number of an operation whose result is x. A sign becomes an operation here.
         if not isinstance(x, Term):
             return builder.constant(_REAL, x)
         return x.number if x.sign > 0 else builder.emit("neg", _REAL, x.number)
@@ -124,7 +128,6 @@ def replay_program(program: Program, inputs: Sequence[Any]) -> list[Any]:
     """Return the results of a program of `build_program`, on numbers or on JAX's tracers."""
 
     def apply(operation: Operation, *operands):
-        # Computes one operation of the program with JAX's functions or Python's operators.
         name = operation.name
         if name == "input":
             return inputs[operation.detail]

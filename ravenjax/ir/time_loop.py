@@ -27,7 +27,6 @@ _FREE = ("neg", "bitcast")
 @dataclasses.dataclass(frozen=True)
 class TimeLoop:
     """Programs that compute a run: `begin` the first state, `step` one tick, `finish` the results.
-
     Inputs of `begin` are the lane's inputs. Inputs of `step` are the lane's inputs, the state, and
     the inputs of the tick; its outputs are the new state and the outputs of the tick. Inputs of
     `finish` are the lane's inputs and the state.
@@ -72,9 +71,8 @@ class Split:
 
 
 def split_lanes(loop: TimeLoop, shared: int, grouped: bool) -> Split:
-    """Return the parts of `loop` for lanes with the same tick.
-
-    grouped: the lanes also have equal inputs of the tick, and equal first `shared` lane inputs.
+    """Return the parts of `loop` for lanes with the same tick. grouped: the lanes also have equal
+    inputs of the tick, and equal first `shared` lane inputs.
     """
     step, lane_inputs = loop.step, loop.lane_inputs
     live = _live_state(loop)
@@ -126,12 +124,12 @@ def split_lanes(loop: TimeLoop, shared: int, grouped: bool) -> Split:
 
 
 def _dependencies(program: Program, of_input: dict[int, int]) -> list[int]:
-    """Return what each operation depends on, a sum of the bits LANE and TICK.
-
-    of_input: index of an input -> its bits; inputs that are missing have 0.
+    """Return what each operation depends on, a sum of the bits LANE and TICK. of_input: index of an
+    input -> its bits; inputs that are missing have 0.
     """
     depends = []
     for operation in program.operations:
+        # `detail` of an input is its index.
         bits = of_input.get(operation.detail, 0) if operation.name == "input" else 0
         for operand in operation.operands:
             bits |= depends[operand]

@@ -62,10 +62,11 @@ class Constraint:
         self, position: Scalar, velocity: Scalar, timestep: float
     ) -> tuple[Scalar, Scalar]:
         """Return the acceleration at which the constraint aims, and its regularisation, by the
-        formulas of MuJoCo's solver parameters solref and solimp.
-
-        position, velocity: deviation from the constraint, and its derivative. timestep: s.
+        formulas of MuJoCo's solver parameters solref and solimp. position, velocity: deviation from
+        the constraint, and its derivative. timestep: s.
         """
+        # The impedance rises from `low` to `high` with the deviation x, in units of `width`: as two
+        # powers of x that meet at x = middle.
         low, high, width, middle, power = self.solimp
         x, exponent = jnp.minimum(jnp.abs(position) / width, 1.0), round(power)
         rise = x**exponent / middle ** (exponent - 1)
@@ -96,9 +97,8 @@ class Mechanism:
 
 
 def read_mechanism(model: mujoco.MjModel, tip: str) -> Mechanism:
-    """Return the mechanism of a model whose base is fixed. tip: name of a site, the tip.
-
-    Raise UserError if the model has features that are not supported: free and ball joints, tendons,
+    """Return the mechanism of a model whose base is fixed. tip: name of a site, the tip. Raise
+    UserError if the model has features that are not supported: free and ball joints, tendons,
     contacts, drag, gravity compensation, and equality constraints that are not joint polynomials.
     """
     _require_supported(model)
@@ -141,6 +141,7 @@ def _read_constraints(
         dof = dofs[joint]
         if model.dof_frictionloss[dof]:
             friction, leader, polynomial = float(model.dof_frictionloss[dof]), -1, (0.0,)
+            # solref, solimp and invweight, which make the constraint soft.
             soft = tuple(model.dof_solref[dof]), tuple(model.dof_solimp[dof]), float(weight[dof])
             constraints.append(Constraint(index_of[joint], friction, leader, polynomial, *soft))
     for k in np.flatnonzero(model.eq_active0):
@@ -201,8 +202,7 @@ def _program(mechanism: Mechanism, known: tuple[float | None, ...]) -> Program:
 
 def tip_position(mechanism: Mechanism, qpos: Vec) -> Vec:
     """Return the position of the tip in the frame of the base, m."""
-    links, carrier, tip = mechanism.links, mechanism.carrier, mechanism.tip
-    return rigid_program.carried_point(links, qpos, carrier, tip)
+    return rigid_program.carried_point(mechanism.links, qpos, mechanism.carrier, mechanism.tip)
 
 
 def gravity_torque(mechanism: Mechanism, qpos: Vec) -> Vec:
@@ -215,9 +215,9 @@ def step(
     mechanism: Mechanism, qpos: Vec, qvel: Vec, torque: Vec, velocity_gain: Vec | None = None
 ) -> tuple[Vec, Vec]:
     """Return positions and velocities a time step later, by MuJoCo's integrator implicitfast.
-
     torque: torques of motors or controller at this state, Nm or N. velocity_gain: decrease of the
-    torque for each rad/s or m/s, not negative; None: 0.
+    torque for each rad/s or m/s, not negative; None: 0. `torque` already includes this decrease;
+    the gain makes the step implicit in it.
     """
     h, program = mechanism.timestep, functools.partial(_program, mechanism)
     rows, bias = rigid_program.evaluate_program(program, (*qpos, *qvel, *mechanism.gravity))
@@ -255,7 +255,6 @@ def advance_by_mjx(
     model: mujoco.MjModel, qpos: Vec, qvel: Vec, applied: Any, option: Any, **numbers: Any
 ) -> tuple[Any, Any]:
     """Return positions and velocities after one `mjx.step`, arrays of the type of `qpos` or wider.
-
     applied: `qfrc_applied`, Nm or N. option: values that replace fields of `model.opt`. numbers:
     values that replace fields of the model. A model whose integrator is implicit takes damping at
     the end of the step.
@@ -275,9 +274,8 @@ def advance_by_mjx(
 
 @functools.lru_cache(maxsize=64)
 def _put_model(model: mujoco.MjModel, dtype: str) -> tuple[Any, Any, Any]:
-    """Return the module `mjx`, and the model and its data for JAX.
-
-    dtype: only part of the cache's key, because a result has the type of JAX's numbers.
+    """Return the module `mjx`, and the model and its data for JAX. dtype: only part of the cache's
+    key, because a result has the type of JAX's numbers.
     """
     # The import takes half a second and prints a line for each optional backend that is missing.
     # Without the lock, two threads that compile would leave sys.stdout redirected.
@@ -290,9 +288,9 @@ def _put_model(model: mujoco.MjModel, dtype: str) -> tuple[Any, Any, Any]:
 def _constraint_force(
     mechanism: Mechanism, qpos: Vec, qvel: Vec, mass: tuple[Vec, ...], force: Vec
 ) -> Vec:
-    """Return the joint forces of friction loss and couplings, by projected Gauss-Seidel.
-
-    mass: rows of the mass matrix. force: other joint forces.
+    """Return the joint forces of friction loss and couplings, by projected Gauss-Seidel. mass: rows
+    of the mass matrix. force: other joint forces. Each sweep sets the force of one constraint after
+    the other so that acceleration + softness * force is what it aims at.
     """
     # Direction in joint space, acceleration aimed at, and regularisation of each constraint.
     rows: list[tuple[Vec, Scalar, Scalar]] = []
@@ -325,7 +323,9 @@ def _constraint_force(
 
 
 def _deviation(mechanism: Mechanism, constraint: Constraint, qpos: Vec) -> tuple[Vec, Scalar]:
-    """Return (derivative by joint positions, value) of a constraint's deviation; friction: 0."""
+    """Return a constraint's deviation: its derivative by joint positions, and its value. That of a
+    coupling is the joint's position minus the polynomial of the leader's. Friction has none (0).
+    """
     direction = Vec(float(k == constraint.joint) for k in range(len(qpos)))
     if constraint.friction:
         return direction, 0.0

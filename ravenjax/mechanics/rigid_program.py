@@ -74,8 +74,9 @@ def evaluate_program(
 ) -> tuple[list[list[Any]], list[Any]]:
     """Run the program of `mass_matrix_and_bias`. Return the rows of the mass matrix, and the bias.
 
-    inputs: positions, speeds, gravity (3). Python numbers among them are known. program_for:
-    returns the program for the known inputs.
+    inputs: positions, speeds, gravity (3). Python numbers among them are constants, for which the
+    program is simplified. program_for: (value of each input, or None if it is not constant) ->
+    program.
     """
     known = tuple(float(x) if type(x) in (int, float) else None for x in inputs)
     outputs = replay_program(program_for(known), inputs)
@@ -107,7 +108,7 @@ def point_in_link(links: Sequence[Link], qpos: Vec, index: int, point: Vec) -> V
 
 def _pose(link: Link, q: Number) -> tuple[list[Turn], Vec]:
     # Returns the rotations from a link's frame to its parent's, outermost first, and the position
-    # of its origin there. q: position of the joint.
+    # of its origin there. q: position of the joint, rad about z or m along z.
     travel = q - link.reference if link.slide else 0.0
     last_turn = _turn(2, link.offset) if link.slide else _turn(2, link.offset, q)
     turns = [_turn(2, link.beta), _turn(0, link.alpha), last_turn]
@@ -120,7 +121,7 @@ def _kinematics(
     links: Sequence[Link], qpos: list[Number], qvel: list[Number], upward: Vec
 ) -> list[_Body]:
     # Returns each link's motion without joint accelerations, and its wrench: the moment and the
-    # force that this motion needs. upward: acceleration of the base that acts like gravity.
+    # force that this motion needs. upward: minus gravity, with which the base accelerates instead.
     bodies: list[_Body] = []
     # Angular acceleration of each link, and acceleration of its origin.
     accelerations: list[tuple[Vec, Vec]] = []
@@ -173,7 +174,8 @@ def _mass_matrix(links: Sequence[Link], bodies: list[_Body]) -> Matrix:
     inertia: Matrix = [[0.0] * n for _ in range(n)]
     for index in reversed(range(n)):
         link, body = links[index], bodies[index]
-        # h: integral of r dm. J: integral of r r^T dm. The joint's axis is z.
+        # h: integral of r dm. J: integral of r r^T dm. A unit acceleration along z needs the force
+        # mass z and the moment h x z; one about z needs z x h and the integral of r x (z x r) dm.
         h, J = body.first_moment, body.second_moments
         if link.slide:
             moment, force = Vec((h[1], -h[0], 0.0)), Vec((0.0, 0.0, body.mass))
@@ -191,7 +193,8 @@ def _mass_matrix(links: Sequence[Link], bodies: list[_Body]) -> Matrix:
 
 
 def _add_child(parent: _Body, child: _Body):
-    # Adds the child's mass, first and second moments to the parent, in the parent's frame.
+    # Adds the child's mass, first and second moments to the parent, in the parent's frame. The move
+    # by p changes the second moments J to J + p (h + mass p)^T + h p^T.
     p = child.position
     J, total = child.second_moments, parent.second_moments
     for turn in reversed(child.turns):
@@ -214,7 +217,7 @@ def _to_parent(body: _Body, moment: Vec, force: Vec) -> tuple[Vec, Vec]:
 
 def _turn(axis: int, offset: float, angle: Number = 0.0) -> Turn:
     """Return the rotation about an axis (0: x, 2: z) by offset + angle, rad. An offset that is a
-    multiple of a right angle adds no operation.
+    multiple of a right angle adds no operation: cos(angle + pi/2) is -sin(angle), and so on.
     """
     quarters = round(offset / (math.pi / 2))
     if offset != quarters * (math.pi / 2):
@@ -226,6 +229,7 @@ def _turn(axis: int, offset: float, angle: Number = 0.0) -> Turn:
 def _rotate(turns: list[Turn], v: Vec) -> Vec:
     # Returns a vector after the rotations, of which the last one is applied first.
     for axis, c, s in reversed(turns):
+        # The axes of the plane in which the rotation moves points.
         x, y = (axis + 1) % 3, (axis + 2) % 3
         v = v.replace(x, c * v[x] - s * v[y]).replace(y, s * v[x] + c * v[y])
     return v
@@ -237,7 +241,7 @@ def _rotate_back(turns: list[Turn], v: Vec) -> Vec:
 
 
 def _turn_moments(turn: Turn, J: Matrix) -> Matrix:
-    # Returns second moments after a rotation about one axis. Rotations by 90 degrees are exact.
+    # Returns second moments after a rotation R about one axis, R J R^T; by 90 degrees it is exact.
     axis, c, s = turn
     # The axes of the plane in which the rotation moves points.
     x, y = (axis + 1) % 3, (axis + 2) % 3

@@ -46,9 +46,8 @@ class Link:
 
 
 def read_tree(model: mujoco.MjModel, base: str) -> tuple[Link, ...]:
-    """Return the joints below body `base`, in the order of the model's degrees of freedom.
-
-    Body `base` is fixed. Joint positions are as in the model. All joints are hinges or slides.
+    """Return the joints below body `base`, in the order of the model's degrees of freedom. Body
+    `base` is fixed. Joint positions are as in the model. All joints are hinges or slides.
     """
     joints = _home_joints(model, model.body(base).id)
     _choose_frames(joints)
@@ -128,7 +127,10 @@ def pseudo_inertia(mass: float, com: np.ndarray, central: np.ndarray) -> np.ndar
 
 
 def _choose_frames(joints: list[_HomeJoint]):
-    """Set the x axis and the origin of each link's frame, as the module's docstring describes."""
+    """Set the x axis and the origin of each link's frame. The origin of a hinge is where its axis
+    is nearest to the parent's axis (first link: to the child's); a slide has its parent's origin. x
+    is normal to the axes of a hinge and its child.
+    """
     for index, joint in enumerate(joints):
         parent = joints[joint.parent] if joint.parent >= 0 else None
         child = next((other for other in joints if other.parent == index), None)
@@ -143,7 +145,8 @@ def _choose_frames(joints: list[_HomeJoint]):
         x_axis = None if joint.slide else _leaf_direction(joint)
         if child is not None and not joint.slide:
             x_axis = _normal(joint, child.anchor, child.axis)
-        # A slide, or a hinge on the same line as its child: the normal to the parent's axis.
+        # A slide, or a hinge on the same line as its child: the normal to the parent's axis, or the
+        # parent's x axis if both axes are parallel.
         if x_axis is None and parent is not None:
             x_axis = _unit(np.cross(parent.axis, joint.axis))
             x_axis = parent.x if x_axis is None else x_axis
@@ -153,11 +156,11 @@ def _choose_frames(joints: list[_HomeJoint]):
 
 
 def _foot(joint: _HomeJoint, point: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Return the point of the joint's axis nearest to the line through `point` along `axis`.
-
-    If the axes are parallel, it is the point nearest to `point`.
+    """Return the point of the joint's axis nearest to the line through `point` along `axis`. If the
+    axes are parallel, it is the point nearest to `point`.
     """
     offset = point - joint.anchor
+    # Both axes are unit vectors. 1 - cosine^2 is the squared sine of the angle between them.
     cosine = float(_product(joint.axis, axis))
     if 1.0 - cosine**2 < _PARALLEL**2:
         return joint.anchor + joint.axis * _product(joint.axis, offset)
@@ -193,7 +196,7 @@ def _leaf_direction(joint: _HomeJoint) -> np.ndarray:
     first_moment, mass = joint.pseudo_inertia[:3, 3], joint.pseudo_inertia[3, 3]
     base_axes = np.eye(3)[np.argsort(np.abs(joint.axis))]
     for candidate in (first_moment - mass * joint.origin, *base_axes):
-        # A centre of mass within 1 um of the axis gives no direction.
+        # A centre of mass within 1 um of the axis (times mass, which may be 0) gives no direction.
         direction = _unit(_perpendicular(joint, candidate), 1e-6 * max(mass, 1e-300))
         if direction is not None:
             return direction
@@ -202,7 +205,8 @@ def _leaf_direction(joint: _HomeJoint) -> np.ndarray:
 
 def _make_links(joints: list[_HomeJoint]) -> tuple[Link, ...]:
     # Returns the links in their frames. Inertia without effect on a joint's own motion is moved to
-    # the parent, which does not change the dynamics.
+    # the parent, which does not change the dynamics: of a slide, all second moments; of a hinge
+    # about z, the mass and the moments along z.
     inertias = []
     for joint in joints:
         to_link = joint.rotation.T
@@ -248,7 +252,8 @@ def _make_links(joints: list[_HomeJoint]) -> tuple[Link, ...]:
 def _transform_inertia(
     rotation: np.ndarray, position: np.ndarray, inertia: np.ndarray
 ) -> np.ndarray:
-    # Returns a pseudo-inertia in another frame, to which rotation and position transform.
+    # Returns a pseudo-inertia in the frame in which a point p has the coordinates rotation p +
+    # position.
     transform = np.eye(4)
     transform[:3, :3], transform[:3, 3] = rotation, position
     return _product(transform, inertia, transform.T)
@@ -271,7 +276,7 @@ def _zxz(rotation: np.ndarray) -> tuple[float, float, float]:
         return 0.0, _round_right_angle(alpha), _round_right_angle(gamma)
     beta = math.atan2(rotation[0, 2], -rotation[1, 2])
     gamma = math.atan2(rotation[2, 0], rotation[2, 1])
-    # Rz(pi) Rx(a) Rz(c) = Rx(-a) Rz(pi + c) needs one rotation less.
+    # beta is pi or -pi: Rz(pi) Rx(a) Rz(c) = Rx(-a) Rz(pi + c) needs one rotation less.
     if abs(abs(beta) - math.pi) < 1e-12:
         gamma = math.remainder(gamma + math.pi, 2 * math.pi)
         return 0.0, _round_right_angle(-alpha), _round_right_angle(gamma)

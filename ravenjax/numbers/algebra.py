@@ -107,7 +107,7 @@ def solve_spd(matrix: tuple[Vec, ...], right: Vec) -> Vec:
     lower = [list(row) for row in matrix]
     x: list[Scalar] = list(right)
     inverse: list[Scalar] = [0.0] * n
-    # Factorisation, and solution with L^T.
+    # Factorisation, which gives row k of L and D[k], and solution with L^T.
     for k in reversed(range(n)):
         inverse[k] = 1.0 / lower[k][k]
         unit = [mul(lower[k][j], inverse[k]) for j in range(k)]

@@ -28,7 +28,9 @@ def _mix(x: Scalar) -> Scalar:
 
 
 def random_bits(key: Scalar, tick: Scalar, channel: int) -> Scalar:
-    """Return 32 random bits (uint32) for `key` (uint32), `tick` (int32) and a fixed `channel`."""
+    """Return 32 random bits (uint32) for a run's `key` (uint32), `tick` (int32) and `channel`, the
+    number of a random signal.
+    """
     # The mask makes the Python number a 32-bit number, as the other operands are.
     channel_offset = _u32((channel * CHANNEL_STRIDE) & 0xFFFFFFFF)
     counter = lax.convert_element_type(tick, jnp.uint32) * _u32(GOLDEN) + channel_offset
@@ -46,8 +48,8 @@ def random_normal(key: Scalar, tick: Scalar, channel: int) -> Scalar:
     deviations from 0. The upper 16 random bits give the radius, the lower 16 bits the angle.
     """
     word = random_bits(key, tick, channel)
-    radius_half = lax.convert_element_type(word >> _u32(16), jnp.float32)
-    angle_half = lax.convert_element_type(word & _u32(0xFFFF), jnp.float32)
-    # 0.5 is added, so that the logarithm is of a number above 0.
-    radius = jnp.sqrt(-2.0 * jnp.log((radius_half + 0.5) * 2.0**-16))
-    return radius * jnp.cos((angle_half + 0.5) * (2.0 * math.pi * 2.0**-16))
+    upper = lax.convert_element_type(word >> _u32(16), jnp.float32)
+    lower = lax.convert_element_type(word & _u32(0xFFFF), jnp.float32)
+    # 0.5 is added, so that the logarithm is of a number above 0. The factor 2^-16 maps to 0..1.
+    radius = jnp.sqrt(-2.0 * jnp.log((upper + 0.5) * 2.0**-16))
+    return radius * jnp.cos((lower + 0.5) * (2.0 * math.pi * 2.0**-16))

@@ -23,11 +23,9 @@ def init() -> FiniteState:
 
 
 def step(state: FiniteState, watched: Mapping[str, Iterable[Scalar]], tick: Scalar) -> FiniteState:
-    """Return the state after this tick.
-
-    `watched` maps names of `failures.SIGNALS` to their numbers. The sum of the numbers is tested,
-    which is infinite or NaN if one of them is. Only the first such tick of a run is recorded, with
-    the first such signal in `watched`.
+    """Return the state after this tick. `watched` maps names of `failures.SIGNALS` to their
+    numbers. The sum of the numbers is tested, which is infinite or NaN if one of them is. Only the
+    first such tick of a run is recorded, with the first such signal in `watched`.
     """
     signal = jnp.int32(-1)
     # In reverse order, so that the first signal overwrites the others.
@@ -42,7 +40,7 @@ def step(state: FiniteState, watched: Mapping[str, Iterable[Scalar]], tick: Scal
 
 
 def outcomes(state: FiniteState) -> dict[str, Scalar]:
-    """Return the outcome columns: the tick (ms) in which a number was first infinite or NaN, and
-    the code of that number; -1: never.
+    """Return the outcome columns: the tick, which the engine converts to ms, in which a number was
+    first infinite or NaN, and the code of that number; -1: never.
     """
     return {"failed_ms": state.first, "failed_signal": state.signal}

@@ -57,10 +57,9 @@ class HarmState:
 
 @dataclasses.dataclass(eq=False)
 class Moment:
-    """The signals of one arm in this tick, and the past values that the expression needs.
-
-    The delays of an expression read `before` in a fixed order, and append their new values to
-    `after` in the same order.
+    """The signals of one arm in this tick, and the past values that the expression needs. The
+    delays of an expression read `before` in a fixed order, and append their new values to `after`
+    in the same order.
     """
 
     signals: Mapping[str, Scalar]
@@ -70,7 +69,6 @@ class Moment:
 
     def exchange_memory(self, size: int, empty: Scalar, update: Callable[[Vec], Vec]) -> Vec:
         """Return the `size` values that were stored in the last tick, and store `update` of them.
-
         Before the first tick, `before` is None, and the values `empty` are stored and returned.
         """
         if self.before is None:
@@ -111,7 +109,7 @@ def parse_harm(text: str) -> Formula:
     except (SyntaxError, ValueError) as error:
         raise ValueError(f"got {text!r}, expected an expression such as depth > 2") from error
     formula = _compile_truth(tree)
-    # The expression is evaluated once, to count the values that it stores.
+    # The expression is evaluated once, as in tick 0, to count the values that it stores.
     moment = Moment(dict.fromkeys(SIGNALS, 0.0), 0)
     formula.value(moment, formula.future_ms)
     needed = sum(len(values) for values in moment.after)
@@ -184,6 +182,7 @@ def _compile_truth(node: ast.AST) -> Formula:
         case ast.UnaryOp(ast.Not(), inner):
             return _negate(_compile_truth(inner))
         case ast.Call(ast.Name("implies"), [left, right], []):
+            # implies(a, b) is `not a or b`.
             return _combine(jnp.maximum, [_negate(_compile_truth(left)), _compile_truth(right)])
         case ast.Call(ast.Name("once" | "historically" as name), [inner], []):
             return _over_past(_IS_MAXIMUM[name], _compile_truth(inner))
@@ -227,6 +226,7 @@ def _over_past(is_maximum: bool, inner: Formula) -> Formula:
         # Returns the extreme of all values up to `delay` ms ago, and stores it for the next tick.
         extreme, empty = _window_operation(is_maximum)
         latest = moment.mask_before_run(delay, inner.value(moment, delay), empty)
+        # The single stored value is the extreme up to the last tick.
         past = moment.exchange_memory(1, empty, lambda past: Vec((extreme(past[0], latest),)))
         return extreme(past[0], latest)
 
@@ -236,14 +236,15 @@ def _over_past(is_maximum: bool, inner: Formula) -> Formula:
 def _over_window(
     inner: Formula, is_maximum: bool, in_future: bool, begin: int, end: int
 ) -> Formula:
-    """Compile a temporal operator: the largest or smallest robustness of `inner` in a window, from
-    `begin` to `end` ms ago or, if `in_future`, from now.
+    """Compile a temporal operator: the largest or smallest robustness of `inner` in a window. The
+    window is from `end` to `begin` ms ago or, if `in_future`, from `begin` to `end` ms ahead.
     """
 
     def value(moment: Moment, delay: int) -> Scalar:
         # Returns what the operator's value was `delay` ms ago.
         extreme, empty = _window_operation(is_maximum)
-        # Time in ms since the latest moment of that window.
+        # How many ms ago the last moment of that window was. 300 ms ago, once[50:200] looked at
+        # 500 to 350 ms ago, and eventually[50:200] at 250 to 100 ms ago: the delay is 350 or 100.
         latest_delay = delay - end if in_future else delay + begin
         inner_value = inner.value(moment, latest_delay)
         covered, span = moment.mask_before_run(latest_delay, inner_value, empty), 1
@@ -254,14 +255,14 @@ def _over_window(
             span += step
         return covered
 
-    # `inner` may need future values. A window in the past needs them `begin` ms less far ahead.
+    # If `inner` needs values up to 80 ms ahead, once[50:200](inner) needs them up to 30 ms ahead.
     future_ms = inner.future_ms + end if in_future else max(0, inner.future_ms - begin)
     return Formula(future_ms, value)
 
 
 def _robustness(use: HarmUse, moment: Moment, tick_ms: int) -> Scalar:
     # Returns the robustness of the latest tick whose windows are over; -infinity if there is none.
-    # Compiled code counts ticks, so the windows are converted.
+    # Compiled code counts ticks, so the windows, which the expression has in ms, are converted.
     formula = parse_harm(WINDOW_END.sub(lambda end: str(int(end[0]) // tick_ms), use.when))
     value = formula.value(moment, formula.future_ms)
     return jnp.where(moment.tick >= formula.future_ms, value, -jnp.inf)
@@ -273,7 +274,7 @@ def init(setup: Setup) -> tuple[HarmState, ...]:
     states = []
     for use in setup.harms:
         moment = Moment(zeros, jnp.int32(0))
-        # The result is not needed: the call stores the values before the first tick in `after`.
+        # Only for the values before the first tick, which the call stores in `after`.
         _robustness(use, moment, setup.period_ms)
         memory, peak = cast_to_real(setup, (tuple(moment.after), -jnp.inf))
         states.append(HarmState(for_each_arm(setup, memory), peak, jnp.int32(-1)))
@@ -303,8 +304,8 @@ def step(
 
 
 def outcomes(setup: Setup, state: tuple[HarmState, ...]) -> dict[str, Scalar]:
-    """Return the outcome columns of each harm: its first tick (ms; -1: none), and its margin, the
-    smallest distance from the harm, negative if it occurred.
+    """Return the outcome columns of each harm: its first tick (-1: none), which the engine converts
+    to ms, and its margin, the smallest distance from the harm, negative if it occurred.
     """
     columns = {}
     for use, harm in zip(setup.harms, state, strict=True):

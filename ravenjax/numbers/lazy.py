@@ -87,9 +87,8 @@ class Uint32:
 
 
 class Arrays:
-    """Functions of `jax.numpy` and `jax.lax` that fault injection uses, from another library.
-
-    The library must follow the array API standard. Bit flips need a method `view`.
+    """Functions of `jax.numpy` and `jax.lax` that fault injection uses, from another library. The
+    library must follow the array API standard. Bit flips need a method `view`.
     """
 
     uint32 = Uint32
@@ -155,7 +154,7 @@ def call_when_jax_loads(action: Callable[[Any], Any]) -> None:
 
 
 def _import_module(name: str) -> Any:
-    # Imports a module of JAX, and calls the pending actions first.
+    # Imports a module of JAX, and calls the actions of `call_when_jax_loads` first.
     if _PENDING_ACTIONS:
         jax_module = importlib.import_module("jax")
         # Another thread waits until all actions are done.
@@ -169,11 +168,11 @@ def _import_module(name: str) -> Any:
 @contextlib.contextmanager
 def run_eagerly(array: Any = None) -> Iterator[Any]:
     """Context in which functions of `jnp` and `lax` return results immediately, because they
-    compute with NumPy or with the library of `array`. Only the current thread is affected.
-
-    array: an array of NumPy, JAX, torch or another library of the array API standard, or numbers,
-    which become a NumPy array. Yield the array.
+    compute with NumPy or with the library of `array`. Only the current thread is affected. array:
+    an array of NumPy, JAX, torch or another library of the array API standard, or numbers, which
+    become a NumPy array. Yield the array.
     """
+    # The library of the array, by the array API standard; NumPy for numbers.
     library = getattr(array, "__array_namespace__", lambda: np)()
     # Arrays of torch do not name their library as the standard requires.
     if type(array).__module__.startswith("torch"):

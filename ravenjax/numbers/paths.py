@@ -27,8 +27,8 @@ class _Step(NamedTuple):
 
 
 def _entries(node, setup: Setup) -> tuple[dict[str, Any], bool] | None:
-    """Return the entries of a record or tuple by name, and whether a path may leave out the name.
-    Return None for a number.
+    """Return the entries of a record or tuple by name, and whether a path may leave out the name:
+    not that of a field, but that of an arm, joint or axis. Return None for a number.
     """
     fields = node._asdict() if hasattr(node, "_asdict") else {}
     if dataclasses.is_dataclass(node):
@@ -54,6 +54,7 @@ def _entry_names(node: tuple[Any, ...], setup: Setup) -> tuple[str, ...]:
             return _AXES
         if len(node) in setup.leading_joints:
             return setup.joints[: len(node)]
+    # A tuple of numbers may by chance have the length of `arms`, so only other items are per arm.
     elif len(node) == len(setup.arms) and all(
         dataclasses.is_dataclass(item) or isinstance(item, Vec) for item in node
     ):
@@ -81,8 +82,8 @@ def _leads_to(path: str, steps: tuple[_Step, ...]) -> bool:
     """Return whether `path`, such as kp.shoulder, names the number at steps kp, gold, shoulder."""
     names = path.split(".")
     for step in steps:
-        # A name that is none of this level's entries belongs to a later step. The path then has no
-        # name for this step, which is allowed only if the step is optional.
+        # A name that is none of this level's entries belongs to a later step: `shoulder` is no arm.
+        # The path then has no name for this step, which is allowed only if the step is optional.
         if names and names[0] in step.siblings:
             if names.pop(0) != step.name:
                 return False
@@ -102,9 +103,8 @@ def path_leaves(node: Any, setup: Setup) -> Iterator[tuple[str, Scalar]]:
 
 
 def named_numbers(node: Any, setup: Setup, path: str) -> dict[str, Scalar]:
-    """Return all numbers of a record that `path` names, by full path and in order.
-
-    Raise KeyError for an unknown path.
+    """Return all numbers of a record that `path` names, by full path and in order. Raise KeyError
+    for an unknown path.
     """
     numbers = list(_walk(node, setup))
     named = {_full_path(steps): number for steps, number in numbers if _leads_to(path, steps)}
@@ -129,12 +129,13 @@ def without_arm(path: str, arms: tuple[str, ...]) -> str:
 
 
 def path_words(joints: tuple[str, ...]) -> frozenset[str]:
-    """Return the names that numbers inside vectors can have for a robot with these joints."""
+    """Return the names that numbers inside vectors can have: the joints, and x, y, z."""
     return frozenset((*joints, *_AXES))
 
 
 def plain_path(path: str, arms: tuple[str, ...], joints: tuple[str, ...]) -> str:
     """Return a parameter's path without the arm, numbers, the joint and the axis: only fields."""
+    # For example, plant.gold.stops.lower.shoulder gives plant.stops.lower.
     parts = [part for part in without_arm(path, arms).split(".") if not part.isdecimal()]
     # Only the last part can be a joint or an axis.
     if parts and parts[-1] in path_words(joints):

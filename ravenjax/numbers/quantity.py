@@ -24,9 +24,8 @@ _read_tables = functools.cache(resources.read_tables)
 
 @dataclasses.dataclass(frozen=True)
 class Quantity:
-    """Annotation of a field: the values that its number, or each of its numbers, may have.
-
-    If joints have different ranges, the field has several annotations, each with its `joints`. In a
+    """Annotation of a field: the values that its number, or each of its numbers, may have. If
+    joints have different ranges, the field has several annotations, each with its `joints`. In a
     record with one entry per joint, such an annotation applies to the entries of these joints.
     """
 
@@ -77,14 +76,14 @@ def _note(row: dict[str, Any]) -> Quantity | Reserved:
 
 
 def list_quantities(params: type) -> Iterator[tuple[str, Quantity]]:
-    """Yield (path, Quantity) for every number of a record class, in order.
-
-    A path occurs several times if its joints have different ranges. Paths consist only of fields,
-    without arm, number, joint or axis.
+    """Yield (path, Quantity) for every number of a record class, in order. A path consists of names
+    of fields only: the vector stops.lower has one path, without joints. It occurs several times,
+    because its joints have different ranges.
     """
     for path, notes in _fields(params):
         quantities = [note for note in notes if isinstance(note, Quantity)]
-        # In a record with one entry per joint, the path names a joint, and only its range applies.
+        # In a record with a field for each joint, the path names a joint, such as
+        # detectors.shoulder.jpos, and only the range of this joint applies.
         all_joints = {joint for quantity in quantities for joint in quantity.joints}
         joints_in_path = all_joints.intersection(path.split("."))
         for quantity in quantities:
@@ -107,6 +106,7 @@ def _fields(params: type, above: str = "") -> Iterator[tuple[str, list[Any]]]:
     hints = typing.get_type_hints(params, include_extras=True)
     for field in dataclasses.fields(params):
         inner, notes = _unwrap_type(hints[field.name])
+        # above: "" or the path of `params` with a dot at its end.
         path = f"{above}{field.name}"
         yield path, notes
         if isinstance(inner, type) and dataclasses.is_dataclass(inner):

@@ -19,9 +19,8 @@ def tree_leaves(tree: Any) -> list[Any]:
 
 
 def named_leaves(tree: Any, above: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield (dotted path, number) for every number of a tree, in order.
-
-    above: path of `tree` itself, with which the paths begin.
+    """Yield (dotted path, number) for every number of a tree, in order. above: path of `tree`
+    itself, with which the paths begin.
     """
     branches = _branches(tree)
     if branches is None:
@@ -32,14 +31,14 @@ def named_leaves(tree: Any, above: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def map_leaves(function: Callable[..., Any], tree: Any, *others: Any) -> Any:
-    """Return a tree of the same structure, with `function` applied to each leaf.
-
-    The arguments of `function` are the leaf and the corresponding leaves of `others`. Raise
-    ValueError if one of `others` has a different structure.
+    """Return a tree of the same structure, with `function` applied to each leaf. The arguments of
+    `function` are the leaf and the corresponding leaves of `others`. Raise ValueError if one of
+    `others` has a different structure.
     """
     branches = _branches(tree)
     if branches is None:
         return function(tree, *others)
+    # For each tree, its children in order.
     columns = [list(branches.values())]
     for other in others:
         other_branches = _branches(other)
@@ -51,9 +50,8 @@ def map_leaves(function: Callable[..., Any], tree: Any, *others: Any) -> Any:
 
 
 def fill_tree(tree: Any, numbers: list[Any]) -> Any:
-    """Return a tree with the structure of `tree`, whose leaves are `numbers` in order.
-
-    Raise ValueError if the number of leaves is wrong.
+    """Return a tree with the structure of `tree`, whose leaves are `numbers` in order. Raise
+    ValueError if the number of leaves is wrong.
     """
     leaf_count = len(tree_leaves(tree))
     if len(numbers) != leaf_count:

@@ -45,12 +45,11 @@ def cos(x: Real) -> Real:
 
 
 def _sine(x: Real, quarters: int) -> Real:
-    """Return the sine of x + quarters * pi/2.
-
-    x is a multiple of pi/2 plus an angle of at most pi/4. The sine and the cosine of this angle are
-    polynomials. The multiple determines which of them is the result, and its sign.
+    """Return the sine of x + quarters * pi/2. x is a multiple of pi/2 plus an angle of at most
+    pi/4. The sine and the cosine of this angle are polynomials. The multiple determines which of
+    them is the result, and its sign.
     """
-    # Number of quarter turns: x divided by pi/2, rounded.
+    # Number of quarter turns: x times 2/pi, rounded.
     turns = (x * 0.6366197723675814 + _ROUNDER) - _ROUNDER
     high, middle = x - turns * _PI_2_PARTS[0], turns * _PI_2_PARTS[1]
     angle = high - middle

@@ -110,7 +110,7 @@ def to_int32(x: Scalar) -> Scalar:
 
 
 def wrap16(x: Scalar) -> Scalar:
-    """Return the signed 16-bit number with the lowest 16 bits of an int32."""
+    """Return the lowest 16 bits of an int32 as a signed number: 32768 gives -32768."""
     return ((x + 32768) & 0xFFFF) - 32768
 
 
@@ -120,10 +120,8 @@ def as_int(x: Scalar) -> Scalar:
 
 
 def if_rarely(condition: Scalar, then: Callable[[], Any], otherwise: Any) -> Any:
-    """Return `then()` if `condition`, which is rarely true, else `otherwise`.
-
-    Both are records of the same structure and types. Engines that generate code skip `then()` in
-    ticks in which no run needs it.
+    """Return `then()` if `condition`, which is seldom true, else `otherwise`: records of the same
+    structure and types. Generated code skips `then()` in ticks in which no run needs it.
     """
     return lax.cond(condition, then, lambda: otherwise)
 
@@ -152,15 +150,14 @@ def number_at(index: Scalar, numbers: Sequence[float]) -> Scalar:
 
 
 def first_tick(tick: Scalar, occurs: Scalar, before: Scalar) -> Scalar:
-    """Return the tick in which an event occurred first; -1: it has not occurred.
-
-    tick: this tick. occurs: bool, the event occurs now. before: the result of the last tick.
+    """Return the tick in which an event occurred first; -1: it has not occurred. tick: this tick.
+    occurs: bool, the event occurs now. before: the result of the last tick.
     """
     return jnp.where(occurs & (before < 0), tick, before)
 
 
 def earliest_tick(ticks: list[Scalar]) -> Scalar:
-    """Return the smallest of the ticks that are not -1, which means never; -1 if all are."""
+    """Return the earliest of several ticks, of which -1 means never; -1 if all are -1."""
     earliest = ticks[0]
     for tick in ticks[1:]:
         earliest = jnp.where((tick >= 0) & ((earliest < 0) | (tick < earliest)), tick, earliest)

@@ -73,10 +73,9 @@ def read_source(
     what: str = "detector",
     require: Callable[[Path, bytes], None] = lambda *_: None,
 ) -> OwnSource:
-    """Read a user's file, run it once, and return its source.
-
-    what: "check" or "detector", for messages. require: function that raises UserError for code that
-    must not run. Raise UserError with file and line if the file has a mistake.
+    """Read a user's file, run it once, and return its source. what: "check" or "detector", for
+    messages. require: function that raises UserError for code that must not run. Raise UserError
+    with file and line if the file has a mistake.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -114,8 +113,8 @@ def _run(
     known: Mapping[str, bytes] | None,
     require: Callable[[Path, bytes], None] = lambda *_: None,
 ) -> tuple[types.ModuleType, dict[str, bytes]]:
-    # Runs the user's file. Returns its module and the content of the files that it reads. known:
-    # their content if the file ran before. require: see `read_source`.
+    # Runs the user's file. Returns its module, and name -> content of the files that it reads.
+    # known: these contents if the file ran before, else None. require: see `read_source`.
     # From `linecache`, a traceback shows the right line even if the file has changed since.
     lines = source.text.splitlines(keepends=True)
     linecache.cache[source.path] = (len(source.text), None, lines, source.path)
@@ -128,9 +127,10 @@ def _run(
 
 @contextlib.contextmanager
 def _blame(source: OwnSource, where: str) -> Iterator[None]:
-    """Turn an exception in a file's code into a UserError that names file and line."""
+    """Turn an exception in a file's code into a UserError that names file, line and `where`."""
 
     def is_own(file: str | None):
+        # Files in the folder of the user's file are the user's, too.
         return file is not None and Path(file).parent == Path(source.path).parent
 
     try:
@@ -158,9 +158,8 @@ def _blame(source: OwnSource, where: str) -> Iterator[None]:
 
 @functools.lru_cache(maxsize=256)
 def load_part(source: OwnSource) -> Part:
-    """Load a user's file, or return it if it is already loaded.
-
-    Raise UserError if the file has no `step`, or if its `params` is invalid.
+    """Load a user's file, or return it if it is already loaded. Raise UserError if the file has no
+    `step`, or if its `params` is invalid.
     """
     if source not in _MODULES:
         _MODULES[source], _ = _run(source, dict(source.files))
@@ -200,7 +199,8 @@ class Part:
 
         float_type: dtype name. gives: for each result, its expected form: SCORE for a score,
         numbers of the same structure and types, or a dict of InPlace for a dict with some of these
-        keys. Keys whose numbers are those of `InPlace.like` itself, unchanged, are left out.
+        keys. Keys whose numbers are the objects of `InPlace.like` itself are left out: the file
+        did not change them.
         """
         with _blame(self.source, STEP):
             result = self._call("step", params, state, view)
@@ -228,8 +228,8 @@ class Part:
 
     def _check_keys(self, name: str, allowed: Mapping[str, InPlace], values, float_type: str):
         # Checks a dict of new numbers that the user's `step` returns for signals of `view`. Returns
-        # those that are not the same objects as in `view`. allowed: signals that the dict may
-        # contain. float_type: dtype of floats.
+        # those that are not the same objects as in `view`: the code is traced, so objects, not
+        # values, show what changed. name: of this result of `step`. allowed: keys that it may have.
         keys = ", ".join(allowed)
         if not isinstance(values, dict):
             expected = f"expected a dict with some of the keys {keys}"
@@ -248,7 +248,7 @@ class Part:
 
     def _check_structure(self, name: str, like, values, float_type: str, words: str = "") -> Any:
         # Checks that values have the structure and types of `like`. Returns them in that structure.
-        # words: the structure, for the message; "": from `like`.
+        # name: of the result of `step`; words: its structure, "": made from `like`; for messages.
         wanted_leaves, given = list(tree.named_leaves(like)), list(tree.named_leaves(values))
         if [path for path, _ in wanted_leaves] != [path for path, _ in given]:
             count = len(wanted_leaves)
@@ -303,7 +303,8 @@ class Part:
             raise self._error(PARAMS, trouble)
 
     def _error(self, where: str, said: str) -> UserError:
-        # Returns an error with the line where the function `where` is defined.
+        # Returns an error with the line where the function `where` is defined. where: such as
+        # "step(params, state, view)". said: what the function does wrong, a verb and its object.
         head = re.compile(rf"def {where.partition('(')[0]}\b")
         lines = enumerate(self.source.text.splitlines(), 1)
         line_suffix = next((f":{number}" for number, line in lines if head.match(line)), "")
@@ -326,7 +327,6 @@ def part_quantities(source: OwnSource) -> tuple[tuple[str, Quantity], ...]:
 
 def part_parameters(sources: tuple[OwnSource, ...]) -> Any:
     """Return a named tuple of the files' records of parameters; None for a file without parameters.
-
     The tuple can be pickled, together with the code of the files. Raise UserError for mistakes.
     """
     records = (load_part(source).params() for source in sources)
@@ -340,8 +340,9 @@ def named_parameters(names: tuple[str, ...], numbers: Any) -> Any:
 
 @functools.lru_cache(maxsize=256)
 def _named_kind(names: tuple[str, ...], sources: tuple[OwnSource, ...] = ()) -> type[Any]:
-    # Record classes of a user's file exist only in this process. So a pickle contains the text of
-    # the file and the numbers, and the other process creates the classes again.
+    # Returns a class of named tuples with these fields. Record classes of a user's file exist only
+    # in this process. So a pickle contains the text of the file and the numbers, and the other
+    # process creates the classes again.
     kind = collections.namedtuple("Named", names)
     kind.__reduce__ = lambda named: (_restore_parameters, (names, sources, tree.tree_leaves(named)))  # type: ignore[method-assign]
     return kind

@@ -20,10 +20,9 @@ from ravenjax.errors import UserError, format_value
 
 @dataclasses.dataclass(eq=False)
 class Reader:
-    """Runs a user's file, and the modules in its folder that it imports.
-
-    Only this file can import these modules. They are not in `sys.modules` under their plain names,
-    so two campaigns may have different modules with the name `filters`.
+    """Runs a user's file, and the modules in its folder that it imports. Only this file can import
+    these modules. They are not in `sys.modules` under their plain names, so two campaigns may have
+    different modules with the name `filters`.
     """
 
     name: str  # name of the file's module
@@ -53,13 +52,14 @@ class Reader:
             self.taken[name] = self.known[name]
         else:
             reason = "no copy is stored, because the code did not read this file in its first run"
-            raise FileNotFoundError(2, reason, name)
+            raise FileNotFoundError(2, reason, name)  # 2 is ENOENT
         return self.taken[name]
 
     def _run(self, code: str | bytes, path: Path, name: str) -> types.ModuleType:
         # Executes a user's file as a module.
         module = types.ModuleType(name)
         module.__file__ = str(path)
+        # Imports of this module alone go through `_import`.
         module.__dict__["__builtins__"] = {**vars(builtins), "__import__": self._import}
         # Python finds the annotations of the file's records by the name of its module.
         sys.modules[name] = module
@@ -87,7 +87,7 @@ class Reader:
         path = self.folder / f"{name}.py"
         if name in self._modules:
             return self._modules[name]
-        # The top level of the file has run, so this import is in a function.
+        # `read` is over, so the top level of the file has run, and this import is in a function.
         if self not in _READERS:
             if path.is_file():
                 raise ImportError(
@@ -111,7 +111,6 @@ _READERS: list[Reader] = []
 
 def load(name: str) -> Any:
     """Return the arrays of a NumPy file (.npy: one array; .npz: a dict) in the folder of the file.
-
     The hash of the campaign includes this file, so a campaign with other weights is another
     campaign. Call `load` at the top level of your file. Raise UserError if the file is missing.
     """

@@ -66,10 +66,9 @@ def share_of_cells(k: int, n: int) -> Rate:
 def rates_with_intervals(
     k: ArrayLike, n: ArrayLike, confidence: float = 0.95, half_width: float | None = None
 ) -> list[Rate]:
-    """Return rates k[i] of n[i] with their intervals, computed in one vectorised call.
-
-    half_width: as of `rate_bounds`. k and n are whole numbers of one shape [m] or a number
-    each. Raises ValueError unless 0 <= k <= n and 0 < confidence < 1.
+    """Return rates k[i] of n[i] with their intervals, computed in one vectorised call. half_width:
+    see `rate_bounds`. k and n are whole numbers of one shape [m] or a number each. Raises
+    ValueError unless 0 <= k <= n and 0 < confidence < 1.
     """
     hits, trials = np.broadcast_arrays(np.atleast_1d(k).astype(int), np.atleast_1d(n).astype(int))
     outside = np.flatnonzero((hits < 0) | (hits > trials))
@@ -91,8 +90,9 @@ def rate_bounds(
     """Return lower and upper Wilson bounds [m] of the rates k/n, NaN if n is 0. k may be a
     fraction, such as an expected count.
 
-    `alpha`: 1 - confidence. With a `half_width`, the bounds are those of `anytime_bounds`. If k is
-    0 the lower bound is 0, and if k is n the upper bound is 1.
+    `alpha`: 1 - confidence. half_width: for a study that grows until its intervals have this half
+    width (a fraction of 1). The bounds are then those of `anytime_bounds`, which hold at every n
+    together, however often one looks. If k is 0 the lower bound is 0; if k is n the upper is 1.
     """
     with np.errstate(all="ignore"):
         if half_width is not None:
@@ -112,8 +112,9 @@ def anytime_bounds(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return lower and upper bounds [m] of the rates k/n.
 
-    Bounds of all n together contain the rate with a probability of at least 1 - alpha. Rate p has
-    the likelihood L(p) = p^k (1 - p)^(n - k). With h = `half_width`, p is tested by the ratios
+    Bounds of all n together contain the rate with a probability of at least 1 - alpha, so a study
+    may stop at any n. h = `half_width` is the half of the interval's width at which it will stop.
+    Rate p has the likelihood L(p) = p^k (1 - p)^(n - k). It is tested by the ratios
     L(p - h) / L(p) and L(p + h) / L(p) (Wald, Ann. Math. Stat. 16, 1945). By Ville's inequality,
     their mean exceeds 1/alpha at any n with a probability of at most alpha. So p is excluded if a
     ratio exceeds 2/alpha. Of all tests, this one reaches `half_width` with the fewest runs.
@@ -156,7 +157,6 @@ def independent_difference(first: Estimate, second: Estimate) -> Estimate:
 
 def rate_difference(k1: int, n1: int, k2: int, n2: int) -> Estimate:
     """Return the rate of k1 of n1 minus that of k2 of n2 independent runs; NaN if n1 or n2 is 0.
-
     The interval is Newcombe's square-and-add of two Wilson intervals (Stat. Med. 17, 1998, method
     10). For runs of the same faults use `paired`. Raises ValueError on impossible counts.
     """

@@ -15,9 +15,8 @@ from ravenjax.stats.units import Units
 
 
 class Delays(NamedTuple):
-    """Delays of runs. Runs with equal delays are counted together; arrays [m].
-
-    Delays are whole milliseconds, so m is at most a few thousand for any number of runs.
+    """Delays of runs. Runs with equal delays are counted together; arrays [m]. Delays are whole
+    milliseconds, so m is at most a few thousand for any number of runs.
     """
 
     # Delay, in any unit. For lags: alarm minus harm, negative if the alarm was first.
@@ -52,10 +51,9 @@ class Incidence(NamedTuple):
         return _time_of_fraction(self.time, self.fraction, fraction)
 
     def quantile_interval(self, fraction: float) -> Estimate:
-        """Return `quantile` with its interval: the times at which the band contains `fraction`.
-
-        The method is from Brookmeyer, Crowley, Biometrics 38, 1982. A bound is NaN if there are too
-        few runs, or if they end too early.
+        """Return `quantile` with its interval: the times at which the band of this curve contains
+        `fraction` (Brookmeyer, Crowley, Biometrics 38, 1982). A bound is NaN if there are too few
+        runs, or if they end too early.
         """
         # The upper end of the band reaches the fraction first.
         low = _time_of_fraction(self.time, self.high, fraction)
@@ -64,10 +62,9 @@ class Incidence(NamedTuple):
 
 
 def rate_before(lags: Delays) -> Rate:
-    """Return the rate of harmful runs with an alarm before the harm.
-
-    `lags`: alarm minus harm, `count` runs each. All harmful runs are included: without an alarm,
-    the lag is at least the end of the run minus the harm (censored). Missed faults lower the rate.
+    """Return the rate of harmful runs with an alarm before the harm. `lags`: alarm minus harm, thus
+    negative if the alarm was first. All harmful runs are included: without an alarm, the lag is at
+    least the end of the run minus the harm (censored). Missed faults lower the rate.
     """
     runs_before = lags.count[lags.occurred & (lags.time < 0)]
     return wilson_interval(int(runs_before.sum()), lags.n)
@@ -89,7 +86,8 @@ def delay_quantile(
     order = np.lexsort((~occurred, times))
 
     def quantiles(weight: np.ndarray) -> np.ndarray:
-        # The tolerance allows for rounding.
+        # Returns the time in each of b resamples, from the weights of the runs in it, [b, n]. The
+        # tolerance allows for rounding.
         reached = 1 - _share_without_event(weight, occurred, order) >= fraction - 1e-9
         return np.where(reached.any(axis=1), times[order][reached.argmax(axis=1)], np.nan)
 
@@ -103,9 +101,8 @@ def delay_quantile(
 
 
 def incidence_curve(delays: Delays) -> Incidence:
-    """Return the incidence over time, with a pointwise 95 % band (Greenwood, log(-log)).
-
-    Lead times of alarms before the harm are negated lags, see `Estimate.negated`.
+    """Return the incidence over time, with a pointwise 95 % band (Greenwood, log(-log)). Lead times
+    of alarms before the harm are negated lags, see `Estimate.negated`.
     """
     # The formulas are as in scipy.stats.ecdf, which cannot use counts of equal delays.
     from scipy.special import ndtri
@@ -120,7 +117,7 @@ def incidence_curve(delays: Delays) -> Incidence:
     had_event = np.bincount(index, delays.count * delays.occurred)
     at_risk = delays.n - np.cumsum(ended) + ended
     with np.errstate(divide="ignore", invalid="ignore"):
-        # The product of the general formula would round the plain share.
+        # The estimate without censored runs. The product below would round this plain share.
         fraction = np.cumsum(had_event) / delays.n
         without_event = 1 - fraction
         if events < delays.n:
@@ -146,12 +143,11 @@ def incidence_curve(delays: Delays) -> Incidence:
 
 def _share_without_event(weight: np.ndarray, occurred: np.ndarray, order: np.ndarray) -> np.ndarray:
     """Return the Kaplan-Meier estimate of the share of runs without the event after the delay of
-    each run, [b, n], with runs sorted by delay.
-
-    weight: weights of runs in b resamples [b, n]. occurred: bool [n]. order: indices that sort.
+    each run, [b, n], with runs sorted by delay. weight: weights of runs in b resamples [b, n].
+    occurred: bool [n]. order: indices that sort.
     """
     sorted_weight = weight[:, order]
-    # Weight of the runs that were observed at least as long as each run.
+    # Weight of the runs that were observed at least as long as each run, itself included.
     at_risk = sorted_weight[:, ::-1].cumsum(axis=1)[:, ::-1]
     share, events = np.zeros_like(at_risk), sorted_weight * occurred[order]
     np.divide(events, at_risk, out=share, where=at_risk > 1e-9)

@@ -40,6 +40,8 @@ def spectral_arc_length(profile: np.ndarray, rate_hz: float = RATE_HZ) -> float 
     """
     if len(profile) < 2 or not np.any(profile):
         return None
+    # Zeros make the profile as long as the next power of two, and then twice as long _SPARC_PADS
+    # times, so that the spectrum has finer steps of frequency.
     size = 2 ** (math.ceil(math.log2(len(profile))) + _SPARC_PADS)
     magnitude = np.abs(np.fft.rfft(profile, size))
     frequency = np.arange(len(magnitude)) * rate_hz / size
@@ -59,7 +61,7 @@ def log_dimensionless_jerk(profile: np.ndarray, rate_hz: float = RATE_HZ) -> flo
     """Return the log dimensionless jerk of a speed profile [T]; None if nothing moves. It is
     -ln(integral of the squared jerk * duration^3 / peak speed^2).
     """
-    # The jerk is the second derivative of the speed.
+    # The jerk is the second derivative of the speed. Its square is integrated over time.
     squared_jerk = float(np.square(np.diff(profile, 2) * rate_hz**2).sum()) / rate_hz
     if squared_jerk <= 0:
         return None
@@ -74,6 +76,7 @@ def resample_path(ms: np.ndarray, points: np.ndarray) -> np.ndarray:
     # The import takes half a second.
     from scipy import signal
 
+    # The small number lets the last point be included.
     times = np.arange(ms[0], ms[-1] + 1e-9, 1e3 / RATE_HZ)
     even = np.stack([np.interp(times, ms, axis) for axis in points.T], axis=1)
     # The filter needs 16 points or more. A shorter path is not filtered.

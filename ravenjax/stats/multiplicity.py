@@ -17,10 +17,9 @@ class Finding(NamedTuple):
 
 
 def holm_test(p: Mapping[str, float], confidence: float = 0.95) -> dict[str, Finding]:
-    """Test several hypotheses by Holm's step-down method (Holm 1979).
-
-    With this confidence no rejection is wrong, even if the tests depend on each other. p: p-values
-    by name. A hypothesis with NaN is left out and never rejected.
+    """Test several hypotheses by Holm's step-down method (Holm 1979). With this confidence no
+    rejection is wrong, even if the tests depend on each other. p: p-values by name. A hypothesis
+    with NaN is left out and never rejected.
     """
     from statsmodels.stats.multitest import multipletests  # slow to import
 

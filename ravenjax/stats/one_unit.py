@@ -56,6 +56,7 @@ def rate_per_unit(k: ArrayLike, n: ArrayLike) -> UnitRate:
 def _posterior(hits: np.ndarray, trials: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the posterior of the beta-binomial model at the points of a grid: mean, `root` (square
     root of the intra-class correlation), and weight, [GRID**2] each. The grid covers likely values.
+    hits, trials: of each unit, [units].
     """
     # Half an event is added to events and to other trials, so that no logarithm is infinite.
     events, others = hits.sum() + 0.5, trials.sum() - hits.sum() + 0.5
@@ -85,7 +86,7 @@ def _log_likelihood(
     hits: np.ndarray, trials: np.ndarray, mean: np.ndarray, root: np.ndarray
 ) -> np.ndarray:
     # Returns the log-likelihood of beta-binomial counts for each pair of the units' mean rate and
-    # the square root of the intra-class correlation.
+    # the square root of the intra-class correlation, which have one shape (or are broadcast).
     from scipy.stats import betabinom
 
     a, b = _beta_parameters(*np.broadcast_arrays(mean, root))
@@ -93,7 +94,8 @@ def _log_likelihood(
 
 
 def _beta_parameters(mean: np.ndarray, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    # Returns both parameters of the beta distributions of units' rates.
+    # Returns both parameters of the beta distributions of units' rates. Their sum `size` follows
+    # from the intra-class correlation: root^2 = 1 / (size + 1).
     size = 1.0 / root**2 - 1.0
     return mean * size, (1.0 - mean) * size
 

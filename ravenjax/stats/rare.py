@@ -21,10 +21,9 @@ BATCH = 10_000
 
 
 class RareEvent(NamedTuple):
-    """Probability of the event with its 95 % interval.
-
-    cov: coefficient of variation of the estimate; NaN if the event never happened. runs: number of
-    evaluations of the limit state. levels: margins of the levels of subset simulation, falling.
+    """Probability of the event with its 95 % interval. cov: coefficient of variation of the
+    estimate; NaN if the event never happened. runs: number of evaluations of the limit state.
+    levels: margins of the levels of subset simulation, falling.
     """
 
     probability: float
@@ -38,8 +37,9 @@ class RareEvent(NamedTuple):
 def monte_carlo(g: LimitState, d: int, n: int, *, seed: int = 0) -> RareEvent:
     """Estimate the probability of the event by plain Monte Carlo, from n random points.
 
-    Points [d] are evaluated in batches of BATCH. The interval is that of Clopper and Pearson. A cov
-    of 10 % needs about 100 / probability runs. Raise ValueError if g returns NaN.
+    g: limit state of d inputs; the event is a margin of at most 0. The interval is that of Clopper
+    and Pearson. A cov (coefficient of variation) of 10 % needs about 100 / probability runs. Raise
+    ValueError if g returns NaN.
     """
     random = np.random.default_rng(seed)
     hits = 0

@@ -15,10 +15,9 @@ from ravenjax.stats.units import bootstrap
 
 
 class SobolIndices(NamedTuple):
-    """First-order and total index of each input, arrays [d] with bands.
-
-    They are the shares of the output's variance that an input explains alone, and together with
-    its interactions. They are NaN if the output is constant.
+    """First-order and total index of each input, arrays [d] with bands. They are the shares of the
+    output's variance that an input explains alone, and together with its interactions. They are NaN
+    if the output is constant.
     """
 
     first: Estimate
@@ -27,7 +26,6 @@ class SobolIndices(NamedTuple):
 
 class MorrisEffects(NamedTuple):
     """Elementary effects of each input, arrays [d], in the output's unit per range of the input.
-
     mu_star: mean absolute effect, with its band. mu: mean effect with sign; if it is near 0 and
     mu_star is large, the output is not monotone. sigma: standard deviation; it is large if the
     output is not linear or has interactions.
@@ -49,6 +47,7 @@ def sobol_sample(d: int, n: int, seed: int) -> np.ndarray:
 
     base = qmc.Sobol(2 * d, rng=np.random.default_rng(seed)).random(n)
     a, b = base[:, :d], base[:, d:]
+    # Axes [n, d, d]: block i, input taken from B_i, coordinate.
     crossed = np.where(np.eye(d, dtype=bool), b[:, None], a[:, None])
     return np.concatenate([a[:, None], crossed, b[:, None]], axis=1).reshape(-1, d)
 
@@ -64,7 +63,7 @@ def sobol_analyse(outputs: np.ndarray, d: int, *, resamples: int, seed: int = 0)
     """
     from scipy.stats import sobol_indices
 
-    # Axes [d + 2, n].
+    # Axes [d + 2, n]: outputs of A, then A with one input of B, then B.
     block = outputs.reshape(-1, d + 2).T
     n = block.shape[1]
 
@@ -87,10 +86,9 @@ def sobol_analyse(outputs: np.ndarray, d: int, *, resamples: int, seed: int = 0)
 
 
 def morris_sample(d: int, n: int, seed: int, levels: int = 4) -> np.ndarray:
-    """Return Morris' design for d inputs by SALib: points of the unit cube, [n (d + 1), d].
-
-    Each of the n trajectories has d + 1 points. A step moves one input by levels / (2 (levels - 1))
-    of its range. `levels` is even.
+    """Return Morris' design for d inputs by SALib: points of the unit cube, [n (d + 1), d]. Each of
+    the n trajectories has d + 1 points. A step moves one input by levels / (2 (levels - 1)) of its
+    range. `levels` is even.
     """
     from SALib.sample.morris import sample
 
@@ -106,10 +104,9 @@ def morris_analyse(
     seed: int = 0,
 ) -> MorrisEffects:
     """Return elementary effects from a design of `morris_sample` and its finite outputs [runs], by
-    SALib (Campolongo et al. 2007).
-
-    The band of mu_star is normal, with the standard error of a bootstrap over trajectories, and at
-    least 0. With fewer than about 20 trajectories it is too narrow.
+    SALib (Campolongo et al. 2007). The band of mu_star is normal, with the standard error of a
+    bootstrap over trajectories, and at least 0. With fewer than about 20 trajectories it is too
+    narrow.
     """
     from SALib.analyze.morris import analyze
 

@@ -124,7 +124,8 @@ class Sequential:
 
     def sizes(self) -> np.ndarray:
         """Return the planned draws before each look, int64 [looks, strata], at least 1 each."""
-        # The tolerance prevents that rounding adds a draw.
+        # [looks, strata]: share of the look times size of the stratum. The tolerance prevents that
+        # rounding adds a draw.
         planned = np.ceil(np.outer(self.shares, self.size) - 1e-9).astype(np.int64)
         planned = np.clip(planned, np.minimum(1, self.size), self.size)
         # Strata that need no precise rates are computed at the first look.
@@ -132,13 +133,13 @@ class Sequential:
 
     def decide(self, number: int, taken: np.ndarray, k: np.ndarray, n: np.ndarray) -> Look:
         """Return the result and the decision of look `number` (from 1), with k[rate, stratum]
-        events in n[stratum] valid draws.
-
-        `taken`: number of computed draws of each stratum, which must be planned sizes.
+        events in n[stratum] valid draws. `taken`: number of computed draws of each stratum, which
+        must be planned sizes.
         """
         names = [stratum.name for stratum in self.strata]
         intervals = list(self._intervals(k, n, taken))
         incomplete = taken < self.size
+        # The campaign waits for strata with an interval that is too wide, if they have more draws.
         too_wide = [interval for interval in intervals if interval.half_width > self.half_width]
         wide_intervals = [x for x in too_wide if incomplete[self._select(x.stratum)].any()]
         waiting = tuple(dict.fromkeys(interval.stratum for interval in wide_intervals))
@@ -147,7 +148,6 @@ class Sequential:
             number=number,
             looks=len(self.shares),
             taken=dict(zip(names, taken.tolist(), strict=True)),
-            # All draws of each stratum.
             held=dict(zip(names, self.size.tolist(), strict=True)),
             intervals=tuple(intervals),
             widest=max(half_widths, default=0.0),
@@ -186,13 +186,12 @@ class Sequential:
             least=counts,
             most=np.where(is_waiting, needed, counts),
         )
-        # The smallest planned size that is large enough.
+        # The smallest planned size that is large enough. Too small ones become the largest one.
         return np.where(sizes >= allocated, sizes, sizes[-1]).min(axis=0)
 
     def _needed_draws(self, k: np.ndarray, n: np.ndarray) -> np.ndarray:
-        """Return how many more draws each stratum probably needs, at least 1: int64 [strata].
-
-        k: events [rates, strata]. n: valid draws [strata].
+        """Return how many more draws each stratum probably needs, at least 1: int64 [strata]. k:
+        events [rates, strata]. n: valid draws [strata].
         """
         # A rate of the whole table does not limit a single stratum, which may need all its draws.
         if self.of == "whole":
@@ -211,9 +210,8 @@ class Sequential:
         return self.judged & ["" in names or stratum.name in names for stratum in self.strata]
 
     def _intervals(self, k: np.ndarray, n: np.ndarray, taken: np.ndarray) -> Iterator[Interval]:
-        """Yield the interval of each rate, for each judged stratum or for the whole table.
-
-        k: events [rates, strata]. n: valid draws [strata]. taken: computed draws [strata].
+        """Yield the interval of each rate, for each judged stratum or for the whole table. k:
+        events [rates, strata]. n: valid draws [strata]. taken: computed draws [strata].
         """
         judged = np.flatnonzero(self.judged)
         names, runs = [self.strata[index].name for index in judged], n[judged]
@@ -225,7 +223,7 @@ class Sequential:
             elif not (runs > 0).all():
                 rate_by_stratum = {"": Rate()}
             else:
-                # The size of a stratum does not count draws without a valid run.
+                # Of a stratum's size, only the share of draws with a valid run counts.
                 weight = self.size[judged] * runs / taken[judged]
                 estimate = stratified_rate(hits, runs, weight, self.each, self.half_width)
                 rate_by_stratum = {"": Rate(int(hits.sum()), int(runs.sum()), *estimate)}
@@ -265,6 +263,7 @@ def stratified_rate(
     z = norm.isf(alpha / 2)
     centre = (hits + z**2 / 2) / (runs + z**2)
     overall = share @ centre
+    # The number of runs with which a plain sample has the variance of this estimate.
     effective = overall * (1 - overall) / np.sum(share**2 * centre * (1 - centre) / runs)
     value = float(share @ (hits / runs))
     effective_counts = np.array(value * effective), np.array(effective)
@@ -274,10 +273,8 @@ def stratified_rate(
 
 def allocate_runs(total: int, weight: ArrayLike, least: ArrayLike, most: ArrayLike) -> np.ndarray:
     """Return runs per stratum, int64 [strata], in proportion to weight[s], between least[s] and
-    most[s].
-
-    Their sum is `total`, or the nearest sum that the bounds allow. Runs that strata with a weight
-    cannot have are divided evenly among the strata without a weight.
+    most[s]. Their sum is `total`, or the nearest sum that the bounds allow. Runs that strata with a
+    weight cannot have are divided evenly among the strata without a weight.
     """
     weights, low, high = np.asarray(weight, float), np.asarray(least), np.asarray(most)
     total = int(np.clip(total, low.sum(), high.sum()))

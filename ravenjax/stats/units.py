@@ -47,7 +47,7 @@ class Units(NamedTuple):
 
     def weights(self, resamples: int = RESAMPLES, seed: int = 0) -> np.ndarray:
         """Return each unit's weight in each resample, [resamples, units]; mean 1 per stratum."""
-        # Rao and Wu: n - 1 draws of the n units of a stratum, each with weight n / (n - 1).
+        # Rao and Wu: n - 1 draws of the n units of a stratum, each draw with weight n / (n - 1).
         rng = np.random.default_rng(seed)
         weight = np.empty((resamples, self.count))
         for members in _units_by_stratum(self.stratum):
@@ -59,20 +59,19 @@ class Units(NamedTuple):
     def resample_statistic(
         self, statistic: Callable[[np.ndarray], np.ndarray], resamples: int, seed: int
     ) -> np.ndarray:
-        """Return the statistic of each resample, [resamples, ...].
-
-        statistic: maps weights of the rows in b resamples, [b, rows], to values [b, ...].
+        """Return the statistic of each resample, [resamples, ...]. statistic: maps weights of the
+        rows in b resamples, [b, rows], to values [b, ...].
         """
         weight = self.weights(resamples, seed)
+        # Each row gets the weight of its unit, for a batch of resamples at a time to limit memory.
         batch = max(1, _MAX_WEIGHTS // max(1, len(self.unit)))
         parts = [statistic(weight[i : i + batch, self.unit]) for i in range(0, resamples, batch)]
         return np.concatenate(parts)
 
 
 def label_codes(label: ArrayLike) -> tuple[np.ndarray, int]:
-    """Return each row's label as a number [n], and the number of different labels.
-
-    Raise ValueError for a missing label.
+    """Return each row's label as a number [n], and the number of different labels. Raise ValueError
+    for a missing label.
     """
     import pandas as pd
 
@@ -84,10 +83,9 @@ def label_codes(label: ArrayLike) -> tuple[np.ndarray, int]:
 
 
 def group_units(label: ArrayLike, stratum: ArrayLike | None = None) -> "Units":
-    """Return the units of rows [n]: rows with the same label are one unit.
-
-    `stratum`: labels [n] of strata; None: one stratum. Labels may have any type. Raise ValueError
-    if a label is missing, or if a unit is in two strata.
+    """Return the units of rows [n]: rows with the same label are one unit. `stratum`: labels [n] of
+    strata; None: one stratum. Labels may have any type. Raise ValueError if a label is missing, or
+    if a unit is in two strata.
     """
     unit, count = label_codes(label)
     if stratum is None:
@@ -95,7 +93,7 @@ def group_units(label: ArrayLike, stratum: ArrayLike | None = None) -> "Units":
     row_stratum, _ = label_codes(stratum)
     unit_stratum = np.zeros(count, int)
     unit_stratum[unit] = row_stratum
-    # Another row of the unit has overwritten the stratum.
+    # If a row's stratum is not its unit's, another row of the unit has overwritten the unit's.
     if (unit_stratum[unit] != row_stratum).any():
         raise ValueError("units: each unit must be in one stratum, but a unit is in several")
     return Units(unit, unit_stratum)
@@ -109,10 +107,9 @@ def ratio_band(
     resamples: int = RESAMPLES,
     seed: int = 0,
 ) -> Estimate:
-    """Return sum(numerators) / sum(denominators) over rows [n] with its percentile band.
-
-    With `denominators` = 1 it is a mean. The band is NaN for fewer than MIN_UNITS units. If all
-    units have the same ratio, the band has zero width; `rate_band` avoids this for shares.
+    """Return sum(numerators) / sum(denominators) over rows [n] with its percentile band. With
+    `denominators` = 1 it is a mean. The band is NaN for fewer than MIN_UNITS units. If all units
+    have the same ratio, the band has zero width; `rate_band` avoids this for shares.
     """
     # Sums of both columns over the rows of each unit, [2, units].
     columns = [np.broadcast_to(x, among.unit.shape) for x in (numerators, denominators)]
@@ -129,10 +126,9 @@ def ratio_band(
 
 
 def rate_band(hit: ArrayLike, among: "Units", *, resamples: int = RESAMPLES, seed: int = 0) -> Rate:
-    """Return the share of rows with `hit` (bool [n]), with the band of `ratio_band`.
-
-    If all rows are equal, resamples are equal too. The band is then Wilson's interval, with the
-    number of units as the number of trials. The share is NaN without rows.
+    """Return the share of rows with `hit` (bool [n]), with the band of `ratio_band`. If all rows
+    are equal, resamples are equal too. The band is then Wilson's interval, with the number of units
+    as the number of trials. The share is NaN without rows.
     """
     hits = np.asarray(hit, bool)
     k, n = int(hits.sum()), len(hits)
@@ -148,7 +144,9 @@ def rate_band(hit: ArrayLike, among: "Units", *, resamples: int = RESAMPLES, see
 
 
 def _units_by_stratum(stratum: np.ndarray) -> list[np.ndarray]:
-    """Return the units of each stratum. Strata of one unit are merged; one alone joins another."""
+    """Return the units of each stratum. Strata of one unit are merged with each other; if there is
+    only one, it joins the smallest other stratum.
+    """
     strata = [np.flatnonzero(stratum == number) for number in np.unique(stratum)]
     large_strata = sorted((members for members in strata if len(members) > 1), key=len)
     single_units = [members for members in strata if len(members) == 1]
@@ -170,15 +168,17 @@ def bootstrap(
 ) -> Estimate:
     """Return a statistic of `units` exchangeable units with its 95 % percentile band.
 
-    `statistic`: maps indices of drawn units [b, m] to values [b, ...]. `batch`: largest b, which
-    limits memory and does not change the result. With fewer than about 20 units the band is too
-    narrow. Resamples without a value (NaN) are left out. Raise ValueError for fewer than 2 units.
+    `statistic`: maps indices of the units drawn in b resamples, [b, units], to values [b, ...].
+    `batch`: largest b, which limits memory and does not change the result. With fewer than about 20
+    units the band is too narrow. Resamples without a value (NaN) are left out. Raise ValueError for
+    fewer than 2 units.
     """
     if units < 2:
         raise ValueError(f"a bootstrap needs at least 2 independent units, got {units}")
     rng = np.random.default_rng(seed)
     sizes = [min(batch, resamples - first) for first in range(0, resamples, batch)]
     with np.errstate(invalid="ignore", divide="ignore"):
+        # The statistic of the sample itself: one "resample" that has each unit once.
         value = np.asarray(statistic(np.arange(units)[None]), float)[0]
         samples = np.concatenate(
             [np.asarray(statistic(rng.integers(units, size=(b, units))), float) for b in sizes]

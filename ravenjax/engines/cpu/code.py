@@ -43,15 +43,14 @@ class LaneCourse:
 
     @property
     def lane_ticks(self) -> int:
-        """Number of ticks that lanes run, summed over lanes; a vector runs to its last end."""
+        """Number of ticks that lanes run, summed. The lanes of a vector run until the last ends."""
         ends = self.ends.reshape(len(self.begins), -1)
         return int((ends.max(axis=1) - self.begins).sum()) * ends.shape[1]
 
 
 class LaneGroup:
-    """The memory of a group of lanes: state of each vector, shared state, rows of some ticks.
-
-    Ticks count from the beginning of a run. Methods collect calls, which `run_calls` makes.
+    """The memory of a group of lanes: state of each vector, shared state, rows of some ticks. Ticks
+    count from the beginning of a run. Methods collect calls, which `run_calls` makes.
     """
 
     def __init__(self, code: "VectorCode", lanes: Lanes, vectors: int, rows: int, results: int):
@@ -60,6 +59,7 @@ class LaneGroup:
         kernel = self.kernel = code.kernel
         self._calls: list[tuple[int, ...]] = []
         self._inputs = kernel.inputs.pack(lanes.inputs, vectors)
+        # The inputs that a group shares are equal in its lanes, so those of the first lane serve.
         self._group_inputs = kernel.group_inputs.pack([column[:1] for column in lanes.inputs], 1)
         self.state = aligned_buffer(vectors, kernel.state.bytes)
         self._prologue = aligned_buffer(vectors, kernel.prologue.bytes)
@@ -86,9 +86,9 @@ class LaneGroup:
         self._make_calls(calls.ctypes.data, len(calls))
 
     def compute_rows(self, first: int, until: int, copy_to: int | None = None) -> None:
-        """Advance the group from tick `first` to before `until`, and write a row for each tick.
-
-        copy_to: address for a copy of the group's state at the end; None: no copy.
+        """Advance the group from tick `first` to before `until`, and write a row for each tick. A
+        row has the numbers of the tick that all lanes of the group read. copy_to: address for a
+        copy of the group's state at the end; None: no copy.
         """
         state = row_address(self.group_state)
         buffers = row_address(self._group_inputs), state, row_address(self.lanes.tables)
@@ -100,6 +100,7 @@ class LaneGroup:
 
     def advance(self, v: int, first: int, until: int) -> None:
         """Run vector `v` from tick `first` to before `until`. Rows of these ticks must exist."""
+        # Number of the vector's first lane.
         lane, out = v * self.kernel.inputs.width, self.lanes.out
         # Address of the outputs, and the bytes to the next tick and to the next number.
         if out is None:
@@ -125,7 +126,9 @@ class LaneGroup:
         return start, tick_bytes, numbers.strides[1]
 
     def finish(self, v: int, row: int, group_state: int | None = None) -> None:
-        """Write the results of vector `v`. group_state: address of a copy; None: present state."""
+        """Write the results of vector `v` to a row of `results`. group_state: address of a copy of
+        the group's state at the vector's end; None: the present state.
+        """
         shared = row_address(self.group_state) if group_state is None else group_state
         lane_rows = row_address(self._inputs, v), row_address(self.state, v)
         self._call("lane_finish", *lane_rows, shared, row_address(self.results, row))
@@ -192,9 +195,8 @@ class VectorCode:
         return [column[indices] for column in self.kernel.results.unpack(group.results)]
 
     def trunk(self, lanes: Lanes, last: int, ends: np.ndarray) -> tuple[Trunk, list[np.ndarray]]:
-        """Run a vector of lanes that are all the same golden run.
-
-        Return its snapshots before tick `last`, and its results at `ends` (ascending), each [ends].
+        """Run a vector of lanes that are all the same golden run. Return its snapshots before tick
+        `last`, and its results at `ends` (ascending), each [ends].
         """
         words, shared_words = self._state_words[0], self.kernel.group_state.bytes // 4
         every = snapshot_spacing(last, len(words) + shared_words)
@@ -225,16 +227,18 @@ class VectorCode:
 
     @cached_property
     def _state_words(self) -> np.ndarray:
-        """[width, words]: indices of the 32-bit words of each lane's state."""
+        """[width, words]: indices of the 32-bit words of each lane's state in a row of `state`."""
         return np.stack([self.kernel.state.words(lane) for lane in range(self.width)])
 
     def _start_from_snapshots(self, group: LaneGroup, course: LaneCourse, golden_run: Trunk):
         # Copies states from snapshots of the golden run. Each vector begins in its own tick, with
-        # equal lanes. The group begins with its first vector. Tick 0 needs no snapshot.
+        # equal lanes. The group's shared state begins in the tick in which the first vector begins.
+        # For tick 0, `lane_begin` and `shared_begin` have already written the state.
         if course.first:
             snapshot = golden_run.group[course.first // golden_run.every]
             group.group_state.view(np.uint32)[0] = snapshot
         states = group.state.view(np.uint32)
         for v, tick in enumerate(course.begins.tolist()):
             if tick:
+                # One row of words, written to each lane of the vector.
                 states[v][self._state_words] = golden_run.lane[tick // golden_run.every]

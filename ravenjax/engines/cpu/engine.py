@@ -22,10 +22,9 @@ from ravenjax.ir.time_loop import split_lanes
 from ravenjax.numbers import tree
 
 MIN_LANES, MAX_LANES = 256, 1024
-"""Least and greatest number of lanes of a block.
-
-With fewer lanes, the shared numbers are a large part of the work, and Python prepares blocks more
-slowly than many threads compute them. With more lanes, the last blocks leave threads idle.
+"""Least and greatest number of lanes of a block. With fewer lanes, the shared numbers are a large
+part of the work, and Python prepares blocks more slowly than many threads compute them. With more
+lanes, the last blocks leave threads idle.
 """
 BLOCKS = 8
 """Least number of blocks per thread, if blocks have more than MIN_LANES lanes."""
@@ -70,6 +69,7 @@ class SimdKernel(traced.PrintedKernel):
         tick = self.forms(block, motion).traced
         # `out` is [ticks, outputs, lanes], and the signals come after the reference series.
         columns = np.ascontiguousarray(out[:, tick.series :, 0].T)
+        # `tick.signals` has the dtype of each signal.
         signals = map(_from_slots, columns, tree.tree_leaves(tick.signals))
         return result, tree.fill_tree(tick.signals, list(signals))
 
@@ -125,9 +125,11 @@ class SimdKernel(traced.PrintedKernel):
         return BlockResult(dict(zip(tick.outcomes, outcomes, strict=True)), reference), out
 
     def _groups(self, block: Block):
-        """Return a block's inputs, each lane's group, and whether computing by groups is faster."""
+        """Return a block's inputs, each lane's group, and whether computing by groups is faster. If
+        it is not, all lanes are in group 0, and each lane also computes the shared numbers.
+        """
         inputs, group = self.groups(block)
-        # Vectors that are filled group by group, compared with vectors of any lanes.
+        # Vectors have lanes of one group, so the last vector of each group may not be full.
         vectors = (-(-np.bincount(group) // self.width)).sum()
         vectors_without_groups = -(-len(group) // self.width)
         grouped = bool(vectors <= (1.0 + UNSHARED_WORK) * vectors_without_groups)
@@ -135,7 +137,8 @@ class SimdKernel(traced.PrintedKernel):
 
     def _course(self, block: Block, lanes: np.ndarray, grouped: bool) -> LaneCourse:
         # Plans in which tick vectors begin and lanes end. Until a fault acts, lanes equal their
-        # golden run, which their group shares, so vectors can begin at snapshots of this run.
+        # golden run, which their group shares, so vectors can begin at snapshots of this run. A
+        # vector begins before the first of its faults acts.
         ends = np.full(len(lanes), self.program.ticks) if block.ends is None else block.ends[lanes]
         begins = np.zeros(len(lanes) // self.width, np.int64)
         golden_run = block.trunk(int(lanes[0])) if grouped else None
@@ -153,6 +156,7 @@ class SimdKernel(traced.PrintedKernel):
             series = self.program.loop.series_length(self.program.setup)
             return np.zeros((1, series) if grouped else (1, series, len(lanes)), self._dtype)
         part = dataclasses.replace(block, reference=block.reference[first:last])
+        # The lanes of a group have the same golden run, so the series of the first lane is enough.
         series = part.series(lanes[:1])[:, :, 0] if grouped else part.series(lanes)
         return np.ascontiguousarray(series)
 
@@ -171,12 +175,13 @@ class SimdKernel(traced.PrintedKernel):
 
 def _from_slots(slots: np.ndarray, dtype: np.dtype) -> np.ndarray:
     """Return the numbers that slots of 64 bits begin with, in an array of the same shape."""
+    # Truth values are stored as int32. Of two 32-bit numbers in a slot, the first is taken.
     numbers = slots.view(np.int32 if dtype.kind == "b" else dtype)
     return numbers[..., :: 8 // max(4, dtype.itemsize)].astype(dtype)
 
 
 def lanes_of_block(runs: int, threads: int, width: int) -> int:
-    """Return the lanes of a block in a campaign of `runs` runs, in whole vectors."""
+    """Return the lanes of a block in a campaign of `runs` runs, in vectors of `width` lanes."""
     share = -(-runs // threads)
     lanes = min(MAX_LANES, max(MIN_LANES, share // BLOCKS), share)
     return -(-lanes // width) * width

@@ -48,6 +48,7 @@ class Host:
 @cache
 def host_target() -> Host:
     """Return this machine's CPU. Raises UserError if it has no fused multiply-add."""
+    # LLVM takes options as from a command line, which begins with the name of a program.
     for option in _OPTIONS:
         llvm.set_option("ravenjax", option)
     llvm.initialize_native_target()
@@ -80,8 +81,7 @@ class HostModule:
         self._library = builder.link(self._jit, "kernel")
 
     def function(self, name: str, arguments: Sequence[Any], brief: bool = False) -> Any:
-        """Return a function without a result.
-
+        """Return the compiled function `name`, which has no result. arguments: ctypes' types.
         ctypes releases the GIL while the function runs, unless it is `brief`: a thread that
         releases the GIL may wait milliseconds to get it back.
         """

@@ -56,10 +56,9 @@ def schedule_operations(
 
 
 def _schedule(operations: Sequence[Operation], order: Sequence[int]):
-    """Return operations without regions in an order with less waiting.
-
-    In each cycle, the first operation in the window begins whose operands are available. If there
-    is none, the operation begins that waits least.
+    """Return operations without regions in an order with less waiting. In each cycle, the first
+    operation in the window begins whose operands are available. If there is none, the operation
+    begins that waits least.
     """
     # From here on operations are identified by their index in `order`.
     index = {i: k for k, i in enumerate(order)}
@@ -139,6 +138,7 @@ class _LlvmModule(LoopPrinting[Place]):
         self.lane_state = (*split.lane_state, *split.held_state)
         step, results = self.step.operations, self.finish.operations
 
+        # A row of a buffer of lanes has `width` values of each number; that of a group has one.
         def layout(types: Iterable[str], lanes: int = width):
             return BufferLayout.of_lanes(types, lanes)
 
@@ -163,6 +163,7 @@ class _LlvmModule(LoopPrinting[Place]):
         self._lane_begin()
         self._lane_run()
         self._lane_finish()
+        # Without these attributes, LLVM splits vectors of 512 bits on some CPUs.
         bits = self.width * 32
         widths = f'"min-legal-vector-width"="{bits}" "prefer-vector-width"="{bits}"'
         calls = render_template("cpu/calls.ll.j2", arguments=ARGUMENTS, call_words=CALL_WORDS)
@@ -179,7 +180,8 @@ class _LlvmModule(LoopPrinting[Place]):
         return _places_by_number(self.split.shared_state, self.buffers.group_state, pointer, splat)
 
     def _function(self, name: str, printer: LlvmPrinter):
-        # Adds a function without a loop, whose body is the lines of the printer.
+        # Adds a function without a loop, whose body is the lines of the printer. `kernel` defines
+        # its attributes, #0.
         body = "\n".join(f"  {line}" for line in printer.lines)
         head = f"define void @{name}({_noalias_parameters(name)}) #0"
         self.functions.append(f"{head} {{\nentry:\n{body}\n  ret void\n}}\n")
@@ -191,7 +193,7 @@ class _LlvmModule(LoopPrinting[Place]):
         self.declared |= printer.declared
 
     def _shared_begin(self):
-        printer = LlvmPrinter(1, self.features)
+        printer = LlvmPrinter(width=1, features=self.features)
         inputs = self.buffers.group_inputs.places("%inputs")
         self.print_begin(printer, inputs, self._group_state_places())
         self._function("shared_begin", printer)
@@ -199,7 +201,7 @@ class _LlvmModule(LoopPrinting[Place]):
     def _shared_run(self):
         # Prints the loop over ticks of a group. A tick reads the group's inputs and its own, writes
         # the new state of the group, and writes the numbers that lanes read to the tick's row.
-        printer = LlvmPrinter(1, self.features, in_loop=True)
+        printer = LlvmPrinter(width=1, features=self.features, in_loop=True)
         split, buffers, state = self.split, self.buffers, self._group_state_places()
         sources = self.sources(self.step, buffers.group_inputs.places("%inputs"), state)
         tick_values = self._add_tick_inputs(printer, sources, shared=True)
@@ -209,7 +211,8 @@ class _LlvmModule(LoopPrinting[Place]):
 
     def _add_tick_inputs(self, printer: LlvmPrinter, sources: dict[int, Place], shared: bool):
         """Add the places of a tick's inputs to `sources`, operation -> place. Return operation ->
-        variable with the tick's number, which only the `shared` code of a group needs.
+        variable with the tick's number, which only the `shared` code of a group needs. In the
+        code, `in` points to this tick's inputs, and `in_step` is the bytes from one to the next.
         """
         tick_values: dict[int, str] = {}
         for i, k in self.tick_reads.items():
@@ -224,7 +227,8 @@ class _LlvmModule(LoopPrinting[Place]):
 
     def _lane_begin(self):
         # Prints the first state of a vector of lanes and the prologue: numbers that are constant in
-        # time, which `lane_run` reads from the buffer `held`.
+        # time, which `lane_run` reads from the buffer `held`. Both depend on the lanes' inputs; the
+        # prologue also on numbers of the state that never change.
         printer = LlvmPrinter(self.width, self.features)
         inputs, state = self.buffers.inputs.places("%inputs"), self._lane_state_places()
         self.print_begin(printer, inputs, state)

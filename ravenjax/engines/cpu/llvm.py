@@ -35,12 +35,13 @@ class LlvmPrinter(Printing[Place]):
         self.declared: set[str] = set()
 
     def _operation(self, program: Program, i: int, inputs: list[str]) -> str:
-        # Prints one operation. Returns the name of its result.
+        # Prints operation `i` on the values `inputs`. Returns the name of its result.
         name, dtype, operands, detail = program.operations[i]
         if name == "lookup":
             return self._lookup(program, detail, inputs[0])
+        # Operands: condition, number where it is true, number where it is false.
         if name in ("select", "rarely"):
-            # See `_select_as_floats`.
+            # Avoids a mistake of LLVM, which `_select_as_floats` describes.
             is_logic = any(program.operations[o].name in ("and", "or", "xor") for o in operands[1:])
             if is_logic and dtype in ("int32", "uint32") and self.width > 1:
                 return self._select_as_floats(dtype, inputs)
@@ -51,7 +52,8 @@ class LlvmPrinter(Printing[Place]):
         return self._compute(name, dtype, sources[0].dtype, inputs, known)
 
     def _begin_region(self, condition: str, types: list[str]):
-        # Prints a branch around operations that no lane of the vector needs.
+        # Prints a branch around operations that no lane of the vector needs. Returns the labels of
+        # the blocks before and after the branch, and the types of the region's results.
         if self.width > 1:
             name = f"llvm.vector.reduce.or.v{self.width}i1"
             condition = self.call("i1", name, (self.type("bool"), condition))
@@ -63,7 +65,8 @@ class LlvmPrinter(Printing[Place]):
         return outer, after, types
 
     def _end_region(self, begun: tuple[str, str, list[str]], results: list[str]) -> list[str]:
-        # Closes the branch. Lanes that skipped it get 0, which their `select` ignores.
+        # Closes the branch. A `phi` is the result, or 0 if the branch was skipped, which the lanes'
+        # `select` ignores.
         outer, after, types = begun
         self.lines += [f"br label %{after}", f"{after}:"]
         values = []
@@ -106,6 +109,7 @@ class LlvmPrinter(Printing[Place]):
         # Returns a constant as text, with the same value in each lane.
         if dtype == "bool":
             text = "true" if value else "false"
+        # LLVM writes floats of both sizes as the 64 bits of a float64.
         elif dtype.startswith("float"):
             text = f"0x{struct.unpack('>Q', struct.pack('>d', float(value)))[0]:016X}"
         else:
@@ -119,7 +123,7 @@ class LlvmPrinter(Printing[Place]):
         return self.op(f"getelementptr i8, ptr {place.pointer}, i64 {place.offset}")
 
     def _load(self, dtype: str, place: Place) -> str:
-        # Loads one number per lane; a number that all lanes share is loaded once and copied.
+        # Loads one number per lane; one that all lanes share (splat) is loaded once and copied.
         scalar, wide, address = _STORED[dtype], self._vector_of(_STORED[dtype]), self.address(place)
         if place.splat and self.width > 1:
             number = self.op(f"load {scalar}, ptr {address}, align {stored_size(dtype)}")
@@ -140,8 +144,7 @@ class LlvmPrinter(Printing[Place]):
         self.lines.append(f"store {target}, align {stored_size(dtype)}")
 
     def _select_as_floats(self, dtype: str, inputs: list[str]) -> str:
-        """Select one of two integers as if they were floats.
-
+        """Select one of two integers as if they were floats. inputs: condition, then both integers.
         With AVX-512, LLVM 22.1 combines a logic operation on a constant and a following select into
         one instruction (a masked vpternlog), which may give the wrong bits.
         """
@@ -206,9 +209,9 @@ class LlvmPrinter(Printing[Place]):
         return scalar if self.width == 1 else f"v{self.width}{scalar}"
 
     def _print_sequence(self, name: str, words: dict[str, str]) -> str:
-        """Print the instructions of llvm.toml under a name, and return the last value.
-
-        words: values of the instructions' placeholders; each result is added to them.
+        """Print the instructions of llvm.toml under a name, and return the last value. words: texts
+        of placeholders such as {x}. The result of a line `a = fadd {type} {x}, {y}` is added under
+        the name a.
         """
         value = ""
         for line in TEXTS["sequences"][name].splitlines():
@@ -218,6 +221,7 @@ class LlvmPrinter(Printing[Place]):
 
     def _convert(self, dtype: str, source: str, x: str) -> str:
         # Converts numbers. LLVM's own conversion is undefined for NaN and values out of range.
+        # Names such as sitofp begin with the first letter of `_KINDS`, "signed" or "unsigned".
         wide, before = self.type(dtype), self.type(source)
         if dtype.startswith("float") and source.startswith("float"):
             return self.op(f"{'fpext' if dtype == 'float64' else 'fptrunc'} {before} {x} to {wide}")
@@ -238,7 +242,7 @@ class LlvmPrinter(Printing[Place]):
         return result
 
     def _resize_integer(self, dtype: str, source: str, x: str) -> str:
-        # Converts an integer to an integer of another width.
+        # Converts an integer to another width: cuts high bits, or adds zeros or copies of the sign.
         size, before = stored_size(dtype), stored_size(source)
         if size == before:
             return x
@@ -246,7 +250,7 @@ class LlvmPrinter(Printing[Place]):
         return self.op(f"{name} {self.type(source)} {x} to {self.type(dtype)}")
 
     def _call_library(self, name: str, dtype: str, x: list[str]) -> str:
-        """Call the C library's function of float64, and round the result (see `semantics`)."""
+        """Call the C library's function of float64, and round the result to `dtype`."""
         if dtype == "float32":
             x = [self._convert("float64", dtype, operand) for operand in x]
         result = self.call("double", name, *(("double", operand) for operand in x))
@@ -266,7 +270,7 @@ class LlvmPrinter(Printing[Place]):
         return self.select("int32", is_below, saturated, self._constant("int32", -(2**31)))
 
     def _lookup(self, program: Program, table: int, index: str) -> str:
-        """Return one number of a table. The tables are consecutive in memory."""
+        """Return one number of a table for each lane. The tables are consecutive in memory."""
         dtype = program.tables[table][0]
         offset = sum(stored_size(kind) * length for kind, length in program.tables[:table])
         start, scalar = self.address(Place("%tables", offset)), _STORED[dtype]
@@ -292,7 +296,6 @@ def repeat_lines(
     name: str, parameters: str, printer: LlvmPrinter, steps: Mapping[str, str], attributes: str = ""
 ) -> str:
     """Return a function that repeats the lines of a printer %count times, with the counter %tick.
-
     The lines begin in block "again". steps: pointer -> number of bytes by which it advances per
     iteration, from the parameter with the same name and a 0 at the end.
     """

@@ -33,11 +33,12 @@ class BufferLayout:
 
     @classmethod
     def aligned(cls, types: Iterable[str]) -> "BufferLayout":
-        """Make a layout for one lane in which each number is aligned to its size."""
+        """Make a layout for one lane in which each number begins at a multiple of its size."""
         types, offsets, end = tuple(types), [], 0
         for dtype in types:
             offsets.append(-(-end // stored_size(dtype)) * stored_size(dtype))
             end = offsets[-1] + stored_size(dtype)
+        # Rows have a multiple of 8 bytes, so that the numbers of the next row are aligned, too.
         return cls(types, tuple(offsets), -(-end // 8) * 8)
 
     @property
@@ -73,15 +74,17 @@ class BufferLayout:
         return [view.reshape(-1).astype(dtype) for view, dtype in views]
 
     def words(self, lane: int) -> np.ndarray:
-        """Return the indices of the 32-bit words that contain the numbers of one lane."""
+        """Return the indices of the 32-bit words of a row that contain the numbers of one lane."""
+        # In the row a0 a1 b0 b0 b1 b1, with a of one word and b of two, lane 1 has 1, 4 and 5.
         sizes = np.array([stored_size(dtype) // 4 for dtype in self.types], np.int64)
+        # First word of each number, and the position of each word within its number.
         first = np.array(self.offsets, np.int64) // 4 + lane * sizes
         within = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
         return np.repeat(first, sizes) + within
 
 
 def aligned_buffer(rows: int, size: int) -> np.ndarray:
-    """Return zeroed bytes [rows, size] that begin on a cache line."""
+    """Return zeroed bytes [rows, size] that begin on a cache line, a multiple of 64 bytes."""
     raw = np.zeros(rows * size + 64, np.uint8)
     start = -raw.ctypes.data % 64
     return raw[start : start + rows * size].reshape(rows, size)

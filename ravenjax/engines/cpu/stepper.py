@@ -81,15 +81,15 @@ class StepCode:
 
 
 class Stepper:
-    """One robot that runs a `StepCode`.
-
-    The caller writes to the arrays `inputs`, `step_inputs` and `tables`. `inputs[k][0] = x` changes
-    an input, and `step_inputs[k][0] = x` an input of the next tick. Steppers may share tables.
+    """One robot that runs a `StepCode`. The caller writes to the arrays `inputs`, `step_inputs` and
+    `tables`. `inputs[k][0] = x` changes input k, and `step_inputs[k][0] = x` input k of the next
+    tick. Steppers may share tables.
     """
 
     def __init__(self, code: StepCode, inputs: Any, tables: np.ndarray | None = None):
         """inputs: see `StepCode`. tables: float32, all columns concatenated; zeros if omitted."""
         self.code = code
+        # Bytes in memory. The arrays `inputs`, `_tick` and `step_inputs` are views of them.
         fixed = code.inputs.row(inputs)
         step_inputs = aligned_buffer(1, code.step_inputs.layout.bytes)
         self.inputs: list[np.ndarray] = tree.tree_leaves(code.inputs.views(fixed))
@@ -138,8 +138,8 @@ class Stepper:
             self._state[0] = kind.row(function(kind.read(self._state[0])))
 
     def restore_leaves(self, snapshot: np.ndarray, leaves: Sequence[int]) -> None:
-        """Set some numbers of the state from a snapshot, by their indices among its leaves."""
+        """Set some numbers of the state from a snapshot, by their indices in the state's record."""
         layout = self.code.state.layout
         for k in leaves:
-            place = slice(layout.offsets[k], layout.offsets[k] + stored_size(layout.types[k]))
-            self._state[0, place] = snapshot[place]
+            number = slice(layout.offsets[k], layout.offsets[k] + stored_size(layout.types[k]))
+            self._state[0, number] = snapshot[number]

@@ -30,9 +30,8 @@ STEPS = (
     "ptr noalias %fixed, ptr noalias %state, ptr noalias %step_inputs0, i64 %step_inputs_bytes, ptr"
     " noalias %step_outputs0, i64 %step_outputs_bytes, ptr noalias %tables, i64 %count"
 )
-"""Parameters of a transition's function.
-
-They are: fixed numbers, state, rows of inputs and outputs with their strides, tables, steps.
+"""Parameters of a transition's function. They are: fixed numbers, state, rows of inputs and outputs
+with their strides, tables, steps.
 """
 # Pointer -> bytes by which it advances per step.
 _POINTER_STEPS = {"step_inputs": "%step_inputs_bytes", "step_outputs": "%step_outputs_bytes"}
@@ -76,7 +75,7 @@ class RecordKind:
         return tree.fill_tree(self.record, [x for (x,) in self.layout.views(row[np.newaxis])])
 
     def columns(self, rows: np.ndarray) -> Any:
-        """Return a record of arrays [rows]."""
+        """Return a record of arrays [rows], each with the same number of all rows of bytes."""
         pairs = zip(self.layout.views(rows), self.layout.types, strict=True)
         columns = [(x != 0 if kind == "bool" else x)[:, 0] for x, kind in pairs]
         return tree.fill_tree(self.record, columns)
@@ -87,7 +86,7 @@ def read_row(layout: BufferLayout, row: np.ndarray | bytes) -> list[Any]:
     if not layout.types:
         return []
     (numbers,) = np.frombuffer(row, layout.dtype).tolist()
-    # `tolist` gives Python numbers: a float32 as a float, a bool as an int.
+    # `tolist` gives Python numbers: a float32 as a float, which computes in float64, a bool as int.
     types: dict[str, Any] = {"float32": np.float32, "bool": bool}
     pairs = zip(layout.types, numbers, strict=True)
     return [types[dtype](x) if dtype in types else x for dtype, x in pairs]
@@ -117,9 +116,8 @@ class StateTransition:
 
 
 class Memory(NamedTuple):
-    """The arrays of bytes that a transition reads and writes, and its concatenated tables.
-
-    The state is overwritten in each step. There is one row of inputs and outputs per step.
+    """The arrays of bytes that a transition reads and writes, and its concatenated tables. The
+    state is overwritten in each step. There is one row of inputs and outputs per step.
     """
 
     fixed: np.ndarray  # [bytes]
@@ -136,7 +134,7 @@ class Interpreted:
         self._transitions = transitions
 
     def bind(self, name: str, memory: Memory) -> Callable[[], None]:
-        """Return a function that makes a transition, as `Compiled.bind` does; without tables."""
+        """Return a function as `Compiled.bind` does, for a program that reads no tables."""
         transition = self._transitions[name]
 
         def make_transition():
@@ -160,7 +158,8 @@ class Compiled:
         names = list(names)
         self._module = jit.compile_functions(text, names, objects)
         pointer, size = ctypes.c_void_p, ctypes.c_int64
-        types = [*(pointer, pointer), *(pointer, size) * 2, *(pointer, size)]
+        # The types of STEPS. Keys: name, and whether calls are brief (see `HostModule.function`).
+        types = [pointer, pointer, pointer, size, pointer, size, pointer, size]
         keys = itertools.product(names, (False, True))
         self._functions = {key: self._module.function(key[0], types, key[1]) for key in keys}
 
@@ -177,13 +176,19 @@ class BoundTransition:
         # ctypes keeps addresses only, not the arrays and the code behind them.
         self._alive = memory, machine
         self._function, self._steps = function, len(step_inputs)
+        # `write_outputs_to` changes this pointer, which is one of the arguments.
         self._output_pointer = ctypes.c_void_p(step_outputs.ctypes.data)
-        # ctypes converts its own number types faster than Python's.
+        # The parameters of STEPS. ctypes converts its own number types faster than Python's.
         pointer, size = ctypes.c_void_p, ctypes.c_int64
         self._arguments = (
-            *(pointer(part.ctypes.data) for part in (fixed, state, step_inputs)),
-            *(size(step_inputs.strides[0]), self._output_pointer, size(step_outputs.strides[0])),
-            *(pointer(None if tables is None else tables.ctypes.data), size(self._steps)),
+            pointer(fixed.ctypes.data),
+            pointer(state.ctypes.data),
+            pointer(step_inputs.ctypes.data),
+            size(step_inputs.strides[0]),  # bytes from the inputs of a step to those of the next
+            self._output_pointer,
+            size(step_outputs.strides[0]),
+            pointer(None if tables is None else tables.ctypes.data),
+            size(self._steps),
         )
 
     def __call__(self) -> None:
@@ -199,7 +204,6 @@ def print_module(
     transitions: Mapping[str, StateTransition], features: Set[str] | None = None
 ) -> str:
     """Return LLVM IR with one function per transition; one call applies it to rows of step inputs.
-
     features: names of the CPU's features; None: those of this machine.
     """
     features = jit.host_target().features if features is None else features
@@ -212,17 +216,20 @@ def print_module(
 
 
 def _print_transition(transition: StateTransition, features: Set[str]) -> LlvmPrinter:
-    # Prints one step of a transition, the body of the loop over steps.
+    # Prints one step of a transition of one robot, the body of the loop over steps.
     program = transition.program
     state = transition.state.places("%state")
     step_inputs = transition.step_inputs.places("%step_inputs")
-    # The inputs of the program, in their order. `reads`: operation -> index of the input.
+    # Places in memory of the program's inputs, in order. `reads`: operation -> index of the input.
     inputs = [*transition.fixed.places("%fixed"), *state, *step_inputs]
     sources = {i: inputs[k] for i, k in program.reads.items()}
     targets = [*state, *transition.step_outputs.places("%step_outputs")]
     results = list(zip(program.outputs, targets, strict=True))
     order = [i for i in program.needed() if program.operations[i].name not in ("input", "constant")]
-    printer = LlvmPrinter(1, frozenset(features), in_loop=True)
+    printer = LlvmPrinter(width=1, features=frozenset(features), in_loop=True)
+    # First, operations that are seldom needed are joined to regions, which a step can skip. Then
+    # operations are reordered, between regions and within each, so that the CPU waits less.
     arranged = arrange_regions(program.operations, order, program.outputs)
-    printer.run(program, schedule_operations(program.operations, arranged), sources, results)
+    scheduled = schedule_operations(program.operations, arranged)
+    printer.run(program, scheduled, sources, results)
     return printer

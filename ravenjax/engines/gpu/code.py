@@ -18,10 +18,8 @@ from ravenjax.engines.lanes import Lanes, Trunk
 from ravenjax.engines.trace_key import Objects
 
 CHUNK = 1000
-"""Largest number of ticks of a launch.
-
-If blocks run at different times, a launch has as many ticks as fit in memory, because blocks wait
-for each other at the end of each launch.
+"""Largest number of ticks of a launch. If blocks run at different times, a launch has as many ticks
+as fit in memory, because blocks wait for each other at the end of each launch.
 """
 ROW_WORDS = 2**25
 """Largest number of words for the rows of a chunk."""
@@ -163,6 +161,7 @@ class _Run:
                 rows_done.append(self._make_rows(k + 1, starts[k + 1]))
             session.wait(main, rows_done[k])
             self._store_snapshot("lane", code.source.state, main, self.state, k)
+            # The arguments are in the order of the parameters of `lane_run` in kernel.cu.j2.
             session.launch(
                 code.lane_run,
                 *(self.blocks, self.threads, main),
@@ -180,6 +179,7 @@ class _Run:
     def _begin(self):
         # Initialises the groups, then the lanes, then the lanes that start from snapshots.
         session, code, course = self.session, self.code, self.course
+        # If no block begins in tick 0, groups also start from snapshots.
         if course.group_state is None:
             arguments = self.group_inputs, self.group_state, self.groups
             self._launch_for_groups("shared_begin", *arguments)
@@ -193,7 +193,9 @@ class _Run:
             session.launch(code.functions["lane_branch"], *grid, snapshots, of_warp, self.state)
 
     def _store_snapshot(self, what: str, words: int, stream, state, row: int):
-        """Copy the state of the "group" or the "lane" to its snapshots, if snapshots are made."""
+        """Copy the state of the first "group" or "lane" (`what`) to a row of its snapshots, if any
+        are made. words: number of 32-bit words of this state.
+        """
         if self.device_snapshots and words:
             self.session.launch(
                 self.code.functions[f"{what}_snapshot"],
@@ -207,8 +209,8 @@ class _Run:
 
     def _make_rows(self, k: int, first: int) -> object:
         """Start computing each group's rows of chunk `k`, on stream `urgent`, beside the lanes.
-
-        Chunks use two buffers in turn. Returns a mark that the stream reaches after the rows.
+        first: first tick of the chunk. Chunks use two buffers in turn. Returns a mark that the
+        stream reaches after the rows.
         """
         count, buffer = min(self.chunk, self.course.last - first), self.given[k % 2]
         urgent, source = self.session.urgent, self.code.source
@@ -216,6 +218,7 @@ class _Run:
         self._store_snapshot("group", source.group_state, urgent, self.group_state, k)
         if source.tick_inputs and len(tick_inputs):
             ticks = slice(first, first + count)
+            # The axes are [groups, ticks, numbers] or [ticks, numbers, threads].
             part = tick_inputs[:, ticks] if self.code.grouped else tick_inputs[ticks]
             self.session.write(buffer, column_words(np.ascontiguousarray(part)), urgent)
         buffers = self.group_inputs, self.group_state, self.tables, buffer, self.rows[k % 2]

@@ -26,7 +26,6 @@ class Places:
 
 def place_lanes(group: np.ndarray, threads: int) -> Places:
     """Assign lanes to threads. Each group fills whole warps, and all groups fill whole blocks.
-
     group: group of each lane, int [lanes]. threads: number per block. A thread without its own lane
     repeats the lane of the thread before it.
     """
@@ -78,12 +77,13 @@ class BlockCourse:
     @property
     def scattered(self) -> bool:
         """Whether blocks run at such different times that most blocks are idle in most ticks."""
-        ticks = (self.spans[:, 1] - self.spans[:, 0]).sum(dtype=np.int64)
-        return 2 * ticks < len(self.spans) * (self.last - self.first)
+        block_ticks = (self.spans[:, 1] - self.spans[:, 0]).sum(dtype=np.int64)
+        return 2 * block_ticks < len(self.spans) * (self.last - self.first)
 
     def lane_ticks(self, places: Places, first: int, until: int) -> int:
-        """Return the number of lane ticks from tick `first` to before `until`."""
+        """Return the ticks from `first` to before `until` that lanes run, summed over lanes."""
         blocks = len(self.spans)
+        # Lanes of each block, without threads that only repeat a lane.
         lanes = np.bincount(places.thread // (len(places.lane) // blocks), minlength=blocks)
         begins, ends = np.clip(self.spans, first, until).T
         return int(lanes @ np.maximum(ends - begins, 0))
@@ -124,9 +124,9 @@ def plan_course(
 
 
 def _lane_states(group: np.ndarray, number: np.ndarray, trunks: Sequence[Trunk | None]):
-    """Return the states from which warps start, uint32 [states, words], and each warp's index.
-
-    group, number: of each warp's snapshot, int [warps]; 0, index -1: the warp starts in tick 0.
+    """Return the states from which warps start, uint32 [states, words], and each warp's index into
+    them, -1 for a warp that starts in tick 0. group: of each warp, int [warps]. number: of its
+    snapshot, int [warps]; 0: tick 0.
     """
     has_snapshot = number > 0
     pairs = np.stack([group, number], axis=1)[has_snapshot]

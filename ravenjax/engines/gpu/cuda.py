@@ -46,6 +46,7 @@ class CudaPrinter(Printing[str]):
         if np.isfinite(value):
             # Nine digits distinguish all float32 numbers.
             text = f"{float(value):.9g}"
+            # C takes 1f for an error, so a number without point or exponent gets a point.
             return f"({text}{'' if set(text) & set('.e') else '.'}f)"
         return f"__uint_as_float(0x{int(np.asarray(value).view(np.uint32)):x}u)"
 
@@ -59,6 +60,7 @@ class CudaPrinter(Printing[str]):
         # Prints one operation. Returns the name of its result.
         name, dtype, operands, detail = program.operations[i]
         first = program.operations[operands[0]]
+        # `detail` is the number of the table; tables are consecutive in memory.
         if name == "lookup":
             start = sum(length for _, length in program.tables[:detail])
             return self._load(dtype, f"__ldg(tables + {start} + {inputs[0]})")
@@ -91,9 +93,8 @@ class CudaPrinter(Printing[str]):
 
 
 def _operation_text(name: str, dtype: str, sources: Sequence[str], x: Sequence[str], known) -> str:
-    """Return the C text of an operation.
-
-    x: texts of the operands. sources: their types. known: first operand's value, None if unknown.
+    """Return the C text of an operation. x: texts of the operands. sources: their types. known:
+    value of the first operand if it is a constant, else None.
     """
     real, source = dtype == "float32", sources[0]
     if "float64" in (dtype, *sources):

@@ -138,7 +138,7 @@ def _compiler_for(architecture: str) -> tuple[Any, tuple[int, int]]:
 
 
 def _compiled(nvrtc, text: str, flags: list[str]) -> bytes:
-    # Compiles CUDA C to machine code of one GPU architecture.
+    # Compiles CUDA C, without headers, to machine code of one GPU architecture (in `flags`).
     _, program = nvrtc.nvrtcCreateProgram(text.encode(), b"tick.cu", 0, [], [])
     try:
         (code,) = nvrtc.nvrtcCompileProgram(program, len(flags), [flag.encode() for flag in flags])
@@ -211,6 +211,7 @@ class DeviceSession:
 
     def allocate(self, words: int) -> Any:
         """Allocate zeroed memory for `words` 32-bit words, usable from both streams."""
+        # The driver may refuse a size of 0.
         size = max(words, 4)
         address = _call("cuMemAllocAsync", 4 * size, self.main)
         self._allocated.append(address)
@@ -240,6 +241,7 @@ class DeviceSession:
         self, function: Function, blocks: int, threads: int, stream: Any, *arguments: Any
     ) -> None:
         """Start a kernel. Integer arguments become C ints, others addresses, and None null."""
+        # The grid has blocks x 1 x 1 blocks, and each block has threads x 1 x 1 threads.
         values = tuple(0 if a is None else int(a) for a in arguments)
         types = tuple(ctypes.c_int if isinstance(a, int) else ctypes.c_void_p for a in arguments)
         _call(

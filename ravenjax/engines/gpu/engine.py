@@ -49,7 +49,7 @@ class CudaKernel(traced.PrintedKernel):
         super().__init__(program, lanes, {} if objects is None else objects)
         self.devices = devices
         self._seats: queue.Queue[Device] = queue.Queue()
-        # Start at different devices, so that parallel kernels with one block each use all of them.
+        # Each kernel begins with another device: parallel kernels of one block then use them all.
         first = next(_KERNELS) % len(devices)
         for device in (devices[first:] + devices[:first]) * SEATS:
             self._seats.put(device)
@@ -71,7 +71,7 @@ class CudaKernel(traced.PrintedKernel):
         """Return snapshots of a golden run before tick `last`, and its outcomes at `ends`, [ends].
         The first lane of `block` is this golden run; see `interface.BranchingKernel`.
         """
-        # All lanes of a warp, the smallest number of lanes, repeat the golden run.
+        # The smallest number of lanes is a warp. All of them repeat the golden run.
         copies = _repeat_lane(block, np.full(self.size(1), self.program.ticks))
         with self._seat() as device:
             inputs, places, _ = self._placed(copies, device)
@@ -109,10 +109,10 @@ class CudaKernel(traced.PrintedKernel):
         return BlockResult(dict(zip(names, outcomes, strict=True)), series.view(np.float32))
 
     def _placed(self, block: Block, device: Device):
-        """Return a block's inputs, the threads of its lanes, and whether lanes run by group.
-
-        Lanes run by group if this needs no more warps than fit on the device, or at most twice as
-        many warps as without groups.
+        """Return a block's inputs, the threads of its lanes, and whether lanes run by group. If
+        not, all lanes are in group 0, and each lane computes all numbers. Lanes run by group if
+        this needs no more warps than fit on the device, or at most twice as many warps as without
+        groups.
         """
         form = form_for(device)
         inputs, group = self.groups(block)
@@ -150,16 +150,15 @@ class CudaKernel(traced.PrintedKernel):
 
 
 def _repeat_lane(block: Block, ends: np.ndarray) -> Block:
-    # Returns a block with the first lane of `block` once for each end, from tick 0 to this end.
+    # Returns a block with the first lane of `block` once for each tick of `ends`, where it stops.
     repeated = block.select_lanes(np.zeros(len(ends), np.int64))
     return dataclasses.replace(repeated, acts=None, ends=None if block.ends is None else ends)
 
 
 def block_lanes(runs: int, devices: tuple[Device, ...]) -> int:
-    """Return the number of lanes of a block, for a campaign of `runs` runs.
-
-    With enough runs, it is a multiple of the lanes that a device runs at once, at most WAVES times
-    as many. Each device gets the same number of blocks.
+    """Return the number of lanes of a block, for a campaign of `runs` runs. With enough runs, it is
+    a multiple of the lanes that a device runs at once, at most WAVES times as many. Each device
+    gets the same number of blocks.
     """
     resident_lanes = devices[0].multiprocessors * form_for(devices[0]).threads
     device_runs = -(-runs // len(devices))
@@ -170,10 +169,9 @@ def block_lanes(runs: int, devices: tuple[Device, ...]) -> int:
 
 
 def _golden_series(block: Block, places: Places, grouped: bool) -> np.ndarray:
-    """Return the reference series of the golden runs, in the layout that the code reads.
-
-    It is [groups, ticks, series] if grouped, else [ticks, series, threads]. If lanes are not
-    compared, it is empty, and the code reads zeros.
+    """Return the reference series of the golden runs, in the layout that the code reads. It is
+    [groups, ticks, series] if grouped, else [ticks, series, threads]. If lanes are not compared, it
+    is empty, and the code reads zeros.
     """
     if not block.compared:
         return np.zeros((0, 0, 0), np.float32)

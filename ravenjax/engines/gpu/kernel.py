@@ -41,10 +41,9 @@ _MAX_PLAIN_WORDS = 128
 
 @dataclasses.dataclass(frozen=True)
 class Form:
-    """Settings of kernel `lane_run`, with which one block of threads fills a multiprocessor.
-
-    The state is in memory between ticks, so that all registers serve the computation of a tick.
-    The values are measured (analysis/engines/gpu.md).
+    """Settings of kernel `lane_run`, with which one block of threads fills a multiprocessor. The
+    state is in memory between ticks, so that all registers serve the computation of a tick. The
+    values are measured (analysis/engines/gpu.md).
     """
 
     threads: int = 384  # per block, with 168 registers each
@@ -81,9 +80,11 @@ class _CudaModule(LoopPrinting[str]):
     def __init__(self, split: Split, form: Form, given_by_group: bool):
         super().__init__(split)
         self.form, self.given_by_group = form, given_by_group
+        # Numbers of inputs of a lane and of a tick. The tick's number is not counted.
         self.inputs, self.tick_inputs = split.loop.lane_inputs, len(split.loop.tick_inputs) - 1
         self.saved = self._finish_reads()
         self.in_row = self._row_order()
+        # Words of a row, in whole vectors.
         self.row = -(-len(self.in_row) // VECTOR) * VECTOR
         self.in_device_memory, self.in_shared = self._divide_state()
         self.lane_state = (*self.in_device_memory, *self.in_shared)
@@ -140,7 +141,7 @@ class _CudaModule(LoopPrinting[str]):
         return f"{name}[{{}} * (size_t)lanes]"
 
     def _count_reads(self):
-        """Return how often a lane reads each operation in a tick, and where it reads it first."""
+        """Return operation -> how often a lane's tick reads it, and -> where it does so first."""
         read_counts, first_readers = collections.Counter[int](), dict[int, int]()
         for position, i in enumerate(self.split.lane):
             for operand in self.step.operations[i].operands:
@@ -150,9 +151,9 @@ class _CudaModule(LoopPrinting[str]):
 
     def _divide_state(self):
         """Return the numbers of a lane's state in device memory, and those in shared memory.
-
-        Numbers are indices in the state. Shared memory has those that a tick reads most often. Both
-        are in the order of first use, because one instruction loads VECTOR consecutive words.
+        Numbers are indices in the state. Shared memory, which is faster but small, has those that a
+        tick reads most often. Both are in the order of first use, because one instruction loads
+        VECTOR consecutive words.
         """
         read_counts, first_readers = self._count_reads()
         # Index in the state -> operation of `step` that loads this number. In `step.reads`, the
@@ -182,11 +183,10 @@ class _CudaModule(LoopPrinting[str]):
 
     def _state_in_loop(self):
         """Return the C code of each word of a thread's state in the loop, by index in the state.
-
         Array `state` in device memory has the shape [word, thread], and array `room` in shared
         memory [vector, thread, VECTOR]. Both pointers point to the first word of this thread.
         """
-        # For many words in device memory, class `Far` compiles faster than plain C.
+        # For many words in device memory, class `Far` of kernel.cu.j2 compiles faster than plain C.
         is_plain = len(self.in_device_memory) <= _MAX_PLAIN_WORDS
         threads, code = self.form.threads, {}
         for position, k in enumerate(self.in_device_memory):
@@ -227,13 +227,14 @@ class _CudaModule(LoopPrinting[str]):
     def _lane_run(self):
         """Return values for `lane_run` in kernel.cu.j2, the loop over ticks of one lane.
 
-        lane_run: statements of a tick. prologue, packed: see `_print_prologue`. inputs_read:
-        indices of the lane's inputs that a tick reads. near: C code of each word of the state in
-        shared memory, and of the word of device memory that keeps the state between launches.
-        in_step: whether all warps of a block begin each tick together. saved: positions of the
-        numbers in a group's row that are saved when a lane ends.
+        A lane is one robot, with its own inputs and state. A row has the numbers of one tick that
+        are equal in all lanes of a group. lane_run: statements of a tick. prologue, packed: see
+        `_print_prologue`. inputs_read: indices of the lane's inputs that a tick reads. near: C code
+        of each word of the state in shared memory, and of the word of device memory that keeps it
+        between launches. in_step: whether all warps of a block begin each tick together. saved:
+        positions of the numbers in a group's row that are saved when a lane ends.
         """
-        step, split, form = self.step, self.split, self.form
+        step, split = self.step, self.split
         state = self._state_in_loop()
         inputs = self.sources(step, self._input_words("in{}"), state)
         packed, prologue_words, prologue = self._print_prologue(inputs)
@@ -243,16 +244,18 @@ class _CudaModule(LoopPrinting[str]):
         position_in_row = {i: position for position, i in enumerate(self.in_row)}
         # A row is read in vectors of four words, whose members are x, y, z and w.
         rows = {i: f"row[{k // VECTOR}].{'xyzw'[k % VECTOR]}" for i, k in position_in_row.items()}
-        # If tick inputs are equal in a group, only the row depends on them.
+        # If inputs of ticks are equal in a group, only `shared_run` reads them, and lanes read its
+        # results in the row. The tick's number needs no word: it is a variable (`tick_values`).
         own_words = {} if self.given_by_group else tick_words
         sources = inputs | own_words | rows | prologue_words
         changed = {k: state[k] for k in split.lane_state}
         outputs = [(i, f"o{position}") for position, i in enumerate(self.outputs)]
         self.print_step(printer, split.lane, sources, changed, outputs, tick_values)
-        # The compiler moves no memory access across these barriers. They are inserted from the end,
-        # because an insertion moves all later lines.
-        for at in range(len(printer.lines) // form.region * form.region, 0, -form.region):
-            printer.lines.insert(at, '    asm volatile("" ::: "memory");')
+        # Every `region` lines there is a barrier, across which the compiler moves no memory access.
+        # They are inserted from the end, because an insertion moves all later lines.
+        region, lines = self.form.region, printer.lines
+        for position in range(len(lines) // region * region, 0, -region):
+            lines.insert(position, '    asm volatile("" ::: "memory");')
         shared_positions = enumerate(self.in_shared, len(self.in_device_memory))
         return {
             "prologue": prologue,
@@ -260,15 +263,16 @@ class _CudaModule(LoopPrinting[str]):
             "lane_run": printer.text(),
             "inputs_read": sorted(k for k in step.reads.values() if k < self.inputs),
             "near": [(state[k], self._state_word(position)) for position, k in shared_positions],
-            "in_step": len(split.lane) >= form.in_step_from,
+            "in_step": len(split.lane) >= self.form.in_step_from,
             "saved": [position_in_row[step.outputs[k]] for k in self.saved],
         }
 
     def _print_prologue(self, inputs: dict[int, str]):
         """Print the code that computes a lane's constant numbers before the loop over ticks.
 
-        Returns the names of words that each pack 32 truth values, a dict from operation to the C
-        code of its number in the loop, and the printed code.
+        Returns the names of words that each pack 32 truth values, to save registers; a dict from
+        operation to the C code of its number in the loop; and the printed code. inputs: operation
+        -> C code of the lane's input or state that it reads.
         """
         printer = CudaPrinter()
         numbers = self.split.prologue_results

@@ -33,9 +33,8 @@ class AlarmCounts(NamedTuple):
 
 
 def missed_difference(alarms: AlarmCounts) -> Estimate:
-    """Return the difference of missed shares for each pair of alarms, arrays [alarms, alarms].
-
-    It is the share that only the first alarm misses minus the share that only the second misses.
+    """Return the difference of missed shares for each pair of alarms, [first, second]. It is the
+    share that only the first alarm misses minus the share that only the second misses.
     """
     if not alarms.sampled:
         value = (alarms.missed_by_first - alarms.missed_by_first.T) / alarms.hazards
@@ -44,9 +43,9 @@ def missed_difference(alarms: AlarmCounts) -> Estimate:
 
 
 def false_rates(alarms: AlarmCounts, times: float = 1.0) -> Estimate:
-    """Return false alarms per hour with exact Poisson intervals, arrays [alarms].
-
-    The interval is for `times` as many hours with the same rate; if infinite, it has no width.
+    """Return false alarms per hour with exact Poisson intervals, arrays [alarms]. The intervals are
+    those that `times` as many hours with the same rates would give. With infinitely many hours they
+    have no width.
     """
     if np.isinf(times):
         value = alarms.count / alarms.hours
@@ -56,12 +55,12 @@ def false_rates(alarms: AlarmCounts, times: float = 1.0) -> Estimate:
 
 
 def cheapest_alarms(alarms: AlarmCounts, weight: float, times: float = 1.0) -> np.ndarray:
-    """Return which alarms may have the lowest cost, bool [alarms].
-
-    A missed hazard costs as much as `weight` false alarms. There is one hazard per hour.
+    """Return which alarms may have the lowest cost, bool [alarms]. A missed hazard costs as much as
+    `weight` false alarms. There is one hazard per hour. times: see `false_rates`.
     """
     missed, false = missed_difference(alarms), false_rates(alarms, times)
-    # The smallest difference of costs between a first and a second alarm, [alarms, alarms].
+    # Cost of a first alarm minus that of a second, at least, [first, second]. If it is above 0, the
+    # second is certainly better.
     difference = weight * missed.low + false.low[:, None] - false.high[None, :]
     return ~(difference > 0).any(axis=1)
 
@@ -70,7 +69,6 @@ def alarms_within_limit(
     alarms: AlarmCounts, per_hour: float, times: float = 1.0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return which alarms may be the best, and which certainly keep the limit: both bool [alarms].
-
     The best alarm misses the fewest hazards of those with at most `per_hour` false alarms an hour.
     Alarms are compared by the ends of their intervals. times: see `false_rates`.
     """
@@ -86,8 +84,8 @@ def factor_to_decide(possible: Callable[[float], np.ndarray]) -> float:
     """Return by which factor to multiply the hours so that still more hours exclude no alarm.
 
     Rates are assumed to be unchanged. The result is NaN if the present hours are enough, and
-    infinite if the factor would be above MAX_FACTOR. possible: returns which alarms may be the best
-    with a factor times as many hours, bool [alarms], such as `cheapest_alarms`.
+    infinite if the factor would be above MAX_FACTOR. possible: factor on the hours -> which alarms
+    may then be the best, bool [alarms], such as `cheapest_alarms`.
     """
     final = possible(np.inf)
     if np.array_equal(possible(1.0), final):
@@ -113,7 +111,7 @@ def unbeaten_choices(first: ArrayLike, second: ArrayLike) -> np.ndarray:
     with a NaN cost is not on the front and excludes no other choice.
     """
     costs = np.stack([np.asarray(first, float), np.asarray(second, float)], axis=1)
-    # [n, n]: the second choice costs no more than the first, and less in at least one cost.
+    # [first, second]: the second choice costs no more in both costs; less in at least one cost.
     costs_no_more = np.all(costs[None] <= costs[:, None], axis=2)
     costs_less = np.any(costs[None] < costs[:, None], axis=2)
     return ~np.any(costs_no_more & costs_less, axis=1) & ~np.any(np.isnan(costs), axis=1)

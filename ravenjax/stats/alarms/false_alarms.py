@@ -33,10 +33,9 @@ def alarm_rate(count: int, hours: float) -> AlarmRate:
 
 
 def hours_to_bound(per_hour: float, count: int = 0) -> float:
-    """Return the hours after which `count` alarms show a rate of at most `per_hour`.
-
-    After these hours the upper end of the exact interval (`alarm_rate`) is `per_hour`. Without an
-    alarm, 3.69 / per_hour hours are needed at 95 %.
+    """Return the hours after which `count` alarms show a rate of at most `per_hour`. After these
+    hours the upper end of the exact interval (`alarm_rate`) is `per_hour`. Without an alarm, 3.69 /
+    per_hour hours are needed at 95 %.
     """
     # The upper end after one hour. The upper end is inversely proportional to the hours.
     return alarm_rate(count, 1.0).high / per_hour
@@ -55,7 +54,7 @@ def ending_rate(alarm: np.ndarray, hours: np.ndarray) -> AlarmRate:
     if not hours.sum() > 0:
         return AlarmRate(count)
     share = clopper_pearson(count, len(alarm))
-    # Without hours free of alarms, the longest operation takes the place of the mean.
+    # If every operation had an alarm, the longest operation takes the place of the mean.
     has_mean = hours_without_alarm.any()
     mean = float(hours_without_alarm.mean() if has_mean else hours.max())
     low, high = (p / (1.0 - p) / mean if p < 1.0 else math.inf for p in (share.low, share.high))

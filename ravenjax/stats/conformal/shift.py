@@ -74,10 +74,11 @@ def p_values(calibration_scores: np.ndarray, new_scores: np.ndarray, seed: int) 
     earlier = np.sort(np.asarray(calibration_scores, float))
     p = np.empty(len(new_scores))
     for i, score in enumerate(np.asarray(new_scores, float)):
+        # `earlier` ascends: scores below this score, equal ones from `first_equal`, then above.
         first_equal = np.searchsorted(earlier, score, "left")
         first_above = np.searchsorted(earlier, score, "right")
         above_count = len(earlier) - first_above
-        # The score itself is counted among its equals.
+        # The score itself is counted among its equals, of which a random share counts as above.
         equal_count = first_above - first_equal + 1
         p[i] = (above_count + tie_breakers[i] * equal_count) / (len(earlier) + 1)
         earlier = np.insert(earlier, first_above, score)
@@ -85,10 +86,9 @@ def p_values(calibration_scores: np.ndarray, new_scores: np.ndarray, seed: int) 
 
 
 def martingale_capital(p: np.ndarray) -> np.ndarray:
-    """Return the capital of the simple jumper after each p-value, [p]. It begins at 1.
-
-    The capital is divided among BETS. A p-value of v multiplies the capital on bet b by
-    1 + b (v - 0.5). Before each p-value, JUMP_SHARE of the capital is divided again equally.
+    """Return the capital of the simple jumper after each p-value, [p]. It begins at 1. The capital
+    is divided among BETS. A p-value of v multiplies the capital on bet b by 1 + b (v - 0.5). Before
+    each p-value, JUMP_SHARE of the capital is divided again equally.
     """
     shares = np.full(len(BETS), 1.0 / len(BETS))
     bets, path = np.array(BETS), np.empty(len(p))

@@ -40,7 +40,7 @@ class OperationScores(NamedTuple):
         return len(np.unique(self.unit))
 
     def taken_from(self, units: np.ndarray) -> "OperationScores":
-        """Return the operations of the units with these numbers."""
+        """Return the operations of the units whose numbers are in `units`, int [n]."""
         mask = np.isin(self.unit, units)
         return OperationScores(*(values[mask] for values in self))
 
@@ -98,19 +98,17 @@ class FalseAlarmTarget(NamedTuple):
     @property
     def min_clusters(self) -> int:
         """The smallest number of units of several operations, all without loss, that is enough to
-        show a mean loss of at most `risk` by the betting test of `excess_p`.
-
-        Each unit multiplies the capital of the test by 1 + risk. The capital has to reach
-        1 / (1 - confidence). If detectors are not always active, more units are needed.
+        show a mean loss of at most `risk` by the betting test of `excess_p`. Each unit multiplies
+        the capital of the test by 1 + risk. The capital has to reach 1 / (1 - confidence). If
+        detectors are not always active, more units are needed.
         """
         units = -math.log(alpha_of(self.confidence)) / math.log1p(self.risk)
         # The tolerance prevents that rounding adds a unit.
         return max(self.min_units, math.ceil(units - 1e-9))
 
     def without_alarm(self, hours: np.ndarray) -> np.ndarray:
-        """Return the loss r (T - H) / (1 + r T) of operations without an alarm, [operations].
-
-        H: `hours` with active detectors; r: `per_hour`; T: `length_h`. Other hours do not show how
+        """Return the loss r (T - H) / (1 + r T) of operations without an alarm, [operations]. H:
+        `hours` with active detectors; r: `per_hour`; T: `length_h`. Other hours do not show how
         rare alarms are, so they are a loss (see the class). Raise ValueError if H is not in 0..T.
         """
         # Rounding may make the hours slightly larger than the duration.
@@ -144,9 +142,7 @@ class TooFewUnits(ValueError):
 
 def smallest_threshold(operations: "OperationScores", target: FalseAlarmTarget) -> Threshold:
     """Return the smallest score that, as a threshold, keeps the target with the target's
-    confidence.
-
-    Raise TooFewUnits if no score does.
+    confidence. Raise TooFewUnits if no score does.
     """
     if not len(operations.unit):
         raise TooFewUnits(0, target.min_units)
@@ -201,7 +197,8 @@ def excess_p(losses: np.ndarray, risk: float, confidence: float, exact: bool = F
     if exact:
         return float(binom.cdf(round(float(losses.sum())), units, risk))
     count = np.arange(1, units + 1)
-    # Mean and variance of losses so far, after an assumed loss `risk` with the variance risk / 4.
+    # Mean and variance of the losses up to each unit, with one assumed loss of `risk` before them,
+    # which has the variance risk / 4.
     mean = (risk + np.cumsum(losses)) / (1 + count)
     variance_after = (risk / 4 + np.cumsum((losses - mean) ** 2)) / (1 + count)
     # A bet may depend only on the losses before its own.
@@ -220,10 +217,9 @@ MIN_SCALE = 1e-6
 
 def signal_scales(peaks: np.ndarray) -> np.ndarray:
     """Return the scale of each signal in each segment, float32 [signals, segments]: the quantile
-    SCALE_QUANTILE of the operations' maxima.
-
-    peaks: maxima of operations [operations, signals, segments]. A signal that is 0 in all segments
-    has scale 1. Raise ValueError without operations, or if a maximum is infinite or NaN.
+    SCALE_QUANTILE of the operations' maxima. peaks: maxima of operations [operations, signals,
+    segments]. A signal that is 0 in all segments has scale 1. Raise ValueError without operations,
+    or if a maximum is infinite or NaN.
     """
     if not len(peaks) or not np.isfinite(peaks).all():
         raise ValueError(
