@@ -6,6 +6,7 @@ keys, units and ranges. The module `group` defines groups of runs.
 
 import itertools
 import math
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
@@ -88,7 +89,7 @@ OneOrMore = _Item | Annotated[list[_Item], Field(min_length=1)]
 """Annotation for the JSON Schema of a list. A single value is accepted in place of a list."""
 
 
-def _make_list(raw) -> Any:
+def _make_list(raw: Sequence[Any] | float) -> Sequence[Any]:
     # Returns a single value as a list with one entry.
     return raw if isinstance(raw, list | tuple) else (raw,)
 
@@ -204,9 +205,8 @@ class Detector(Section):
             )
         return self
 
-    def uses(self) -> tuple[tuple[str, DetectorUse], ...]:
-        """(name, detector) of each detector that this table declares."""
-        uses = []
+    def uses(self) -> Iterator[tuple[str, DetectorUse]]:
+        """Yield (name, detector) of each detector that this table declares."""
         for fusion, count in itertools.product(self.fusion, self.consecutive):
             # The name has only the keys that have several values.
             name = self.name
@@ -220,8 +220,7 @@ class Detector(Section):
                 part=self.source,
                 stops=self.acts == "stop",
             )
-            uses.append((name, use))
-        return tuple(uses)
+            yield name, use
 
     @property
     def source(self) -> OwnSource | None:

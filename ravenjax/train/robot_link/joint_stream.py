@@ -32,7 +32,6 @@ _NOT_ALLOWED = "not from the robot's machine: start robot and session with the s
 _ROBOT_SIZES, ARM_SIZES = WORDS["report"], WORDS["report_arm"]
 _SIZES = _ROBOT_SIZES | ARM_SIZES
 PATIENCE_S = 10.0
-"""The longest time that a busy robot may take to accept a session."""
 
 
 TrippedChecks = dict[str, tuple[int, int]]
