@@ -10,7 +10,7 @@ import os
 import re
 import reprlib
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, get_args, get_origin
+from typing import TYPE_CHECKING, Any, TypeGuard, get_args, get_origin
 
 if TYPE_CHECKING:
     from pydantic import BaseModel, ValidationError
@@ -39,6 +39,11 @@ def format_value(value: object) -> str:
     # A repr may raise anything. The caller still needs the error message.
     except Exception:
         return f"<{type(value).__name__}>"
+
+
+def is_table(value: object) -> TypeGuard[dict[str, Any]]:
+    """Return whether a value of a file is a table, whose keys are texts."""
+    return isinstance(value, dict)
 
 
 def require_utf8(*names: str) -> None:

@@ -14,7 +14,7 @@ from ravenjax.campaign.faults import design
 from ravenjax.campaign.file import location, overriding, semantics
 from ravenjax.campaign.file.config import CampaignConfig, config_class_of, robot_of
 from ravenjax.campaign.file.section import parse
-from ravenjax.errors import UserError, format_value
+from ravenjax.errors import UserError, format_value, is_table
 from ravenjax.hazards import expansion
 from ravenjax.store import manifest
 from ravenjax.vocabulary.robot import Robot
@@ -87,7 +87,7 @@ def from_record(
         raise where.error([(("campaign", "robot"), str(error))]) from None
     try:
         # If `raw` is no table, the check of the whole file below refuses it.
-        if isinstance(raw, dict):
+        if is_table(raw):
             groups = raw.get("group", ())
             # A group with a list of hazards becomes one group for each of their cases. Messages
             # name the groups of the file, so number_in_file has the number of each group's origin.
@@ -119,14 +119,14 @@ def _validate(
         raise where.error(mistakes)
     if folder is not None:
         config = config.with_files(folder)
-    config._where, config._is_being_read = where, True
+    config.keep_places(where, is_being_read=True)
     mistakes += semantics.find_errors(config)
     if not mistakes and (runs := design.count_rows(config)) > design.MOST_RUNS:
         expected = f"expected at most {design.MOST_RUNS}"
         mistakes = [(("group",), f"the groups make {format_value(runs)} runs, {expected}")]
     if mistakes:
         raise where.error(mistakes)
-    config._is_being_read = False
+    config.keep_places(where, is_being_read=False)
     return config
 
 

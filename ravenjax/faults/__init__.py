@@ -29,12 +29,16 @@ import numpy as np
 from ravenjax.errors import UserError, describe_unknown_name
 from ravenjax.faults.fault import FaultSlot, SlotState, open_window
 from ravenjax.faults.injection import FaultAction
+from ravenjax.numbers import lazy
 from ravenjax.numbers.counter_random import CHANNEL_STRIDE, random_uniform
-from ravenjax.numbers.lazy import call_when_jax_loads, jnp, lax, run_eagerly
+from ravenjax.numbers.lazy import call_when_jax_loads, lax, run_eagerly
 from ravenjax.numbers.vec import Scalar, as_int, record, where
 from ravenjax.vocabulary.effects import EFFECT_CODES, EFFECTS, NETWORK_EFFECTS
 
 __all__ = ["Fault", "State", "apply", "init", "reset"]
+
+# Functions of the library of a signal, whose arrays may have any type.
+jnp: Any = lazy.jnp
 
 ENDLESS = 2**31 - 1
 """Duration of a fault that never ends, ticks."""
@@ -85,10 +89,9 @@ class Fault:
         elif self.effect == "delay":
             limits["value"] = (0, ENDLESS)
         for name, (low, high) in limits.items():
-            numbers = getattr(self, name)
             # Numbers that are traced or on a device are not checked.
-            if isinstance(numbers, int | float | list | tuple | np.ndarray):
-                for number in np.ravel(numbers).tolist():
+            if isinstance(getattr(self, name), int | float | list | tuple | np.ndarray):
+                for number in np.ravel(getattr(self, name)).tolist():
                     if not low <= number <= high:
                         raise UserError(f"{name} is {number}, expected {low} to {high}")
 
@@ -165,7 +168,7 @@ def apply(
     with np.errstate(all="ignore"), run_eagerly(signal) as signal:
         shape, (kind, real) = signal.shape, _number_types(signal)
 
-        def argument(name: str, dtype=jnp.int32):
+        def argument(name: str, dtype: Any = jnp.int32) -> Any:
             # Returns an argument of the fault as an array of the signal's shape.
             given = getattr(fault, name)
             return _broadcast(name, _UNUSED_VALUES[name] if given is None else given, shape, dtype)
@@ -208,7 +211,7 @@ def apply(
         return faulty_signal, State(action.slot_after(activated), began, history), activated
 
 
-def _number_types(signal) -> tuple[str, Any]:
+def _number_types(signal: Any) -> tuple[str, Any]:
     """Return the kind of number of the signal, and the float type in which faults are computed."""
     name = str(signal.dtype)
     if "float" in name:
@@ -218,9 +221,9 @@ def _number_types(signal) -> tuple[str, Any]:
     return "int32" if "int" in name else "bool", jnp.float32
 
 
-def _initial_state(shape: tuple[int, ...], real, history: tuple[Any, ...]) -> State:
+def _initial_state(shape: tuple[int, ...], real: Any, history: tuple[Any, ...]) -> State:
     # Returns the state before the first tick: the fault does not act, and no signal is known.
-    def filled(x: float, dtype=jnp.int32):
+    def filled(x: float, dtype: Any = jnp.int32) -> Any:
         return jnp.broadcast_to(jnp.asarray(x, dtype=dtype), shape)
 
     active, age, changed_ticks = filled(0) > 0, filled(0), filled(0)
@@ -230,14 +233,14 @@ def _initial_state(shape: tuple[int, ...], real, history: tuple[Any, ...]) -> St
     return State(slot, began=filled(-1), history=history)
 
 
-def _broadcast_leading(name: str, x, shape: tuple[int, ...]) -> Any:
+def _broadcast_leading(name: str, x: Any, shape: tuple[int, ...]) -> Any:
     """Return numbers for the signal's leading axes ([environments]) as int32 of its whole shape."""
     x = jnp.asarray(x, dtype=jnp.int32)
     ones = (1,) * (len(shape) - x.ndim)
     return _broadcast(name, jnp.reshape(x, (*x.shape, *ones)), shape, jnp.int32)
 
 
-def _broadcast(name: str, x, shape: tuple[int, ...], dtype) -> Any:
+def _broadcast(name: str, x: Any, shape: tuple[int, ...], dtype: Any) -> Any:
     # Returns the argument `name` as an array of the signal's shape.
     x = jnp.asarray(x, dtype=dtype)
     try:

@@ -24,7 +24,6 @@ Numbers = Number | tuple[Number, ...] | dict[str, tuple[Number, ...]]
 """One number, a list of numbers, or a distribution, with the form of a campaign file."""
 Durations = Numbers | str | tuple[Number | str, ...] | dict[str, tuple[Number | str, ...]]
 
-
 Text = Annotated[str, Field(min_length=1)]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any, cast, get_args
 
 from ravenjax import robots
 from ravenjax.campaign import loading, population, writing
@@ -15,7 +15,7 @@ from ravenjax.campaign.file.config import CampaignConfig, config_class_of, robot
 from ravenjax.campaign.file.section import toml_value
 from ravenjax.campaign.progress import OnProgress
 from ravenjax.campaign.stop import adaptive
-from ravenjax.errors import UserError, format_value, models_in, tables_of
+from ravenjax.errors import UserError, format_value, is_table, models_in, tables_of
 from ravenjax.store import files
 from ravenjax.store.folder import Results
 
@@ -104,7 +104,7 @@ class Campaign:
         path = location.require_path("path", path, "a file to write, or None")
         folder = path.absolute().parent
 
-        def relative(file: str):
+        def relative(file: str) -> str:
             is_inside = Path(file).is_relative_to(folder)
             return str(Path(file).relative_to(folder)) if is_inside else file
 
@@ -171,10 +171,10 @@ def _signature() -> inspect.Signature:
 Campaign.__signature__ = _signature()  # pyright: ignore[reportAttributeAccessIssue]
 
 
-def _tables_of(keys: Mapping[str, Any]):
+def _tables_of(keys: Mapping[str, Any]) -> dict[str, Any]:
     # Separates the keys of [campaign] from other tables, because Python code mixes them.
-    section = toml_value(keys.get(SECTION)) or {}
-    if not isinstance(section, Mapping):
+    section = toml_value(keys.get(SECTION)) or dict[str, Any]()
+    if not is_table(section):
         raise UserError(f"{SECTION}: got {format_value(section)}, expected a table")
     keys = {**section, **toml_value({key: keys[key] for key in keys if key != SECTION})}
     try:
@@ -183,15 +183,15 @@ def _tables_of(keys: Mapping[str, Any]):
         model = CampaignConfig
     campaign_keys = _campaign_keys(model)
     # An unknown key with a table as value is an unknown table, not a key of [campaign].
-    tables = {
+    tables: dict[str, Any] = {
         key: value
         for key, value in keys.items()
-        if key in model.model_fields or (key not in campaign_keys and isinstance(value, Mapping))
+        if key in model.model_fields or (key not in campaign_keys and is_table(value))
     }
     return {SECTION: {key: keys[key] for key in keys if key not in tables}, **tables}
 
 
-def _change_file_paths(tables: dict[str, Any], change: Callable[[str], str]):
+def _change_file_paths(tables: dict[str, Any], change: Callable[[str], str]) -> dict[str, Any]:
     # Returns the tables with `change` applied to every value that is the path of a file.
     model = config_class_of(robot_of(tables))
     # Paths of the keys whose values are files, such as ("detector", "file").
@@ -202,13 +202,13 @@ def _change_file_paths(tables: dict[str, Any], change: Callable[[str], str]):
         if field.annotation is Path or Path in get_args(field.annotation)
     } | {("parameters", population.KEY)}
 
-    def change_texts(path: tuple[str, ...], value: Any):
+    def change_texts(path: tuple[str, ...], value: Any) -> Any:
         # Applies `change` to a text at one of the paths in `file_keys`, also within tables and
         # lists. An item of a list has the path of the list.
-        if isinstance(value, dict):
+        if is_table(value):
             return {key: change_texts((*path, key), inner) for key, inner in value.items()}
         if isinstance(value, list):
-            return [change_texts(path, item) for item in value]
+            return [change_texts(path, item) for item in cast(list[Any], value)]
         return change(value) if path in file_keys and isinstance(value, str) and value else value
 
     return {key: change_texts((key,), value) for key, value in tables.items()}

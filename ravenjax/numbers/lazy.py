@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     import jax.numpy as jnp
     from jax import lax
 
-
 import numpy as np
 
 from ravenjax.numbers import tree, trigonometry

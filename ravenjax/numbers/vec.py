@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import operator
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import reduce
 from typing import Any, TypeAlias, dataclass_transform
 
@@ -21,7 +21,7 @@ Scalar: TypeAlias = Any
 """One number: a Python number, a NumPy or JAX scalar, or a tracer of one."""
 
 
-class Vec(tuple):
+class Vec(tuple[Scalar, ...]):
     """Fixed-length tuple of numbers with elementwise arithmetic; a plain number is broadcast."""
 
     __slots__ = ()
@@ -38,9 +38,6 @@ class Vec(tuple):
         """Return `function(self[i], other[i], ...)` for each i. Plain numbers are repeated."""
         columns = [other if isinstance(other, tuple) else (other,) * len(self) for other in others]
         return Vec(function(*items) for items in zip(self, *columns, strict=True))
-
-    def __iter__(self) -> Iterator[Scalar]:
-        return super().__iter__()
 
     def __add__(self, other: Any) -> Vec:  # type: ignore[override]
         return self.map(operator.add, other)

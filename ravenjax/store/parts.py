@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 _NAME = re.compile(r"part-(\d{9})-(\d{9})\.parquet")
 
-
 FEWEST_ROWS, MOST_ROWS = 1024, 65_536
 """Smallest and largest number of rows of a part, if the user chose no number.
 
@@ -35,7 +34,6 @@ SINGLE_FACTOR, PARTS = 4, 32
 """SINGLE_FACTOR: for the smallest number if one process computes all runs: its threads wait for the
 writer. PARTS: number of parts per process, if this gives enough rows.
 """
-
 
 Row = Annotated[int, Field(ge=0, lt=10**9)]
 """Index of a row, or a number of rows. Names of parts have nine digits."""

@@ -19,7 +19,6 @@ LOG, ROBOT = "same", "cue"
 MAX_SPREAD_RATIO = 0.5
 """Largest standard deviation, as a share of the prior one, of a parameter that counts as known."""
 
-
 PARAMETER_COLUMNS = ("parameter", "prior", "fitted", "5 %", "95 %", "spread left")
 """Headings of the rows of `tabulate_parameters`."""
 

@@ -17,6 +17,7 @@ from ravenjax.campaign.file.axis import Axis
 from ravenjax.campaign.file.group import Cross, Fault, Group, Parameters, Run, Section
 from ravenjax.campaign.file.location import Complaint, Key, Where
 from ravenjax.campaign.file.own_part import locate_part
+from ravenjax.errors import is_table
 from ravenjax.numbers.quantity import Quantity
 from ravenjax.outcomes import events
 from ravenjax.parts import part
@@ -70,11 +71,15 @@ class CampaignConfig(Section):
         """The file from which the campaign was read."""
         return self._where.source
 
+    def keep_places(self, where: Where, is_being_read: bool) -> None:
+        """Keep the places of the keys. is_being_read: ranges of parameters are not yet known."""
+        self._where, self._is_being_read = where, is_being_read
+
     def with_files(self, folder: Path) -> "CampaignConfig":
         """Return a copy with absolute paths of Python files, which are relative to `folder`. Raise
         UserError for a file that cannot be used.
         """
-        located = {}
+        located: dict[str, tuple[Any, ...]] = {}
         for kind in ("detector", "check"):
             tables = getattr(self, kind)
             located[kind] = tuple(locate_part(table, folder, kind, table.name) for table in tables)
@@ -215,8 +220,8 @@ class CampaignConfig(Section):
         """Yield (key, message) of values without effect that only this class knows."""
         # The groups of the file, before the expansion of hazards.
         for number, group in enumerate(self._where.groups):
-            names = group.get("hazards")
-            for name in dict.fromkeys(names) if isinstance(names, list) else ():
+            names: list[Any] = group["hazards"] if isinstance(group.get("hazards"), list) else []
+            for name in dict.fromkeys(names):
                 if names.count(name) > 1:
                     yield ("group", number, "hazards"), f"{name} is listed twice, but is run once"
 
@@ -297,8 +302,8 @@ class CampaignConfig(Section):
 
 def robot_of(raw: Any, folder: Path | None = None) -> Robot:
     """Return the robot that a campaign's tables name. Raise UserError for an unknown robot."""
-    campaign = raw.get("campaign") if isinstance(raw, dict) else None
-    name = campaign.get("robot", robots.DEFAULT) if isinstance(campaign, dict) else robots.DEFAULT
+    campaign = raw.get("campaign") if is_table(raw) else None
+    name = campaign.get("robot", robots.DEFAULT) if is_table(campaign) else robots.DEFAULT
     return robots.find_robot(name if isinstance(name, str) else robots.DEFAULT, folder)
 
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import difflib
-import itertools
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
 
@@ -22,7 +21,7 @@ from ravenjax.campaign.file.axis import (
     word_axis,
 )
 from ravenjax.campaign.file.section import Section
-from ravenjax.errors import UserError
+from ravenjax.errors import UserError, is_table
 from ravenjax.vocabulary.effects import EFFECTS, MAX_SLOTS, NETWORK_EFFECTS, TRIGGERS
 from ravenjax.vocabulary.sites import Site
 
@@ -35,7 +34,6 @@ DESIGNS: dict[Design, str] = resources.read_tables(__file__, "axis.toml")["desig
 
 SAMPLED: tuple[Design, ...] = ("random", "lhs", "sobol")
 
-
 PATHS = ("parameters", "cross")
 """Tables of a file whose keys are paths of parameters."""
 
@@ -47,9 +45,9 @@ def flatten_table(table: Any, prefix: str = "") -> Any:
     """
     if not isinstance(table, Mapping):
         return table
-    flat = {}
-    for key, value in table.items():
-        if isinstance(value, dict) and not _is_distribution(value):
+    flat: dict[str, Any] = {}
+    for key, value in cast(Mapping[str, Any], table).items():
+        if is_table(value) and not _is_distribution(value):
             flat |= flatten_table(value, f"{prefix}{key}.")
         else:
             flat[f"{prefix}{key}"] = value
@@ -70,7 +68,6 @@ def parse_crossed_axes(axes: dict[str, Axis]) -> dict[str, Axis]:
 Parameters = Annotated[dict[str, Number], BeforeValidator(flatten_table)]
 Cross = Annotated[Parameters, AfterValidator(parse_crossed_axes)]
 
-
 _MISSPELT = 0.7
 """Smallest ratio of difflib for which a word counts as a misspelling of another word."""
 
@@ -86,7 +83,7 @@ def _is_distribution(table: dict[str, Any]) -> bool:
     return key in FORMS or bool(is_misspelt)
 
 
-def _parse_effects(raw, info: ValidationInfo) -> Axis:
+def _parse_effects(raw: Any, info: ValidationInfo) -> Axis:
     # Returns the axis of effects of a fault. info: the keys of the fault that are already checked.
     try:
         return word_axis("effect", EFFECTS).parse_axis(raw)
@@ -205,7 +202,7 @@ class Group(Section):
     @classmethod
     def _without_hazards(cls, raw: Any) -> Any:
         # In a file, groups that name hazards were replaced by ordinary groups before this check.
-        if isinstance(raw, dict) and "hazards" in raw:
+        if is_table(raw) and "hazards" in raw:
             raise ValueError(
                 'in Python, write a group that names hazards as a dict: {"name": .., "hazards":'
                 " [..]}"
@@ -244,9 +241,7 @@ class Group(Section):
 
     def faults_of(self, run: Run) -> tuple[Fault, ...]:
         """Return the group's faults, with the keys that one run of design "list" replaces."""
-        faults = []
         # A run may list fewer faults than the group; the other faults keep all keys.
-        for fault, replaced in itertools.zip_longest(self.fault, run.fault, fillvalue={}):
-            keys = {name: getattr(fault, name) for name in Fault.model_fields}
-            faults.append(Fault(**{**keys, **replaced}))
-        return tuple(faults)
+        tables: list[dict[str, Any]] = [*run.fault, *({} for _ in self.fault)]
+        pairs = zip(self.fault, tables, strict=False)
+        return tuple(Fault(**dict(fault) | replaced) for fault, replaced in pairs)

@@ -6,6 +6,7 @@ keys, units and ranges. The module `group` defines groups of runs.
 
 import itertools
 import math
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
@@ -88,7 +89,7 @@ OneOrMore = _Item | Annotated[list[_Item], Field(min_length=1)]
 """Annotation for the JSON Schema of a list. A single value is accepted in place of a list."""
 
 
-def _make_list(raw) -> Any:
+def _make_list(raw: Sequence[Any] | float) -> Sequence[Any]:
     # Returns a single value as a list with one entry.
     return raw if isinstance(raw, list | tuple) else (raw,)
 
@@ -206,9 +207,8 @@ class Detector(Section):
             )
         return self
 
-    def uses(self) -> tuple[tuple[str, DetectorUse], ...]:
-        """(name, detector) for each combination of the values of `fusion` and `consecutive`."""
-        uses = []
+    def uses(self) -> Iterator[tuple[str, DetectorUse]]:
+        """Yield (name, detector) for each combination of values of `fusion` and `consecutive`."""
         for fusion, count in itertools.product(self.fusion, self.consecutive):
             # A key with several values adds its value to the name, such as "mine/any/2".
             name = self.name
@@ -222,8 +222,7 @@ class Detector(Section):
                 part=self.source,
                 stops=self.acts == "stop",
             )
-            uses.append((name, use))
-        return tuple(uses)
+            yield name, use
 
     @property
     def source(self) -> OwnSource | None:

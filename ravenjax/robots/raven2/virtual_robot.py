@@ -144,9 +144,9 @@ def robot_code(setup: RavenSetup) -> TransitionCode:
 def plain_numbers(record: Any) -> Any:
     """Return the record with float32 in place of each float, and int32 of each integer."""
 
-    def convert(x):
+    def convert(x: Any) -> Any:
         number = np.asarray(x)
-        types = {"f": np.float32, "i": np.int32}
+        types: dict[str, Any] = {"f": np.float32, "i": np.int32}
         return number.astype(types.get(number.dtype.kind, number.dtype))[()]
 
     return tree.map_leaves(convert, record)

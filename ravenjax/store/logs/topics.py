@@ -42,7 +42,6 @@ _STAMP_PLACEHOLDER, _FIRST_PLACEHOLDER = 0x5A5A5A5A, 1e6
 number. The placeholder of each further number is larger by 1.
 """
 
-
 _TABLES = resources.read_tables(__file__, "topics.toml")
 _JOINT_STATES, _TIPS = _TABLES["joint_states"], _TABLES["tips"]
 LEVELS = _TABLES["levels"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, mo
 from ravenjax.campaign.file import own_part
 from ravenjax.campaign.file.section import OneOf, Section
 from ravenjax.campaign.file.sections import CampaignSection
-from ravenjax.errors import format_value, require_utf8, suggest_name
+from ravenjax.errors import format_value, is_table, require_utf8, suggest_name
 from ravenjax.parts import part
 from ravenjax.robots.raven2.arms import JOINTS, ArmName
 from ravenjax.robots.raven2.console.motions import MOTIONS
@@ -36,7 +36,7 @@ from ravenjax.vocabulary import packets
 from ravenjax.vocabulary.parts import OwnSource
 
 
-def _check_packets(raw) -> Any:
+def _check_packets(raw: str | float | Sequence[Any]) -> Any:
     # Checks the key `packets`: a name of a distribution, or shares of packets that last 1, 2, 3, ..
     # cycles. Returns shares as a tuple. Raises ValueError. Pydantic then refuses all other types.
     names = ", ".join(map(repr, packets.CHOICES))
@@ -72,7 +72,10 @@ Packets = Annotated[
 class RavenCampaign(CampaignSection):
     """[campaign]: settings of every run."""
 
-    arms: tuple[ArmName, ...] = Field(default=("gold",), min_length=1, max_length=2)
+    # Sections are immutable, so the type may be narrower than the one that other robots have.
+    arms: tuple[ArmName, ...] = Field(  # pyright: ignore[reportIncompatibleVariableOverride]
+        default=("gold",), min_length=1, max_length=2
+    )
     """arms, gold first"""
     noise: bool = False
     """draw noise of the sizes plant.encoder_noise and plant.torque_noise for each run"""
@@ -194,7 +197,7 @@ class Start(Section):
 
     def jpos(self) -> dict[str, float]:
         """Return the position of each joint, rad and m."""
-        home = dict(zip(JOINTS, HOME_JPOS, strict=True))
+        home: dict[str, float] = dict(zip(JOINTS, HOME_JPOS, strict=True))
         return home | {joint: value * factor for joint, factor, value in _keys(self)}
 
 
@@ -277,7 +280,7 @@ class Operator(Section):
     @classmethod
     def _choose_source(cls, raw: Any) -> Any:
         # Moves a Python file from key `file` to `hands`, and refuses two sources of the motion.
-        if not isinstance(raw, dict):
+        if not is_table(raw):
             return raw
         if str(raw.get("file")).endswith(".py"):
             if raw.get("hands") is not None:
@@ -302,7 +305,7 @@ class Operator(Section):
 
     @field_validator("rotation")
     @classmethod
-    def _check_rotation(cls, value: Any) -> Any:
+    def _check_rotation(cls, value: Turn | dict[ArmName, Turn] | None) -> Any:
         # Refuses a quaternion or matrix [3, 3] that is no rotation. A dict has one for each arm.
         import numpy as np
 
