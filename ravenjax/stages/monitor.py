@@ -175,10 +175,8 @@ def realign_golden(state: MonitorState) -> MonitorState:
 
 
 class Distances(NamedTuple):
-    """Distances of one arm in this tick, m.
-
-    `unintended_off` counts while the robot is not live; `unintended`, `loss` and `false_report`
-    count while it is live.
+    """Distances of one arm in this tick, m. `unintended_off` counts while the robot is not live;
+    `unintended`, `loss` and `false_report` count while it is live.
     """
 
     golden: Scalar  # true tip from the golden run's
@@ -199,8 +197,8 @@ def arm_distances(
     """
     tip, golden_tip = arm.tip, arm.golden_tip
     golden, model = norm(tip - golden_tip), norm(tip - model_tip)
-    # Distance from where the tip would be if the robot had stood still when it should have moved.
-    # `missed` is the sum of the motions that the robot did not make.
+    # `missed` is the sum of the golden run's motions that the robot did not make. `standing` is the
+    # distance from where the golden run would be without these motions.
     standing = norm(tip - golden_tip + arm.missed)
     deviation = jnp.minimum(golden, model)
     unintended = jnp.minimum(deviation, standing)
@@ -212,7 +210,6 @@ def arm_distances(
         golden=golden,
         model=model,
         unintended=unintended,
-        # Counts while the robot is not live.
         unintended_off=jnp.minimum(golden, standing),
         loss=jnp.where(mostly_missed | otherwise_missed, deviation, 0.0),
         false_report=norm(pos * UM - tip - (golden_pos * UM - golden_tip)),

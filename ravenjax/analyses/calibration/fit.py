@@ -125,7 +125,8 @@ def _cost_of_unknown_noise(
 
 def predict_in_batches(predict: Predictor, steps: np.ndarray, rows: int) -> np.ndarray:
     """Return predictions for parameter sets. All batches have `rows` rows, for one compilation."""
-    parts = [steps[at : at + rows] for at in range(0, len(steps), rows)]
+    parts = [steps[start : start + rows] for start in range(0, len(steps), rows)]
+    # Copies of the first row fill the last batch. Their predictions are dropped.
     filled = [np.vstack([part, np.repeat(part[:1], rows - len(part), axis=0)]) for part in parts]
     return np.concatenate([predict(part) for part in filled])[: len(steps)]
 

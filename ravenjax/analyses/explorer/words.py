@@ -136,10 +136,9 @@ def _campaign_file(config: CampaignConfig) -> str:
     content = config.model_dump(exclude_defaults=True, exclude=excluded)
     # Paths of files are the only values that JSON cannot express.
     tables = json.loads(json.dumps(content, default=lambda path: path.name))
-    parameters = tables.get("parameters", {})
+    parameters = tables.setdefault("parameters", {})
     for path in _varied_paths(config):
         parameters.pop(path, None)
-    tables["parameters"] = parameters
     motion = program.motion_name(config)
     if motion is not None:
         tables["operator"] = {"motion": motion} | tables.get("operator", {})
