@@ -126,7 +126,7 @@ class Campaign:
         executor: str | None = None,
         workers: int | None = None,
     ) -> CampaignResults:
-        """Run the campaign. The arguments are those of the function `run`.
+        """Run the campaign. executor: "local" or "ray". workers: number of parallel tasks of Ray.
 
         Without `out` the files are in a temporary folder, deleted with the returned object.
         Raise UserError, and StoreError for errors of `out`.

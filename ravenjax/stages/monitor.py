@@ -301,6 +301,7 @@ def step(
         _harm_signals(setup, distance, signal, i, state.arms[i].tip)
         for i, distance in enumerate(distances if setup.harms else ())
     ]
+    # A run fails in the tick in which one of these numbers becomes infinite or NaN.
     watched = {
         "tip": [x for tip in signal.tip for x in tip],
         "model tip": [x for tip in signal.model_tip for x in tip],
@@ -332,7 +333,7 @@ def _harm_signals(
         "from_model": distance.model * 1e3,
         "depth": signal.depth[i] * 1e3,
         "between_tips": signal.distance * 1e3,
-        "speed": norm(signal.tip[i] - last_tip) * (1e6 / setup.period_ms),
+        "speed": norm(signal.tip[i] - last_tip) * (1e6 / setup.period_ms),  # from m per tick
         **{axis: x * 1e3 for axis, x in zip("xyz", signal.tip[i], strict=True)},
         "dac": largest(jnp.abs(x) for x in signal.dac[i]),
         "live": as_int(signal.live),

@@ -154,7 +154,7 @@ def _weight(residual: np.ndarray, is_measured: np.ndarray) -> np.ndarray:
         [_autocorrelation_time(residual[is_measured[:, j], j]) for j in range(residual.shape[-1])]
     )
     independent = np.maximum(count / times, 1.0)
-    # A joint that hardly moves shows the same few counts all the time.
+    # A joint that hardly moves repeats the same few counts, so few samples are independent.
     independent = np.where(scale < MIN_NOISE, np.minimum(independent, ASSUMED_SAMPLES), independent)
     return is_measured * np.sqrt(independent / count) / np.maximum(scale, MIN_NOISE)
 

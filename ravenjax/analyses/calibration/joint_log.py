@@ -319,7 +319,7 @@ def _read_bag(path: Path, arm: ArmName, options: ReplayOptions) -> Samples:
 
 
 def _read_raven_state(path: Path, arm: ArmName, states: bags.TopicMessages) -> Samples:
-    # Returns the same table as _read_bag, from raven2's messages raven_state.
+    # Returns the table of `_read_bag` from messages raven_state, which have 8 numbers for each arm.
     slots = SLOTS + 8 * ARMS.index(arm)
     desired, measured = (
         np.array([getattr(state, name)[slots] for state in states.messages], float) * PER_STATE

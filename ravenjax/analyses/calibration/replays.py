@@ -109,7 +109,7 @@ def setup_of(
     setup: RavenSetup, arm: ArmName, controller: Controller, wanted: Sequence[Unknown]
 ) -> ReplaySetup:
     """Return the settings that replays of one arm need to estimate `wanted`."""
-    fields = {field for one in wanted for field in one.fields}
+    fields = {field for unknown in wanted for field in unknown.fields}
     return ReplaySetup(
         software=setup.software,
         arms=(arm,),
@@ -148,6 +148,7 @@ def _replays(
     Its arguments are arrays [count] by the path of a parameter, and count, the number of parameter
     sets. It returns joint positions [count, n, 7].
     """
+    # A joint without a measured start begins at its desired position.
     first = np.where(np.isnan(log.start), log.desired[0], log.start)
     # The parameters of a program must be plain numbers.
     plain = jax.tree.map(lambda x: float(x) if isinstance(x, jax.Array) else x, base)

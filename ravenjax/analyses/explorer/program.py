@@ -181,7 +181,7 @@ def motion_name(config: CampaignConfig) -> str | None:
 
 def list_motions(planned: Plan) -> dict[str, Any]:
     """Return the name of the campaign's motion ("" for a recording), and motions by name as base64.
-    Further generated motions are included if the page stays small enough.
+    Further generated motions are included if all have at most MOTION_BYTES together.
     """
     campaign_motion = motion_name(planned.config)
     columns = {campaign_motion or "": planned.columns}

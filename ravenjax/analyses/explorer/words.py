@@ -75,7 +75,7 @@ def describe_campaign(config: CampaignConfig) -> dict[str, Any]:
 
 
 def _describe_site(robot: Robot, site: Site, arms: Iterable[str]) -> dict[str, Any]:
-    # The normal ranges of channels are those of the first arm.
+    # Returns a fault site for the page. The normal ranges of its channels are of the first arm.
     return {
         "site": site.name,
         "layer": robot.layers[site.layer],

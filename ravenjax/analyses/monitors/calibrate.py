@@ -118,6 +118,7 @@ def simulate_operators(
             campaign = campaign_with_score_detectors(config, terms, segments, detector_folder)
             for operator in OperationRunner(campaign, design, engine).compute(missing):
                 score_folder.add_scores(folder, operator)
+                # Operators are computed in order, so k + 1 are finished after operator k.
                 on_operator(operator.operator + 1, units)
     return score_folder.read_scores(folder, units)
 
@@ -165,7 +166,7 @@ def campaign_with_score_detectors(
             text = code.write_part([term], segments, title=title, segment=segment)
             path.write_text(text, encoding="utf-8")
             tables.append({"name": name, "file": str(path)})
-    # Only the detectors are used: JSON cannot express all other values of the campaign.
+    # Only its detectors are used, because JSON cannot express all values of the campaign.
     raw = {**config.model_dump(mode="json"), "detector": tables}
     detectors = type(config).model_validate(raw).detector
     return config.model_copy(update={"detector": detectors})

@@ -194,8 +194,8 @@ def _read_result(source: Path, monitor: Monitor, record: dict[str, Any]) -> pd.D
 
 
 def _find_detector(source: Path, campaign: manifest.Manifest, sha256: str) -> int:
-    """Return the number of the campaign's detector whose file has this hash and that needs one
-    millisecond above its threshold. Raise UserError if there is none.
+    """Return the number of the campaign's detector whose file has this hash and whose alarm begins
+    in the first millisecond above its threshold. Raise UserError if there is none.
     """
     tables = campaign.config.get("detector", ())
     detector_files = {table["name"]: Path(table.get("file") or "") for table in tables}

@@ -116,7 +116,7 @@ def _exceedance(distances: np.ndarray, search: Rare) -> dict[str, list[float]]:
 
 def _level_values(result: RareEvent, search: Rare) -> list[dict[str, float]]:
     """Return value and probability of each level of the subset simulation, the event last."""
-    # Each level is reached by the share 1 / steps of the runs of the level before.
+    # The share 1 / steps of the runs of a level reach the next one. The event has the distance 0.
     distances = [level for level in result.levels if level > 0.0]
     probabilities = [search.steps ** -(i + 1.0) for i in range(len(distances))]
     return [

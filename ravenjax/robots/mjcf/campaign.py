@@ -73,7 +73,7 @@ class Config(CampaignConfig):
     )
 
     def with_files(self, folder: Path) -> CampaignConfig:
-        """Return the campaign with the content of its files."""
+        """Return the campaign with absolute paths of Python files, and the tip's path of `file`."""
         config, file = super().with_files(folder), self.operator.file
         if file is None:
             return config
@@ -113,8 +113,8 @@ class Config(CampaignConfig):
         yield from super().complaints()
         for number, detector in enumerate(self.detector):
             if detector.file is None:
-                yield ("detector", number, "kind"), "an arm runs detectors with a file only"
-        # A campaign without faults only lists parameters, so it needs no gains.
+                yield ("detector", number, "kind"), "an arm supports only detectors with a file"
+        # Without a fault, a campaign may serve only to list parameters, so it needs no gains.
         motors = self._without_gain("motor")
         if motors and any(group.fault for group in self.group):
             reason = f"a <motor> alone does not hold its joint ({', '.join(motors)}) at a set point"

@@ -202,7 +202,7 @@ def false_alarm_rate(motions: FreeMotion, margin: float) -> AlarmRate:
     A run counts at most one alarm. If a motion has several runs, they are not independent. The
     interval is then that of a count of motions, in the hours of one run per motion. For its upper
     end, motions with an alarm in any run are counted. For its lower end, the number of alarms is
-    divided by the runs per motion and rounded down, because a motion has at most so many alarms.
+    divided by the runs per motion and rounded down, as if motions had an alarm in each run or none.
     """
     runs = motions.peaks.shape[1]
     alarmed = motions.peaks > np.float32(margin)

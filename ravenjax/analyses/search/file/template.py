@@ -146,8 +146,8 @@ class Template:
     def campaign(self, case: np.ndarray, values: np.ndarray) -> CampaignConfig:
         """Return the campaign whose runs are these points: case [n], values [n, inputs]."""
         group = self.config.group[0]
-        # The values of all points, for each key (slot, field) or (PARAMETER, path) that differs. A
-        # case is a combination of list values: `_values` has the value of each key in each case.
+        # Each key (slot, field) or (PARAMETER, path) that differs gets a list of values, one per
+        # point. The design "zip" makes a run of each point. `_values`: value of a key in each case.
         columns = {key: [self._values[key][c] for c in case.tolist()] for key in self.lists}
         columns |= {key: values[:, i].tolist() for i, key in enumerate(self.inputs)}
         axes = {key: Axis("list", tuple(column)) for key, column in columns.items()}
