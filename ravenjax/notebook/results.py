@@ -187,8 +187,9 @@ class CampaignResults:
         return self._plot("tradeoff", "the results contain no fault-free motion")
 
     def plot_chain(self, run: int | str, engine: str = "auto") -> ShownFigure:
-        """Compute a run again, and plot over time which signals differ from the golden run. run:
-        index, run id, or first letters of a run id.
+        """Compute a run again, and plot over time which signals differ from the golden run.
+
+        run: index, run id, or first letters of a run id.
         """
         from ravenjax.notebook import explaining
 

@@ -159,7 +159,7 @@ def _pedal_down(samples: Samples) -> Samples:
     if "runlevel" in table:
         stretches = true_stretches(samples.numbers("runlevel") == PEDAL_DOWN)
         # A stretch is (first row, row after the last).
-        rows = slice(*max(stretches, key=lambda rows: rows[1] - rows[0], default=(0, 0)))
+        rows = slice(*max(stretches, key=lambda ends: ends[1] - ends[0], default=(0, 0)))
         times = None if samples.time_s is None else samples.time_s[rows]
         samples = dataclasses.replace(samples, table=table[rows], time_s=times)
         where = f" in pedal-down (runlevel {PEDAL_DOWN})"

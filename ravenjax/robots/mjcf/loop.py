@@ -260,8 +260,9 @@ def _move(
 def _control(
     arm: Arm, params: Params, gravity_share, jpos: Vec, jvel: Vec, command: Vec, before: Vec
 ) -> Vec:
-    """Return the forces of the actuators, without limits. They contain a share (0 to 1) of the
-    forces that balance gravity. before: command of the last tick.
+    """Return the forces of the actuators, without limits: gain strength control + bias - stiffness
+    position - damping velocity, plus `gravity_share` (0 to 1) of the forces that balance gravity.
+    before: command of the last tick.
     """
 
     def control_of(kind: str, position, velocity, goal, last_goal, kp, kd) -> Scalar:
@@ -287,7 +288,7 @@ def _control(
 
 def _gains(arm: Arm, params: Params) -> list[Vec]:
     """Return the gains of the actuators' forces: of the control, the position and the velocity."""
-    # The force of a motor does not depend on motion. Its kp and kd are part of the control.
+    # The gains kp and kd of a motor are already part of its control, a PD controller's force.
     rows = (
         {"position": (kp, kp, kd), "velocity": (kd, 0.0, kd)}.get(kind, (1.0, 0.0, 0.0))
         for kind, kp, kd in zip(arm.kinds, params.kp, params.kd, strict=True)
