@@ -65,7 +65,7 @@ def write_library(
 
 def _linked(code: Path, shared: Path) -> Path | None:
     """Link an object file to a shared library. Return None if no compiler is installed."""
-    compiler = next((path for name in COMPILERS if (path := shutil.which(name))), None)
+    compiler = next(filter(None, map(shutil.which, COMPILERS)), None)
     if compiler is None:
         # A library that was linked from an earlier object would not match this object.
         shared.unlink(missing_ok=True)

@@ -65,9 +65,9 @@ class Actor(PlannedCampaign):
             )
         super().__init__(config, engine)
         program, self.actions = part.acted(self.plan.program)
-        self._acting_plan = dataclasses.replace(
-            self.plan, program=dataclasses.replace(program, ends=True)
-        )
+        # Each run may end at another tick.
+        program = dataclasses.replace(program, ends=True)
+        self._acting_plan = dataclasses.replace(self.plan, program=program)
         numbers = dict(paths.path_leaves(program.params, program.setup))
         default_delays = np.full(self.plan.runs, numbers.get("reaction.delay_ms", REACTION_MS))
         self.delay_ms = self.plan.varied.get("reaction.delay_ms", default_delays)
@@ -97,6 +97,7 @@ class Actor(PlannedCampaign):
             slots = np.zeros_like(values) if alone else values
             columns = np.column_stack([slots, action_slot.get(name, zeros)])
             faults[name] = columns.astype(values.dtype)
+        # The golden runs of these rows, numbered from 0.
         golden = np.unique(plan.golden, return_inverse=True)[1].astype(np.int32)
         ends = self.plan.ends[pairs.row]
         if horizon is not None:

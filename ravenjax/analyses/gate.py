@@ -136,10 +136,8 @@ def judge_folders(first: Path, second: Path, margins: Sequence[Margin], most: in
 
 def judge_change(change: Estimate, limit: float) -> Verdict:
     """Return "pass" if the whole interval of the change is within the limit, "fail" if no part is,
-    else "undecided".
-
-    A positive limit is the largest accepted rise, a negative one the largest accepted fall. Of a
-    change without an interval, the value is compared.
+    else "undecided". A positive limit is the largest accepted rise, a negative one the largest
+    accepted fall. Of a change without an interval, the value is compared.
     """
     # With this sign, a change for the worse is positive.
     sign = math.copysign(1.0, limit)

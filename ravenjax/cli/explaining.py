@@ -221,7 +221,7 @@ def _explain_each_run(out_folder: Path, record: Manifest, explanation: Explained
 
 
 def _summarize_runs(folder: Path, out_folder: Path, record: Manifest, as_json: bool):
-    # Prints how many runs each signal transmitted the error in, and writes a table and a chart.
+    # Prints in how many runs each signal transmitted the error, and writes a table and a chart.
     from ravenjax.report import downloads, wording
     from ravenjax.report.data.runs import Runs
     from ravenjax.report.sections import chains

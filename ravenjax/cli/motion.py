@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from ravenjax.robots.raven2.campaign.config import RavenConfig
     from ravenjax.store.motion.summary import MotionSummary
 
-
 PRIOR_SET = "power_consistent"
 """Parameter set whose values are the means of the prior distributions."""
 ALL_PARAMETER_GROUPS = "friction,offsets,motors,cables,delays"

@@ -124,6 +124,7 @@ class Curve(_Series):
         """Return the value at x and the ends of its band; NaN outside of the curve."""
         if not len(self.x) or not self.x[0] <= x <= self.x[-1]:
             return np.nan, np.nan, np.nan
+        # The last point at or before x.
         index = int(np.searchsorted(self.x, x, side="right")) - 1
         value, low, high = (
             float(part[index] if self.step else np.interp(x, self.x, part)) if len(part) else np.nan
@@ -221,11 +222,11 @@ class Chart:
         # Yields the rows of the text table that describes a chart's dots for screen readers.
         if not isinstance(mark, Dots):
             return
-        none = np.full(len(mark.x), np.nan)
+        no_interval = np.full(len(mark.x), np.nan)
         parts = mark.x, mark.x_low, mark.x_high, mark.y, mark.y_low, mark.y_high
-        columns = [part if len(part) else none for part in parts]
+        columns = [part if len(part) else no_interval for part in parts]
         names = mark.tips or (mark.name,) * len(mark.x)
         for name, x, x_low, x_high, y, y_low, y_high in zip(names, *columns, strict=True):
-            named = self.y.names[round(y)] if self.y.names else ""
-            words = named or self.y.words_with_interval(y, y_low, y_high)
+            position_name = self.y.names[round(y)] if self.y.names else ""
+            words = position_name or self.y.words_with_interval(y, y_low, y_high)
             yield name, self.x.words_with_interval(x, x_low, x_high), words

@@ -54,6 +54,7 @@ def page_drawings(chart: Chart, described_by: str, kinds: Sequence[str]) -> Mark
 def _page_drawing(chart: Chart, kind: str, described_by: str) -> Markup:
     # Returns an SVG whose colours are CSS variables, so that it follows a light or dark page.
     width, height = WIDTHS[kind], chart.height + MARGINS
+    # matplotlib writes 72 units of an SVG per inch.
     figure = Figure(figsize=(width / 72, height / 72), layout="constrained", frameon=False)
     axes = figure.subplots()
     draw_chart(chart, axes, page=True, longest=int(LETTERS_PER_PX * width))
@@ -62,6 +63,7 @@ def _page_drawing(chart: Chart, kind: str, described_by: str) -> Markup:
     file = io.StringIO()
     figure.savefig(file, format="svg", metadata={"Date": None})
     text = file.getvalue()
+    # Everything after the opening tag <svg ..>, which is replaced below.
     inner = text[text.index(">", text.index("<svg")) + 1 :]
     for pattern, replacement in _REPLACED:
         inner = pattern.sub(replacement, inner)
@@ -85,6 +87,7 @@ def print_figure(
     charts: Sequence[Chart], width: float, columns: int = 1, title: str = ""
 ) -> Figure:
     """Return charts as panels of a figure for print, with one legend. width: inches."""
+    # Height of each row of panels, with 0.9 inches for titles and ticks.
     heights = [
         0.9 + max(chart.height for chart in charts[first : first + columns]) / PX_PER_INCH
         for first in range(0, len(charts), columns)
@@ -107,15 +110,16 @@ def print_figure(
             figure.suptitle("\n".join(lines), x=0.01, ha="left", fontsize=10)
         if series:
             place = "outside lower center"
-            columns = int(width / LEGEND_ENTRY_INCHES)
-            figure.legend(series.values(), series, loc=place, ncols=columns, fontsize=8)
+            entries = int(width / LEGEND_ENTRY_INCHES)
+            figure.legend(series.values(), series, loc=place, ncols=entries, fontsize=8)
     return figure
 
 
 def draw_chart(chart: Chart, axes: Axes, *, page: bool = False, longest: int = 1000) -> None:
     """Draw a chart on empty axes. The caller adds legend and titles.
 
-    `page`: mark curves for a page's script, and draw hidden ones. `longest`: letters of a name.
+    `page`: mark curves for a page's script, and draw hidden ones. `longest`: largest number of
+    letters of a name beside an axis.
     """
     series = {name: number for number, (name, *_) in enumerate(chart.legend())}
     marks = [mark for mark in chart.marks if page or mark.visible]
@@ -145,6 +149,7 @@ def _format_axis(axes: Axes, name: str, axis: ChartAxis, longest: int):
     drawn_axis = getattr(axes, f"{name}axis")
     if axis.log:
         getattr(axes, f"set_{name}scale")("log")
+    # Names have the positions 0, 1, 2 .. from the top.
     limits = (axis.low, axis.high) if not axis.names else (len(axis.names) - 0.5, -0.5)
     getattr(axes, f"set_{name}lim")(*limits)
     if axis.names:
@@ -188,6 +193,7 @@ def _draw_dots(mark: Dots, axes: Axes, scale: float) -> Iterator[Any]:
         yield axes.hlines(mark.y, mark.x_low, mark.x_high, **look)
     if len(mark.y_low):
         yield axes.vlines(mark.x, mark.y_low, mark.y_high, **look)
+    # `scatter` takes squares of the diameters.
     areas = (scale * np.array(mark.size or (8.0,) * len(mark.x))) ** 2
     look = {"marker": "D" if mark.diamond else "o", "edgecolors": _PAPER, "clip_on": False}
     look |= {"linewidths": 1.2 * scale, "zorder": 3, "label": _label(mark)}

@@ -103,6 +103,7 @@ def _with_headings(body: str):
     sections = []
     section = _plain(title)
     out = []
+    # Headings and table tags are parts, too, because the pattern is a group.
     for part in re.split(r"(<h2>.*?</h2>|<table>)", body, flags=re.DOTALL):
         if part.startswith("<h2>"):
             section = _plain(part)
@@ -126,18 +127,18 @@ def _plain(html: str) -> str:
 
 def with_scopes(html: str) -> str:
     """Return HTML with `scope` in every <th>: column, row, or a group if it spans several."""
-    part = ""
+    table_part = ""
 
     def heading(tag_match: re.Match[str]):
         # Adds `scope`, by which screen readers find the head of a cell.
-        nonlocal part
+        nonlocal table_part
         closing, tag, attributes = tag_match.groups()
         if tag != "th":
-            part = "" if closing else tag
+            table_part = "" if closing else tag
             return tag_match[0]
         if closing or "scope=" in attributes:
             return tag_match[0]
-        kind = "col" if part in ("thead", "tfoot") else "row"
+        kind = "col" if table_part in ("thead", "tfoot") else "row"
         spans = {name: int(number) for name, number in _WIDE.findall(attributes)}
         group = "group" if spans.get("colspan" if kind == "col" else "rowspan", 1) > 1 else ""
         return f'<th scope="{kind}{group}"{attributes}>'
@@ -147,8 +148,9 @@ def with_scopes(html: str) -> str:
 
 def markdown_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a table in Markdown."""
-    cells = [columns, tuple("---" for _ in columns), *rows]
-    return "\n".join(
-        "| " + " | ".join(" ".join(cell.split()).replace("|", "\\|") for cell in row) + " |"
-        for row in cells
-    )
+    lines = []
+    for row in (columns, tuple("---" for _ in columns), *rows):
+        # A cell may not contain a line break, and a "|" in it is escaped.
+        cells = [" ".join(cell.split()).replace("|", "\\|") for cell in row]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)

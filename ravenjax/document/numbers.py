@@ -22,6 +22,7 @@ def format_number(value: float, digits: int = 3) -> str:
         return DASH
     value += 0.0  # turns -0.0 into 0.0, which has no minus sign
     if value == 0 or 1e-6 <= abs(value) < 1e7:
+        # 12.345 has the exponent 1, so three digits need one decimal.
         decimals = max(0, digits - 1 - math.floor(math.log10(abs(value)))) if value else 0
         text = f"{value:,.{decimals}f}"
         text = text.rstrip("0").rstrip(".") if "." in text else text

@@ -87,6 +87,7 @@ class Campaign:
             raw, text = location.read_toml(file)
         config = loading.from_dict(raw, source=file, text=text, overrides=overrides)
         tables, _ = overriding.apply_overrides(raw, overrides)
+        # In the configuration, the path of a robot's file no longer depends on the folder.
         if "robot" in tables["campaign"]:
             tables["campaign"] |= {"robot": config.campaign.robot}
         campaign = cls.__new__(cls)
@@ -125,7 +126,7 @@ class Campaign:
         executor: str | None = None,
         workers: int | None = None,
     ) -> CampaignResults:
-        """Run the campaign. The arguments are those of the function `run`.
+        """Run the campaign. executor: "local" or "ray". workers: number of parallel tasks of Ray.
 
         Without `out` the files are in a temporary folder, deleted with the returned object.
         Raise UserError, and StoreError for errors of `out`.
@@ -163,6 +164,7 @@ def _signature() -> inspect.Signature:
     tables = [key for key in model.model_fields if key != SECTION]
     names = dict.fromkeys(["name", "group", *_campaign_keys(model), *tables])
     kind, defaults = inspect.Parameter.KEYWORD_ONLY, dict.fromkeys(names)
+    # These two keys have no default. The others have the default None.
     defaults |= dict.fromkeys(("name", "group"), inspect.Parameter.empty)
     keys = [inspect.Parameter(name, kind, default=defaults[name]) for name in names]
     return inspect.Signature(keys)

@@ -35,8 +35,8 @@ def explain_figure(source: CampaignConfig | Path, run: Any, engine: Any) -> "Fig
     explainer = _explainer(source, engine)
     explanation, config = explainer.explain([explainer.index(run)]), explainer.config
     row, ticks = explanation.results.iloc[0].to_dict(), explanation.ticks.iloc[0].to_dict()
-    one = chain.trace_chain(row, ticks, config.robot, config.campaign.arms, config.rules.cue)  # pyright: ignore[reportArgumentType]
-    return chain_words.timeline_figure(one)
+    traced = chain.trace_chain(row, ticks, config.robot, config.campaign.arms, config.rules.cue)  # pyright: ignore[reportArgumentType]
+    return chain_words.timeline_figure(traced)
 
 
 def _explainer(source: CampaignConfig | Path, engine: Any) -> Explainer:

@@ -28,10 +28,11 @@ def rates(runs: Runs, rules: Rules, names: Sequence[str], by: Sequence[str]) -> 
     95 % Wilson interval, NaN for enumerated faults. Raise UserError for an unknown event or column.
     """
     keys = {name: _column(runs, name) for name in by}
-    marks = [
+    event_columns = [
         f"({_event(runs, name, rules)})::BOOLEAN AS event{number}"
         for number, name in enumerate(names)
     ]
+    # A line has the values of `by`, the number of faults, their groups, and a count of each event.
     columns = [
         *(f"{column} AS key{number}" for number, column in enumerate(keys.values())),
         "count(*)",
@@ -39,8 +40,8 @@ def rates(runs: Runs, rules: Rules, names: Sequence[str], by: Sequence[str]) -> 
         *(f"count(*) FILTER (r.event{number})" for number in range(len(names))),
     ]
     lines = runs.table.rows(
-        f"SELECT {', '.join(columns)} FROM (SELECT *, {', '.join(marks)} FROM {RESULTS}) r JOIN"
-        f" {FACTS} f ON r.row = f.row WHERE f.sample AND f.faulty GROUP BY ALL ORDER BY ALL"
+        f"SELECT {', '.join(columns)} FROM (SELECT *, {', '.join(event_columns)} FROM {RESULTS}) r"
+        f" JOIN {FACTS} f ON r.row = f.row WHERE f.sample AND f.faulty GROUP BY ALL ORDER BY ALL"
     )
     rows = []
     for number, name in enumerate(names):
@@ -49,6 +50,7 @@ def rates(runs: Runs, rules: Rules, names: Sequence[str], by: Sequence[str]) -> 
             n, groups, *counts = line[len(by) :]
             rate = tables.fault_share(runs, counts[number], n, groups)
             rates_of_event.append((line[: len(by)], rate))
+        # All columns are words: those of the table `facts`, and texts of the result table.
         if all(column.startswith("f.") or column.endswith("::VARCHAR") for column in keys.values()):
             rates_of_event.sort(key=lambda item: -item[1].value)
         rows += [(*classes, name, *rate) for classes, rate in rates_of_event]
@@ -57,10 +59,10 @@ def rates(runs: Runs, rules: Rules, names: Sequence[str], by: Sequence[str]) -> 
 
 def as_list(value: object, what: str) -> list[str]:
     """Return one or several texts as a list. what: name of the argument, for UserError."""
-    several = [value] if isinstance(value, str) else value
-    if not isinstance(several, Sequence) or not all(isinstance(one, str) for one in several):
+    texts = [value] if isinstance(value, str) else value
+    if not isinstance(texts, Sequence) or not all(isinstance(text, str) for text in texts):
         raise UserError(f"{what} is {format_value(value)}, expected a text or a list of texts")
-    return list(several)
+    return list(texts)
 
 
 def _event(runs: Runs, name: str, rules: Rules) -> str:
@@ -81,7 +83,7 @@ def _column(runs: Runs, name: str) -> str:
         if f"{prefix}{name}" in runs.types:
             is_text = runs.types[f"{prefix}{name}"].startswith(("VARCHAR", "ENUM"))
             return f"r.{quote_name(prefix + name)}" + ("::VARCHAR" if is_text else "")
-    names = [*_FACTS, *(one.removeprefix("fault0_") for one in runs.names)]
+    names = [*_FACTS, *(column.removeprefix("fault0_") for column in runs.names)]
     raise UserError(
         f"by {name!r}: no such column, expected one of {', '.join(_FACTS)}, a key of a fault, the"
         f" path of a varied parameter or a column of the result table{suggest_name(name, names)}"

@@ -152,11 +152,12 @@ class CampaignResults:
             raise UserError(f"n is {format_value(n)}, expected a number of runs, 1 or more")
         if by not in ranking.RANKINGS:
             raise UserError(f"by: {describe_unknown_name('quantity', by, ranking.RANKINGS)}")
-        runs = ranking.worst_runs(self.folder, n, by)
+        ranked = ranking.worst_runs(self.folder, n, by)
         measure, robot = ranking.RANKINGS[by], self._manifest.robot
         name, lines = f"{measure.name}_{measure.unit}", []
-        for row, one in zip(self._runs.whole_rows([run.row for run in runs]), runs, strict=True):
-            lines.append(row | {"fault": wording.describe_fault(row, robot), name: one.value})
+        rows = self._runs.whole_rows([run.row for run in ranked])
+        for row, run in zip(rows, ranked, strict=True):
+            lines.append(row | {"fault": wording.describe_fault(row, robot), name: run.value})
         table = pd.DataFrame(lines, columns=[*_WORST, name])
         table.attrs.update({"units": {name: measure.unit}, "meanings": {name: measure.meaning}})
         return table

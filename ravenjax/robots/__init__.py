@@ -34,11 +34,12 @@ def find_robot(name: str, folder: Path | None = None) -> Robot:
     """
     if not name.endswith(MJCF):
         return _find_declared(name, folder)
-    places = dict.fromkeys((place / name).resolve() for place in (folder or Path(), Path()))
-    for file in places:
+    candidates = dict.fromkeys((place / name).resolve() for place in (folder or Path(), Path()))
+    for file in candidates:
         if file.is_file():
+            # Imported only here, because MuJoCo is slow to import.
             return importlib.import_module(f"{__name__}.mjcf").read_robot(file)
-    searched = ", ".join(map(str, places))
+    searched = ", ".join(map(str, candidates))
     raise UserError(f"robot {name!r}: no file was found at {searched}")
 
 
@@ -52,6 +53,7 @@ def _find_declared(name: str, folder: Path | None) -> Robot:
         if top is None or file is None or not file.is_file():
             continue
         try:
+            # A bundled robot needs no agreement. A module that was imported before has run already.
             if module == name and name not in sys.modules:
                 _require_agreement(top, file)
             robot = getattr(importlib.import_module(module), "ROBOT", None)
@@ -78,7 +80,9 @@ def _find_declared(name: str, folder: Path | None) -> Robot:
 
 
 def _find_module(module: str, places: list[str]) -> tuple[ModuleSpec | None, Path | None]:
-    """Return a module's top package and the module's file, without importing any package."""
+    """Return a module's top package and the module's file, without importing any package. places:
+    folders that are searched after Python's path.
+    """
     first, *rest = module.split(".")
     try:
         top = spec = importlib.util.find_spec(first) or PathFinder.find_spec(first, places)
@@ -101,6 +105,7 @@ def _require_agreement(top: ModuleSpec, file: Path):
     files = sorted(files or imported_beside(file))
     content = b"".join(f"{path}\0".encode() + path.read_bytes() for path in files)
     consent.require_consent(file, content, robot=files)
+    # A module that is not on Python's path needs a finder, to be imported from its folder.
     if importlib.util.find_spec(top.name) is None:
         agreed = {top.name} if folders else {path.stem for path in files}
         folder = str((Path(folders[0]) if folders else file).parent)
@@ -134,6 +139,7 @@ def imported_beside(module: Path) -> set[Path]:
             continue
         files.add(path)
         for node in ast.walk(ast.parse(path.read_bytes())):
+            # `from a.b import c` may import a.py, b.py or c.py of the folder.
             if isinstance(node, ast.Import | ast.ImportFrom):
                 names = [getattr(node, "module", None) or "", *(alias.name for alias in node.names)]
                 waiting += [

@@ -33,7 +33,6 @@ class ActedState:
 
 def add_action(program: Any) -> tuple[Any, dict[str, int]]:
     """Return a program of the same runs with a slot for an action, and the number of each action.
-
     program: a `ravenjax.engines.interface.TickProgram`.
     """
     injection = program.setup.injection

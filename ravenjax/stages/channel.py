@@ -61,7 +61,7 @@ def step(state: ChannelState, seed: Scalar, packet: Scalar, fresh: Scalar) -> Ch
         # A burst of up to MIN_FURTHER_PACKETS packets continues for certain: the quotient is 1.
         return lax.convert_element_type(jnp.maximum(packets, MIN_FURTHER_PACKETS), jnp.float32)
 
-    # A burst of lost packets continues after its k-th packet with probability ((k - 1) / k)^1.5.
+    # A burst continues after its k-th lost packet with the probability q^1.5, q = (k - 1) / k.
     quotient = raised_to_minimum(state.burst - 1) / raised_to_minimum(state.burst)
     continues = (state.burst > 0) & (
         random_uniform(key, packet, _CONTINUES) < quotient * jnp.sqrt(quotient)

@@ -24,9 +24,8 @@ def init(setup: Setup) -> CheckHistory:
 def update_check(
     check: CheckHistory, tick: Scalar, tripped: Scalar, margin: Scalar | None = None
 ) -> CheckHistory:
-    """Return the history of a check after this tick.
-
-    tripped: bool, the check tripped in this tick. margin: distance to the limit; None: unknown.
+    """Return the history of a check after this tick. tripped: bool, the check tripped in this tick.
+    margin: distance to the limit; None: unknown.
     """
     is_first = tripped & (check.first_tick < 0)
     smallest_margin = check.margin

@@ -69,7 +69,7 @@ class StepScale:
 class WatchParams:
     """Parameters of users' detectors that a campaign may vary."""
 
-    armed_after: Scalar  # int32
+    armed_after: Scalar  # int32, ms from the start of the run in which detectors are inactive
     own: tuple[Any, ...]  # for each detector, by name: the parameter record of its file, or None
     thresholds: tuple[tuple[Scalar, ...], ...]  # of each detector, in the unit of its score
 
@@ -150,8 +150,8 @@ def detector_files(setup: Setup) -> tuple[OwnSource, ...]:
 
 
 def watch_params(setup: Setup) -> WatchParams:
-    """Return the parameters of a robot without built-in detectors. The thresholds of 1 are
-    placeholders, which a campaign replaces.
+    """Return the parameters of a robot without built-in detectors. Detectors are active after 500
+    ms. The thresholds of 1 are placeholders, which a campaign replaces.
     """
     files = detector_files(setup)
     return WatchParams(
@@ -226,9 +226,8 @@ def step(
 
 
 def detector_stops(setup: Setup, state: DetectorsState | None) -> Scalar:
-    """Return whether a detector that may stop the robot is above its first threshold, bool.
-
-    state: None if the campaign has no detectors.
+    """Return whether a detector that may stop the robot is above its first threshold, bool. state:
+    None if the campaign has no detectors.
     """
     alarms = jnp.bool_(False)
     if state is None:
@@ -330,6 +329,7 @@ def _update_alarms(
     """Return the state of a detector after a tick with this score. An alarm is on while the score
     has exceeded the threshold in the last `consecutive` ticks.
     """
+    # `recent` has the scores of the last `consecutive` - 1 ticks.
     lowest = reduce(jnp.minimum, [score, *before.recent])
     threshold_states = []
     for threshold, state in zip(thresholds, before.thresholds, strict=True):

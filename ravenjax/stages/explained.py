@@ -79,15 +79,17 @@ def explain_program(program: Any, robot: Robot) -> Any:
     """
     setup = program.setup
 
-    def compared(place: Crossing) -> Compared:
-        path = (setup.arms.index(place.arm) if at == ARM else at for at in place.channel.path)
+    def compared(crossing: Crossing) -> Compared:
+        channel, arm = crossing.channel, crossing.arm
+        # In the path of a channel, ARM stands for the index of the arm.
+        path = (setup.arms.index(arm) if step == ARM else step for step in channel.path)
         # The normal range, extended by the rounding of its ends; None: no normal range.
-        normal = robot.normal_range(place.channel.site, place.channel.name, place.arm)
+        normal = robot.normal_range(channel.site, channel.name, arm)
         span = normal and (
             normal.low - ROUNDED * abs(normal.low),
             normal.high + ROUNDED * abs(normal.high),
         )
-        return Compared(place.name, tuple(path), place.seam.present, span)
+        return Compared(crossing.name, tuple(path), crossing.seam.present, span)
 
     compared_numbers = tuple(map(compared, list_crossings(robot.seams, setup.arms)))
     use = Explained(len(robot.checks), compared_numbers)
@@ -167,8 +169,9 @@ def advance(
 def _compare_number(
     history: NumberHistory, span, number, exists, golden_number, now
 ) -> tuple[NumberHistory, Scalar]:
-    # Returns the history of a number after this tick, and the bits of the number as int32. exists:
-    # bool, in this tick. golden_number: float32 with the bits of the golden run's number.
+    # Returns the history of a number after this tick, and the bits of the number as int32. span:
+    # its normal range, (low, high) or None. exists: bool, whether the seam has a number in this
+    # tick. golden_number: float32 with the bits of the golden run's number.
     number = jnp.asarray(number)
     is_float = number.dtype == jnp.float32
     # Numbers are compared bit by bit. Whole numbers and truth values become int32.
@@ -194,10 +197,10 @@ def outcomes(setup: Setup, params: Any, state: ExplainedState) -> dict[str, Scal
     """Return the outcomes of the robot's loop and those of the observer."""
     loop = inner_loop(setup)
     columns = loop.outcomes(setup, params, state.tick)
-    for place, history in zip(_compared(setup), state.numbers, strict=True):
-        columns[f"{DIFFERS}{place.name}"] = history.differs
+    for compared, history in zip(_compared(setup), state.numbers, strict=True):
+        columns[f"{DIFFERS}{compared.name}"] = history.differs
         if history.leaves is not None:
-            columns[f"{LEAVES}{place.name}"] = history.leaves
+            columns[f"{LEAVES}{compared.name}"] = history.leaves
     for name, history in zip(loop.check_histories(setup, state.tick), state.margins, strict=True):
         columns[f"{NEAR}{name}"] = history.margin
         columns[f"{GOLDEN_NEAR}{name}"] = history.golden

@@ -64,7 +64,8 @@ def step(setup: Setup, params: HandParams, state: HandState, pull: Vec) -> HandS
     # NaN is not equal to itself.
     pull = pull.map(lambda x: jnp.where(x == x, x, 0.0))
     force = turn_force(pull, params.turn_deg) * params.newtons_per_unit
-    # Implicit midpoint rule, solved for the mean of the velocities before and after the tick.
+    # Implicit midpoint rule M (v' - v) / h + B u + K (d + h u / 2) = F, solved for the mean
+    # u = (v + v') / 2. v, v': velocities before and after the tick; d: displacement before it.
     mass_rate = 2.0 * params.mass / TICK_S
     total_force = force + state.velocity * mass_rate - state.displacement * stiffness
     mean_velocity = total_force * (1.0 / (mass_rate + damping + 0.5 * TICK_S * stiffness))
@@ -86,7 +87,7 @@ def turn_force(force: Vec, angle_deg: Scalar) -> Vec:
         return force
     angle = angle_deg * (math.pi / 180.0)
     cos, sin = jnp.cos(angle), jnp.sin(angle)
-    # Rodrigues' rotation formula.
+    # Rodrigues' formula, n = (1, 1, 1) / sqrt 3: F cos + (n x F) sin + n (n . F) (1 - cos).
     parallel = (force[0] + force[1] + force[2]) * ((1.0 - cos) / 3.0)
     perpendicular = Vec((force[2] - force[1], force[0] - force[2], force[1] - force[0])) * (
         sin / math.sqrt(3.0)

@@ -175,10 +175,8 @@ def realign_golden(state: MonitorState) -> MonitorState:
 
 
 class Distances(NamedTuple):
-    """Distances of one arm in this tick, m.
-
-    `unintended_off` counts while the robot is not live; `unintended`, `loss` and `false_report`
-    count while it is live.
+    """Distances of one arm in this tick, m. `unintended_off` counts while the robot is not live;
+    `unintended`, `loss` and `false_report` count while it is live.
     """
 
     golden: Scalar  # true tip from the golden run's
@@ -199,8 +197,8 @@ def arm_distances(
     """
     tip, golden_tip = arm.tip, arm.golden_tip
     golden, model = norm(tip - golden_tip), norm(tip - model_tip)
-    # Distance from where the tip would be if the robot had stood still when it should have moved.
-    # `missed` is the sum of the motions that the robot did not make.
+    # `missed` is the sum of the golden run's motions that the robot did not make. `standing` is the
+    # distance from where the golden run would be without these motions.
     standing = norm(tip - golden_tip + arm.missed)
     deviation = jnp.minimum(golden, model)
     unintended = jnp.minimum(deviation, standing)
@@ -212,7 +210,6 @@ def arm_distances(
         golden=golden,
         model=model,
         unintended=unintended,
-        # Counts while the robot is not live.
         unintended_off=jnp.minimum(golden, standing),
         loss=jnp.where(mostly_missed | otherwise_missed, deviation, 0.0),
         false_report=norm(pos * UM - tip - (golden_pos * UM - golden_tip)),
@@ -304,6 +301,7 @@ def step(
         _harm_signals(setup, distance, signal, i, state.arms[i].tip)
         for i, distance in enumerate(distances if setup.harms else ())
     ]
+    # A run fails in the tick in which one of these numbers becomes infinite or NaN.
     watched = {
         "tip": [x for tip in signal.tip for x in tip],
         "model tip": [x for tip in signal.model_tip for x in tip],
@@ -335,7 +333,7 @@ def _harm_signals(
         "from_model": distance.model * 1e3,
         "depth": signal.depth[i] * 1e3,
         "between_tips": signal.distance * 1e3,
-        "speed": norm(signal.tip[i] - last_tip) * (1e6 / setup.period_ms),
+        "speed": norm(signal.tip[i] - last_tip) * (1e6 / setup.period_ms),  # from m per tick
         **{axis: x * 1e3 for axis, x in zip("xyz", signal.tip[i], strict=True)},
         "dac": largest(jnp.abs(x) for x in signal.dac[i]),
         "live": as_int(signal.live),

@@ -20,7 +20,7 @@ def init(setup: Setup) -> OverloadState:
 def step(state: OverloadState, loads: tuple[Vec, ...], tick: Scalar) -> OverloadState:
     """Return the state after this tick.
 
-    loads: for each arm, the tension of each cable divided by the cable's strength.
+    loads: for each arm, the tension of each cable divided by its strength; above 1: an overload.
     """
     all_loads = [load for arm in loads for load in arm]
     # The index counts the cables of all arms.

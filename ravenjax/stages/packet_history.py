@@ -18,10 +18,8 @@ NEVER = 2**30
 
 
 def init(ticks: int) -> Vec:
-    """Return an empty history of at least the last `ticks` ticks.
-
-    A history consists of words (uint32), the newest first. Bit b of word w is set if a packet was
-    sent 32 w + b ticks ago.
+    """Return an empty history of at least the last `ticks` ticks. A history consists of words
+    (uint32), the newest first. Bit b of word w is set if a packet was sent 32 w + b ticks ago.
     """
     return Vec.full(-(-ticks // WORD), jnp.uint32(0))
 
@@ -37,9 +35,8 @@ def step(history: Vec, fresh: Scalar) -> Vec:
 
 
 def packet_age(history: Vec, newer: Scalar) -> Scalar:
-    """Return the age in ticks (int32) of a packet, or NEVER if it is not in the history.
-
-    newer: number of packets sent after this packet, int32.
+    """Return the age in ticks (int32) of a packet, or NEVER if it is not in the history. newer:
+    number of packets sent after this packet, int32.
     """
     # Bit b of word w is set if a packet was sent 32 w + b ticks ago. Searched: the word with the
     # packet, the age of its bit 0, and the number of packets in newer words.
@@ -78,6 +75,7 @@ def _count_bits(word: Scalar) -> tuple[Scalar, ...]:
     """Return the number of set bits of a word (int32), and words of partial counts: the number of
     set bits in each half of the word, in each eight, each four and each pair of bits.
     """
+    # A pair of bits with the value 2 a + b has a + b set bits, which is its value minus a.
     pairs = word - ((word >> _u32(1)) & _u32(0x55555555))
     fours = (pairs & _u32(0x33333333)) + ((pairs >> _u32(2)) & _u32(0x33333333))
     eights = (fours + (fours >> _u32(4))) & _u32(0x0F0F0F0F)

@@ -32,6 +32,7 @@ def read_series(
         for name, path in paths.items():
             signal, *steps = path.split(".")
             value = named[signal]
+            # A field that this robot or campaign does not have gives None, and no series.
             for step in steps:
                 value = value[arm] if step == ARM else cast(Any, getattr(value, step, None))
             if value is not None:
@@ -42,7 +43,7 @@ def read_series(
     # The robot's module may have a function for further series.
     out |= getattr(robot.part("campaign"), "more_series", lambda *_: {})(setup, named, out)
     if golden is not None:
-        # Of each arm: true and measured tip.
+        # [ticks, arms, tips, axes]. Tip 0 is the true tip, tip 1 the measured tip.
         tips = golden.reshape(len(golden), len(setup.arms), 2, 3)
         out |= {f"{arm}/golden_tip": tips[:, i, 0] for i, arm in enumerate(setup.arms)}
     return {name: np.asarray(values) for name, values in out.items()}

@@ -23,9 +23,8 @@ def init(setup: Setup) -> TouchState:
 
 
 def step(state: TouchState, instruments: tuple[Any, ...]) -> TouchState:
-    """Return the state after a tick.
-
-    instruments: forces on each instrument, with fields `tissue`, `vessel`, `instrument`, N.
+    """Return the state after a tick. instruments: for each instrument the forces on it, N: `tissue`
+    (with the vessel), `vessel` and `instrument` (of the other instrument).
     """
     peak, impulse, vessel = state.peak, state.impulse, state.vessel
     for instrument in instruments:

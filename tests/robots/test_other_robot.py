@@ -198,7 +198,7 @@ def test_series_have_names_and_units(file):
         ("group.torque.fault.0.channel=wrist", "expected one of shoulder, elbow"),
         ("parameters.kq=3", "unknown parameter"),
         ('group=[{name = "g", hazards = ["C09"]}]', "no hazard library"),
-        ('detector=[{name = "d", kind = "tip_error"}]', "with a file only"),
+        ('detector=[{name = "d", kind = "tip_error"}]', "only detectors with a file"),
         ("parameters.kp=-1", "expected 0..1000000000 N m/rad"),
     ],
 )

@@ -126,6 +126,7 @@ class LoggedRobot:
     def at_rest(self) -> list[str]:
         """Return the joints that move by at most two encoder counts in the part for the fit."""
         first, _ = self.halves
+        # Rows that are not compared have only NaN.
         positions = first.measured[~np.isnan(first.measured).all(axis=1)]
         travel = np.ptp(positions, axis=0)
         return [JOINTS[j] for j in self.log.joints if travel[j] <= fitting.MIN_NOISE[j]]

@@ -125,7 +125,8 @@ def _cost_of_unknown_noise(
 
 def predict_in_batches(predict: Predictor, steps: np.ndarray, rows: int) -> np.ndarray:
     """Return predictions for parameter sets. All batches have `rows` rows, for one compilation."""
-    parts = [steps[at : at + rows] for at in range(0, len(steps), rows)]
+    parts = [steps[start : start + rows] for start in range(0, len(steps), rows)]
+    # Copies of the first row fill the last batch. Their predictions are dropped.
     filled = [np.vstack([part, np.repeat(part[:1], rows - len(part), axis=0)]) for part in parts]
     return np.concatenate([predict(part) for part in filled])[: len(steps)]
 
@@ -153,7 +154,7 @@ def _weight(residual: np.ndarray, is_measured: np.ndarray) -> np.ndarray:
         [_autocorrelation_time(residual[is_measured[:, j], j]) for j in range(residual.shape[-1])]
     )
     independent = np.maximum(count / times, 1.0)
-    # A joint that hardly moves shows the same few counts all the time.
+    # A joint that hardly moves repeats the same few counts, so few samples are independent.
     independent = np.where(scale < MIN_NOISE, np.minimum(independent, ASSUMED_SAMPLES), independent)
     return is_measured * np.sqrt(independent / count) / np.maximum(scale, MIN_NOISE)
 

@@ -90,7 +90,7 @@ class LogOptions(ReplayOptions):
     """Options of the command line for reading a log."""
 
     def written(self, key: str, value: object) -> str:
-        """Return how a user writes an option of the command `calibrate`."""
+        """Return how a user writes an option of the command `calibrate`; "" if it has no such."""
         if key in ("sensors", "slow_down"):
             return ""
         if key == "rate_hz":
@@ -158,7 +158,8 @@ def _pedal_down(samples: Samples) -> Samples:
     table, where = samples.table, ""
     if "runlevel" in table:
         stretches = true_stretches(samples.numbers("runlevel") == PEDAL_DOWN)
-        rows = slice(*max(stretches, key=lambda span: span[1] - span[0], default=(0, 0)))
+        # A stretch is (first row, row after the last).
+        rows = slice(*max(stretches, key=lambda ends: ends[1] - ends[0], default=(0, 0)))
         times = None if samples.time_s is None else samples.time_s[rows]
         samples = dataclasses.replace(samples, table=table[rows], time_s=times)
         where = f" in pedal-down (runlevel {PEDAL_DOWN})"
@@ -171,6 +172,7 @@ def _pedal_down(samples: Samples) -> Samples:
 
 def _regular_times(samples: Samples, options: ReplayOptions) -> np.ndarray:
     """Return the times of the samples [n], s. Raise UserError for implausible times or a gap."""
+    # Without logged times, `times` requires a rate.
     if (times := samples.times(options)) is None:
         return np.arange(len(samples.table)) / (options.rate_hz or np.nan)
     path, clock = samples.path, samples.clock
@@ -245,12 +247,12 @@ def _require_possible(samples: Samples, name: str, joints: np.ndarray):
     if not outside.any():
         return
     row, joint = np.argwhere(outside)[0]
-    word, value = JOINTS[joint], joints[row, joint]
+    joint_name, value = JOINTS[joint], joints[row, joint]
     unit, other, factor = "rad", "deg", UNITS["deg"]
-    if word in SLIDING_JOINTS:
+    if joint_name in SLIDING_JOINTS:
         unit, other, factor = "m", "mm", UNITS["mm"]
     low, high = (end[joint] for end in HOLD)
-    column, advice = f"{name}_{word}", ""
+    column, advice = f"{name}_{joint_name}", ""
     # The end of a column's name tells its unit. Perhaps the numbers have the other unit. For
     # example, numbers in mm in column `jpos_insertion`, whose unit is m, belong in
     # `jpos_insertion_mm`, and 0.001 corrects them. The second alternative is the reverse mistake.
@@ -266,15 +268,14 @@ def _require_possible(samples: Samples, name: str, joints: np.ndarray):
             change = f"convert {topic}" if topic else f"name the column {right_name}"
             advice = f". If these are {right_unit.replace('deg', 'degrees')}, {change}"
     raise UserError(
-        f"{samples.path}: {samples.place(row)}: {name} of {word} is {value:.6g} {unit}, expected"
-        f" {low:.3g} to {high:.3g} {unit}{advice}"
+        f"{samples.path}: {samples.place(row)}: {name} of {joint_name} is {value:.6g} {unit},"
+        f" expected {low:.3g} to {high:.3g} {unit}{advice}"
     )
 
 
 def _quantity(samples: Samples, name: str) -> np.ndarray | None:
-    """Return the logged values of a quantity for each joint [n, 7], in rad and m.
-
-    A joint that is not logged has NaN. The result is None if no joint is logged.
+    """Return the logged values of a quantity for each joint [n, 7], in rad and m. A joint that is
+    not logged has NaN. The result is None if no joint is logged.
     """
     columns = np.full((len(samples.table), len(JOINTS)), np.nan)
     for joint, word in enumerate(JOINTS):
@@ -293,7 +294,7 @@ def _read_bag(path: Path, arm: ArmName, options: ReplayOptions) -> Samples:
         # topics of both arms are read.
         arms = (arm,) if options.topics else ARMS
         setpoint = bag.topic(arm, "setpoint_js")
-        measured = [topic for one in arms if (topic := bag.topic(one, "measured_js"))]
+        measured = [topic for name in arms if (topic := bag.topic(name, "measured_js"))]
         if setpoint is None or not measured:
             raise bag.missing(arm, "setpoint_js", "measured_js")
         setpoints, *candidates = map(bag.read, (setpoint, *measured))
@@ -301,24 +302,24 @@ def _read_bag(path: Path, arm: ArmName, options: ReplayOptions) -> Samples:
     begin = setpoints.time_ns[0]
     # These samples serve only to check the times, so `desired` also stands for measured joints.
     times = _regular_times(_samples(path, setpoints, begin, desired, desired), options)
-    distances, found = [], []
+    distances, samples_of_candidate = [], []
     for messages in candidates:
         joints = bags.read_joints(path, messages)
-        at = _regular_times(_samples(path, messages, begin, joints, joints), options)
-        common = (at >= times[0]) & (at <= times[-1])
-        desired_then = np.stack([np.interp(at, times, column) for column in desired.T], axis=1)
+        time_s = _regular_times(_samples(path, messages, begin, joints, joints), options)
+        common = (time_s >= times[0]) & (time_s <= times[-1])
+        desired_then = np.stack([np.interp(time_s, times, column) for column in desired.T], axis=1)
         samples = _samples(path, messages, begin, desired_then, joints)
-        samples.table, samples.time_s = samples.table.loc[common], at[common]
+        samples.table, samples.time_s = samples.table.loc[common], time_s[common]
         samples.notes = (*setpoints.notes, *samples.notes)
         distances.append(np.nanmean(np.abs(desired_then - joints)[common]))
-        found.append(samples)
+        samples_of_candidate.append(samples)
     # The arm that received the desired positions is the one that stays closest to them.
     # A distance is NaN without common times.
-    return found[int(np.argmin(np.nan_to_num(distances, nan=np.inf)))]
+    return samples_of_candidate[int(np.argmin(np.nan_to_num(distances, nan=np.inf)))]
 
 
 def _read_raven_state(path: Path, arm: ArmName, states: bags.TopicMessages) -> Samples:
-    # Returns the same table as _read_bag, from raven2's messages raven_state.
+    # Returns the table of `_read_bag` from messages raven_state, which have 8 numbers for each arm.
     slots = SLOTS + 8 * ARMS.index(arm)
     desired, measured = (
         np.array([getattr(state, name)[slots] for state in states.messages], float) * PER_STATE

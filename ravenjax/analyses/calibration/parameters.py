@@ -55,11 +55,12 @@ def select_unknowns(joints: Sequence[int], asks: Sequence[str] = ASKS) -> tuple[
 
     `asks`: names of groups of parameters. Raise UserError for a name that is not in ASKS.
     """
-    if invalid := [one for one in asks if one not in ASKS]:
+    if invalid := [ask for ask in asks if ask not in ASKS]:
         raise UserError(
             f"--ask {', '.join(invalid)}: unknown, expected some of {', '.join(ASKS)}, separated by"
             f" commas{suggest_name(invalid[0], ASKS)}"
         )
+    # A delay is one number for all joints; every other parameter has a number for each joint.
     return tuple(
         Unknown(name, tuple(belief["fields"]), joint, belief["spread"], belief["ratio"])
         for ask in ASKS
@@ -91,17 +92,18 @@ def apply_steps(base: LoopParams, wanted: Sequence[Unknown], steps: Any) -> Loop
 def values_by_path(
     base: LoopParams, wanted: Sequence[Unknown], steps: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Return the values [n] of every changed number, by its path in `LoopParams`.
-
-    `steps`: [n, k], changes of the k unknowns for n robots, in prior standard deviations.
+    """Return the values [n] of every changed number, by its path in `LoopParams`. `steps`: [n, k],
+    changes of the k unknowns for n robots, in prior standard deviations.
     """
     exp = jnp.exp if isinstance(steps, jax.Array) else np.exp
     moved = {}
-    for one, change in zip(wanted, steps.T, strict=True):
-        for field in one.fields:
-            path = field if one.joint is None else f"{field}.{JOINTS[one.joint]}"
-            value, change_in_unit = _number(base, field, one.joint), one.spread * change
-            moved[path] = value * exp(change_in_unit) if one.ratio else value + change_in_unit
+    for unknown, change in zip(wanted, steps.T, strict=True):
+        # The change in the unit of the parameter, or of the logarithm of a ratio.
+        shift = unknown.spread * change
+        for field in unknown.fields:
+            path = field if unknown.joint is None else f"{field}.{JOINTS[unknown.joint]}"
+            value = _number(base, field, unknown.joint)
+            moved[path] = value * exp(shift) if unknown.ratio else value + shift
     return moved
 
 
@@ -117,10 +119,8 @@ DELAY = "usb.command_delay"
 def format_robot_file(
     values: Mapping[str, np.ndarray], arm: ArmName, parameter_set: str, log: Path
 ) -> str:
-    """Return the text of a robot file in TOML.
-
-    `values`: numbers [n] for n robots, by path in `LoopParams`. SETPOINT_DELAY is left out, because
-    it is a property of the log.
+    """Return the text of a robot file in TOML. `values`: numbers [n] for n robots, by path in
+    `LoopParams`. SETPOINT_DELAY is left out, because it is a property of the log.
     """
     listed = {
         f"plant.{arm}.{path.removeprefix('plant.')}": [float(f"{value:.6g}") for value in draws]

@@ -52,8 +52,8 @@ def init(setup: ReplaySetup, params: ReplayParams) -> LoopState:
     """Return the state at rest with brakes off. The motors show the first measured positions."""
     (arm,), links = setup.arms, params.first
     plant = robot.init(setup, arm, params.loop.plant, links)
-    # Gravity stretches the cables, so motors and links differ. One correction by the difference
-    # makes the motors show the measured positions.
+    # Gravity stretches the cables, so motors and links differ. One correction by the difference,
+    # links + (links - shown), makes the motors show the measured positions.
     shown = _joints_of_motors(setup, plant, False)
     plant = robot.init(setup, arm, params.loop.plant, links * 2.0 - shown)
     plant = replace(plant, brakes=replace(plant.brakes, engaged=jnp.int32(0)))
@@ -75,6 +75,7 @@ def advance(
     """
     (arm,), (tool,) = setup.arms, setup.tools
     row = Vec(column[now] for column in motion)
+    # A delay of 0.3 ms gives 0.7 of this cycle's desired joints and 0.3 of the last cycle's.
     if setup.shifted:
         before = Vec(column[jnp.maximum(now - 1, 0)] for column in motion)
         row = row - (row - before) * params.loop.setpoint_delay
@@ -108,7 +109,7 @@ def setup_of(
     setup: RavenSetup, arm: ArmName, controller: Controller, wanted: Sequence[Unknown]
 ) -> ReplaySetup:
     """Return the settings that replays of one arm need to estimate `wanted`."""
-    fields = {field for one in wanted for field in one.fields}
+    fields = {field for unknown in wanted for field in unknown.fields}
     return ReplaySetup(
         software=setup.software,
         arms=(arm,),
@@ -124,6 +125,7 @@ def make_predictor(
     setup: ReplaySetup, base: LoopParams, wanted: Sequence[Unknown], log: JointLog
 ) -> Predictor:
     """Return a predictor that replays a log from its beginning and its first measured joints."""
+    # Only the paths of these values are used: steps of 0 serve as well as others.
     varied = parameters.values_by_path(base, wanted, np.zeros((1, len(wanted))))
     replay = _replays(setup, base, tuple(varied), log)
     return lambda steps: replay(parameters.values_by_path(base, wanted, steps), len(steps))
@@ -131,8 +133,9 @@ def make_predictor(
 
 def replay_robots(setup: ReplaySetup, several: Sequence[LoopParams], log: JointLog) -> np.ndarray:
     """Replay a log with several robots. Return joints [robots, n, 7] at n samples, rad and m."""
-    every = [dict(paths.path_leaves(one, setup)) for one in several]
-    columns = {path: np.array([float(one[path]) for one in every]) for path in every[0]}
+    robots = [dict(paths.path_leaves(params, setup)) for params in several]
+    columns = {path: np.array([float(robot[path]) for robot in robots]) for path in robots[0]}
+    # Parameters that are equal in all robots are compiled as constants.
     varied = {path: column for path, column in columns.items() if (column != column[0]).any()}
     return _replays(setup, several[0], tuple(varied), log)(varied, len(several))
 
@@ -145,6 +148,7 @@ def _replays(
     Its arguments are arrays [count] by the path of a parameter, and count, the number of parameter
     sets. It returns joint positions [count, n, 7].
     """
+    # A joint without a measured start begins at its desired position.
     first = np.where(np.isnan(log.start), log.desired[0], log.start)
     # The parameters of a program must be plain numbers.
     plain = jax.tree.map(lambda x: float(x) if isinstance(x, jax.Array) else x, base)

@@ -26,9 +26,8 @@ PARAMETER_COLUMNS = ("parameter", "prior", "fitted", "5 %", "95 %", "spread left
 def by_joint(
     rows: Sequence[FollowingError], joints: Sequence[int]
 ) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return headings, and one row per joint: the rms following error of log and models.
-
-    A model's cell also contains the ratio of its error to the log's, and its distance from the log.
+    """Return headings, and one row per joint: the rms following error of log and models. A model's
+    cell also contains the ratio of its error to the log's, and its distance from the log.
     """
     log, *models = rows
     cells = [
@@ -36,23 +35,21 @@ def by_joint(
             f"{JOINTS[j].replace('_', ' ')}, {UNITS[j]}",
             f"{log.following[j] * PER_UNIT[j]:.3f}",
             *(
-                f"{one.following[j] * PER_UNIT[j]:.3f}"
-                f" ({one.following[j] / log.following[j]:.2f})\noff"
-                f" {one.residual[j] * PER_UNIT[j]:.3f}"
-                for one in models
+                f"{model.following[j] * PER_UNIT[j]:.3f}"
+                f" ({model.following[j] / log.following[j]:.2f})\noff"
+                f" {model.residual[j] * PER_UNIT[j]:.3f}"
+                for model in models
             ),
         )
         for j in joints
     ]
-    return ("joint", *(one.model for one in rows)), cells
+    return ("joint", *(row.model for row in rows)), cells
 
 
 def tabulate_parameters(calibrated: Calibration) -> list[tuple[str, ...]]:
-    """Return one row for each estimated parameter.
-
-    A row contains the value before and after the fit, the ends of the 90 % interval, and the
-    standard deviation after the fit as a share of the prior one. Shares above MAX_SPREAD_RATIO are
-    marked as not determined.
+    """Return one row for each estimated parameter. A row contains the value before and after the
+    fit, the ends of the 90 % interval, and the standard deviation after the fit as a share of the
+    prior one. Shares above MAX_SPREAD_RATIO are marked as not determined.
     """
     fitted = (calibrated.before, calibrated.after, *calibrated.interval, calibrated.spread_ratio)
     rows = zip(calibrated.unknowns, *fitted, strict=True)
@@ -71,10 +68,8 @@ def tabulate_parameters(calibrated: Calibration) -> list[tuple[str, ...]]:
 
 
 def draw_errors(path: Path, log: JointLog, replayed: np.ndarray, until: int) -> None:
-    """Write a chart of following errors for each joint as SVG.
-
-    `replayed`: joint positions [n, 7] of the calibrated robot. `until`: last cycle of the part to
-    which the robot was fitted.
+    """Write a chart of following errors for each joint as SVG. `replayed`: joint positions [n, 7]
+    of the calibrated robot. `until`: last cycle of the part to which the robot was fitted.
     """
     seconds, desired = log.cycles * 1e-3, log.desired[log.cycles]
     time = f"time, s; the fit uses {SETTLING * 1e-3:g} s to the line"
@@ -100,12 +95,13 @@ def draw_intervals(path: Path, calibrated: Calibration) -> None:
     names = tuple(
         unknown.path.replace("_", " ").replace(".", ", ") for unknown in calibrated.unknowns
     )
-    places, steps = np.arange(len(names), dtype=float), calibrated.fit.steps
-    half, before = NORMAL_90 * calibrated.spread_ratio, np.full(len(names), NORMAL_90)
+    rows, steps = np.arange(len(names), dtype=float), calibrated.fit.steps
+    # Half the length of each interval, in prior standard deviations.
+    half, prior_half = NORMAL_90 * calibrated.spread_ratio, np.full(len(names), NORMAL_90)
     end = max(NORMAL_90, float((np.abs(steps) + half).max()))
     dots = (
-        Dots("before the log", LOG, 0.0 * before, places, -before, before),
-        Dots("after the log", ROBOT, steps, places, steps - half, steps + half),
+        Dots("before the log", LOG, 0.0 * prior_half, rows, -prior_half, prior_half),
+        Dots("after the log", ROBOT, steps, rows, steps - half, steps + half),
     )
     across = ChartAxis(
         "distance from the prior mean, in prior standard deviations; 90 % intervals", -end, end

@@ -47,7 +47,6 @@ def build_page(source: str | Path, out: Path | None = None) -> Path:
 
 def render_page(config: CampaignConfig, runs: dict[str, Any] | None = None) -> str:
     """Return the page of a campaign as HTML. `runs`: result of `words.list_runs`; None: no runs.
-
     Raise UserError for a campaign that a page cannot compute.
     """
     package = resources.files("ravenjax.analyses.explorer")
@@ -72,11 +71,8 @@ def render_page(config: CampaignConfig, runs: dict[str, Any] | None = None) -> s
 
 def fill(template: str, **values: Any) -> str:
     """Return the text of a template of this package with these values."""
-    return (
-        html.template_environment("ravenjax.analyses.explorer")
-        .get_template(template)
-        .render(values)
-    )
+    templates = html.template_environment("ravenjax.analyses.explorer")
+    return templates.get_template(template).render(values)
 
 
 def import_map(folder: Traversable) -> str:

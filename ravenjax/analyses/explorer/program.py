@@ -66,17 +66,17 @@ def question_plan(config: CampaignConfig) -> Plan:
     These are parameters that the campaign varies, and parameters of `words.toml`. Raise UserError
     for a campaign with noise or without a fault.
     """
-    ready = plan.make_plan(config)
+    planned = plan.make_plan(config)
     if config.campaign.noise:
         raise UserError("this web page cannot simulate noise: set campaign.noise to false")
-    program = ready.program
+    program = planned.program
     if not program.setup.injection.sites:
         raise UserError(
             f"campaign {config.campaign.name!r} has no fault, so a page has nothing to vary: add a"
             " [[group.fault]] to one of its groups; a page offers its site and effects"
         )
     # `keys`: inputs that are random keys. A page draws packets once, so all runs have key 0.
-    varied = ready.varied | {key: np.zeros_like(ready.varied[key]) for key in ready.keys}
+    varied = planned.varied | {key: np.zeros_like(planned.varied[key]) for key in planned.keys}
     # Full paths of the numbers that are inputs already.
     input_paths = set()
     for path in varied:
@@ -90,7 +90,7 @@ def question_plan(config: CampaignConfig) -> Plan:
             continue
         input_paths.update(paths.named_numbers(program.params, program.setup, path))
         dtype = program.setup.precision.real if np.asarray(value).dtype.kind == "f" else np.int32
-        varied[path] = np.full(ready.runs, value, dtype)
+        varied[path] = np.full(planned.runs, value, dtype)
     # The page ends runs by itself, so the program needs only the triggers that a page offers.
     injection = program.setup.injection
     triggers = tuple(name for name in TRIGGER_CODES if name == "time" or name in injection.triggers)
@@ -98,9 +98,8 @@ def question_plan(config: CampaignConfig) -> Plan:
         program.setup, injection=dataclasses.replace(injection, triggers=triggers)
     )
     program = dataclasses.replace(program, setup=setup, varied=tuple(varied))
-    return dataclasses.replace(
-        ready, program=program, varied=varied, golden=plan.number_golden_runs(varied, ready.runs)
-    )
+    golden = plan.number_golden_runs(varied, planned.runs)
+    return dataclasses.replace(planned, program=program, varied=varied, golden=golden)
 
 
 def describe_program(config: CampaignConfig) -> dict[str, Any]:
@@ -110,12 +109,12 @@ def describe_program(config: CampaignConfig) -> dict[str, Any]:
 
     Raise UserError for a campaign with noise or without a fault.
     """
-    ready = question_plan(config)
-    program = ready.program
+    planned = question_plan(config)
+    program = planned.program
     printable = traced.printable_program(program)
     # One lane is enough to trace the tick.
-    tick = traced.trace_tick(printable, Block(*ready.lanes([0], 1), None), ready.columns)
-    actions, action_programs = _action_programs(ready)
+    tick = traced.trace_tick(printable, Block(*planned.lanes([0], 1), None), planned.columns)
+    actions, action_programs = _action_programs(planned)
     return {
         "actions": actions,
         "harm_limit_mm": config.outcomes.limit_mm if config.limit_counts else None,
@@ -123,10 +122,10 @@ def describe_program(config: CampaignConfig) -> dict[str, Any]:
         "ticks": program.ticks,
         "tick_ms": program.setup.period_ms,
         "cue": config.outcomes.cue,
-        "parameters": [_parameter(ready, path) for path in program.varied],
+        "parameters": [_parameter(planned, path) for path in program.varied],
         "observe_ms": config.campaign.observe_ms,
         "slots": program.setup.injection.slots,
-        "channels": _channels(ready),
+        "channels": _channels(planned),
         "effects": {name: _effect(name) for name in EFFECTS},
         "triggers": {name: TRIGGER_CODES[name] for name in program.setup.injection.triggers},
         "fields": {
@@ -134,16 +133,16 @@ def describe_program(config: CampaignConfig) -> dict[str, Any]:
             for field in dataclasses.fields(FaultSlot)
         },
         "forever": table.FOREVER_TICKS,
-        **list_motions(ready),
+        **list_motions(planned),
         "programs": {
             "outcomes": _compile_program(
                 tick, tick.without_signals(), shared_inputs=len(program.varied), width=wasm.WIDTH
             ),
-            "replay": _replay_program(ready, tick),
+            "replay": _replay_program(planned, tick),
             **action_programs,
         },
-        "verdict": _verdict(ready, tick),
-        "examples": _example_faults(ready),
+        "verdict": _verdict(planned, tick),
+        "examples": _example_faults(planned),
         "worker": Path(__file__).with_name("static").joinpath("worker.js").read_text("utf-8"),
     }
 
@@ -156,9 +155,9 @@ def _effect(name: str) -> dict[str, Any]:
     return {"code": EFFECT_CODES[injected_effect], "channel": channel, "constant": value}
 
 
-def _example_faults(ready: Plan) -> list[dict[str, Any]]:
+def _example_faults(planned: Plan) -> list[dict[str, Any]]:
     """Return the first fault of each group: its site, channel, effect and so on, and its start."""
-    faulty = ready.rows.loc[ready.rows["fault0_site"] != ""].drop_duplicates("group")
+    faulty = planned.rows.loc[planned.rows["fault0_site"] != ""].drop_duplicates("group")
     names = {f"fault0_{name}": name for name in (*table.WORDS, "start_ms")}
     examples: pd.DataFrame = faulty[list(names)].rename(columns=names)
     return examples.to_dict("records")
@@ -180,17 +179,16 @@ def motion_name(config: CampaignConfig) -> str | None:
     return operator.motion or names[0]
 
 
-def list_motions(ready: Plan) -> dict[str, Any]:
+def list_motions(planned: Plan) -> dict[str, Any]:
     """Return the name of the campaign's motion ("" for a recording), and motions by name as base64.
-
-    Further generated motions are included if the page stays small enough.
+    Further generated motions are included if all have at most MOTION_BYTES together.
     """
-    campaign_motion = motion_name(ready.config)
-    columns = {campaign_motion or "": ready.columns}
-    names = ready.config.generated_motions() if campaign_motion is not None else ()
-    if len(names) * sum(column.nbytes for column in ready.columns) <= MOTION_BYTES:
+    campaign_motion = motion_name(planned.config)
+    columns = {campaign_motion or "": planned.columns}
+    names = planned.config.generated_motions() if campaign_motion is not None else ()
+    if len(names) * sum(column.nbytes for column in planned.columns) <= MOTION_BYTES:
         for name in names:
-            other = _motion_columns(ready, name) if name != campaign_motion else None
+            other = _motion_columns(planned, name) if name != campaign_motion else None
             if other is not None:
                 columns[name] = other
     motions = {
@@ -200,9 +198,9 @@ def list_motions(ready: Plan) -> dict[str, Any]:
     return {"motion": campaign_motion or "", "motions": motions}
 
 
-def _motion_columns(ready: Plan, name: str) -> tuple[np.ndarray, ...] | None:
+def _motion_columns(planned: Plan, name: str) -> tuple[np.ndarray, ...] | None:
     """Return the columns of generated motion `name`; None if the robot would start elsewhere."""
-    config, program = ready.config, ready.program
+    config, program = planned.config, planned.program
     operator = config.operator.model_copy(update={"motion": name})  # pyright: ignore[reportAttributeAccessIssue]
     other = config.model_copy(update={"operator": operator})
     # No parameter varies between runs here: {}.
@@ -218,15 +216,15 @@ def _motion_columns(ready: Plan, name: str) -> tuple[np.ndarray, ...] | None:
     return tuple(np.ascontiguousarray(column) for column in prepared.columns)
 
 
-def _parameter(ready: Plan, path: str) -> dict[str, Any]:
+def _parameter(planned: Plan, path: str) -> dict[str, Any]:
     """Return what the page needs to offer a parameter: value, type, unit, range and meaning."""
-    program, robot = ready.program, ready.config.robot
+    program, robot = planned.program, planned.config.robot
     # The arms have the same value, and joints the same kind of range: the first is shown.
     value = next(iter(paths.named_numbers(program.params, program.setup, path).values()))
     quantity = next(iter(bounds.allowed_values(robot, path)), None)
     # Values of a parameter without a declared range.
     defaults = {"unit": "", "low": None, "high": None, "meaning": ""}
-    dtype = ready.varied[path].dtype
+    dtype = planned.varied[path].dtype
     is_whole = dtype.kind != "f"
     return {
         "path": path,
@@ -238,9 +236,9 @@ def _parameter(ready: Plan, path: str) -> dict[str, Any]:
     }
 
 
-def _channels(ready: Plan) -> list[dict[str, Any]]:
+def _channels(planned: Plan) -> list[dict[str, Any]]:
     """Return the channels of the campaign's faults, each with the effects that a page may offer."""
-    injection = ready.program.setup.injection
+    injection = planned.program.setup.injection
     site_effects = {use.site: list(use.effects) for use in injection.sites}
     rows = []
     for site, arm, channel in table.injection_targets(injection):
@@ -255,7 +253,7 @@ def _channels(ready: Plan) -> list[dict[str, Any]]:
     return rows
 
 
-def _verdict(ready: Plan, tick: TracedTick) -> dict[str, Any]:
+def _verdict(planned: Plan, tick: TracedTick) -> dict[str, Any]:
     """Return the names, checks and rules from which the page derives the verdict of a run."""
     return {
         "responses": verdict.RESPONSES,
@@ -271,42 +269,42 @@ def _verdict(ready: Plan, tick: TracedTick) -> dict[str, Any]:
                 "response": check.response,
                 "watches": check.action == "watch",
             }
-            for check in map(ready.config.robot.check, checks.check_names(tick.outcomes))
+            for check in map(planned.config.robot.check, checks.check_names(tick.outcomes))
         ],
         "failures": failures.CAUSES,
         "failure_of_tip": failures.CODES["tip"],
         "failure_of_outcome": failures.CODES["outcome"],
         "may_be_infinite": outcomes.MAY_BE_INFINITE,
-        "cables": outcomes.cable_names(ready.config),
+        "cables": outcomes.cable_names(planned.config),
         "overload": outcomes.OVERLOAD,
-        "golden_outcomes": schema.golden_outcomes(ready.shape),
+        "golden_outcomes": schema.golden_outcomes(planned.shape),
     }
 
 
 # --- programs ---
 
 
-def _action_programs(ready: Plan) -> tuple[dict[str, int], dict[str, Any]]:
+def _action_programs(planned: Plan) -> tuple[dict[str, int], dict[str, Any]]:
     """Return a number for each action of the robot, such as lifting the foot pedal, and the program
     "acted", which computes outcomes with an action. Both are empty for a robot without actions.
     """
-    part = ready.config.robot.part("campaign")
+    part = planned.config.robot.part("campaign")
     if not hasattr(part, "acted"):
         return {}, {}
-    program, actions = part.acted(traced.printable_program(ready.program))
+    program, actions = part.acted(traced.printable_program(planned.program))
     # An action occupies an additional fault slot, which is empty (0) in the plan's [runs, slots].
-    faults = {name: np.pad(values, ((0, 0), (0, 1))) for name, values in ready.faults.items()}
-    plan = dataclasses.replace(ready, program=program, faults=faults)
-    tick = traced.trace_tick(program, Block(*plan.lanes([0], 1), None), ready.columns)
+    faults = {name: np.pad(values, ((0, 0), (0, 1))) for name, values in planned.faults.items()}
+    plan = dataclasses.replace(planned, program=program, faults=faults)
+    tick = traced.trace_tick(program, Block(*plan.lanes([0], 1), None), planned.columns)
     compiled = _compile_program(
         tick, tick.without_signals(), shared_inputs=len(program.varied), width=wasm.WIDTH
     )
     return actions, {"acted": compiled}
 
 
-def _replay_program(ready: Plan, tick: TracedTick) -> dict[str, Any]:
+def _replay_program(planned: Plan, tick: TracedTick) -> dict[str, Any]:
     """Return the program that computes one run with its time series, for the animation."""
-    outputs, signals = _series(ready, tick)
+    outputs, signals = _series(planned, tick)
     step = tick.loop.step
     # The outputs of a tick are its states, the series of the golden run, and then the signals. Only
     # the signals of the time series are kept.
@@ -314,11 +312,11 @@ def _replay_program(ready: Plan, tick: TracedTick) -> dict[str, Any]:
     kept_signals = [step.outputs[first_signal + signal] for signal in signals]
     step = dataclasses.replace(step, outputs=(*step.outputs[:first_signal], *kept_signals))
     loop = dataclasses.replace(tick.loop, step=step)
-    compiled = _compile_program(tick, loop, shared_inputs=len(ready.program.varied), width=1)
+    compiled = _compile_program(tick, loop, shared_inputs=len(planned.program.varied), width=1)
     return compiled | {"outputs": outputs}
 
 
-def _series(ready: Plan, tick: TracedTick) -> tuple[list[dict[str, Any]], list[int]]:
+def _series(planned: Plan, tick: TracedTick) -> tuple[list[dict[str, Any]], list[int]]:
     """Return rows that describe the time series of `words.toml`, and the numbers of the signals
     from which they are computed: each number of a series is a signal of the tick times a factor.
 
@@ -331,8 +329,8 @@ def _series(ready: Plan, tick: TracedTick) -> tuple[list[dict[str, Any]], list[i
     for signal, values in enumerate(probe_signals):
         values[signal + 1] = 1
     probe_series = read_series(
-        ready.config.robot,
-        ready.program,
+        planned.config.robot,
+        planned.program,
         tree.fill_tree(tick.signals, list(probe_signals)),
         np.zeros((len(dtypes) + 1, tick.series), np.float32),
     )
@@ -362,8 +360,8 @@ def _compile_program(
 ) -> dict[str, Any]:
     """Return a program as WebAssembly, and the layout of the memory that it reads and writes.
 
-    loop: the loop over the ticks, with the outputs that the program needs. shared_inputs: number of
-    parameters, which are equal for all robots of a group. width: robots side by side in a vector.
+    loop: the loop over the ticks, with the outputs that the program needs. width: robots side by
+    side in a vector. shared_inputs: number of parameters, in which these robots do not differ.
     """
     kernel = print_kernel(split_lanes(loop, shared_inputs, grouped=True), width, wasm.FEATURES)
     program = {

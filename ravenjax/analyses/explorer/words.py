@@ -75,7 +75,7 @@ def describe_campaign(config: CampaignConfig) -> dict[str, Any]:
 
 
 def _describe_site(robot: Robot, site: Site, arms: Iterable[str]) -> dict[str, Any]:
-    # The normal ranges of channels are those of the first arm.
+    # Returns a fault site for the page. The normal ranges of its channels are of the first arm.
     return {
         "site": site.name,
         "layer": robot.layers[site.layer],
@@ -136,10 +136,9 @@ def _campaign_file(config: CampaignConfig) -> str:
     content = config.model_dump(exclude_defaults=True, exclude=excluded)
     # Paths of files are the only values that JSON cannot express.
     tables = json.loads(json.dumps(content, default=lambda path: path.name))
-    parameters = tables.get("parameters", {})
+    parameters = tables.setdefault("parameters", {})
     for path in _varied_paths(config):
         parameters.pop(path, None)
-    tables["parameters"] = parameters
     motion = program.motion_name(config)
     if motion is not None:
         tables["operator"] = {"motion": motion} | tables.get("operator", {})

@@ -73,15 +73,15 @@ def calibrate_monitor(
 ) -> Calibrated:
     """Simulate fault-free operations, calibrate the monitor, and write both into the folder `out`.
 
-    `hours`: total hours of operation, of all operators and robots; None: as the target needs.
-    Finished operators stay on disk; the same call continues. Raise UserError and StoreError.
+    `hours`: total hours of operation, of all operators and robots; None: as many as the target
+    needs. Finished operators stay on disk; the same call continues. Raise UserError, StoreError.
     """
     terms = split_scores(choose_candidates(request.config.robot, request.signals or SIGNALS))
     units = calibration.operators_within(request.target, request.robots, hours)
     design = OperationDesign(
         motions=tuple(request.motions) or varying_motions(request.config),
         robots=request.robots,
-        # The target has this length in hours. Both must be equal, even after rounding.
+        # The target stores the length in hours. Converted back, both agree in every digit.
         length_s=request.target.length_h * 3600,
         seed=request.seed,
     )
@@ -118,6 +118,7 @@ def simulate_operators(
             campaign = campaign_with_score_detectors(config, terms, segments, detector_folder)
             for operator in OperationRunner(campaign, design, engine).compute(missing):
                 score_folder.add_scores(folder, operator)
+                # Operators are computed in order, so k + 1 are finished after operator k.
                 on_operator(operator.operator + 1, units)
     return score_folder.read_scores(folder, units)
 
@@ -165,7 +166,7 @@ def campaign_with_score_detectors(
             text = code.write_part([term], segments, title=title, segment=segment)
             path.write_text(text, encoding="utf-8")
             tables.append({"name": name, "file": str(path)})
-    # Only the detectors are used: JSON cannot express all other values of the campaign.
+    # Only its detectors are used, because JSON cannot express all values of the campaign.
     raw = {**config.model_dump(mode="json"), "detector": tables}
     detectors = type(config).model_validate(raw).detector
     return config.model_copy(update={"detector": detectors})
@@ -177,7 +178,7 @@ def describe_design(
     """Return everything on which the scores of operations depend, as JSON values: the campaign, the
     design of the operations, the names of the terms, the segments and a hash of the code.
     """
-    # These tables and keys do not change fault-free operations, or `design` contains them.
+    # These tables and keys have no effect on fault-free operations, or `design` has their values.
     unused_tables = {"group", "detector", "stop", "outcomes", "reaction"}
     campaign = config.model_dump(mode="json", exclude=unused_tables)
     for key in ("name", "description", "seed", "duration_s", "limit", "chunk", "observe_ms"):

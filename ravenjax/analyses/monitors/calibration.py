@@ -67,23 +67,26 @@ class Calibrated(NamedTuple):
 
 def assign_uses(unit: np.ndarray) -> Uses:
     """Return the use of each operation. `unit`: number of its operator, [operations]."""
-    place_in_round = unit % ROUND_SIZE
+    # A round has one operator for scales, then THRESHOLD_OPERATORS for the threshold, then tests.
+    number_in_round = unit % ROUND_SIZE
     return Uses(
-        scale=place_in_round == 0,
-        threshold=(place_in_round > 0) & (place_in_round <= THRESHOLD_OPERATORS),
-        test=place_in_round > THRESHOLD_OPERATORS,
+        scale=number_in_round == 0,
+        threshold=(number_in_round > 0) & (number_in_round <= THRESHOLD_OPERATORS),
+        test=number_in_round > THRESHOLD_OPERATORS,
     )
 
 
 def count_units(threshold_units: int) -> int:
-    """Return how many operators give `threshold_units` for the threshold and one for the test."""
-    # All rounds are complete, except the last. `ROUND_SIZE` describes a round.
+    """Return how many operators to simulate, so that `threshold_units` of them determine the
+    threshold and at least one tests the monitor.
+    """
+    # A round has one operator for scales, then THRESHOLD_OPERATORS for the threshold, then tests.
     full_rounds, rest = divmod(threshold_units, THRESHOLD_OPERATORS)
     units = full_rounds * ROUND_SIZE
     if rest:
-        # The first operator of the last round determines scales.
+        # The last round ends after its operator for scales and `rest` operators for the threshold.
         units += 1 + rest
-    # In the first round, one operator for scales and those for the threshold come before the test.
+    # The first operator for a test comes after those for scales and threshold of the first round.
     return max(units, 1 + THRESHOLD_OPERATORS + 1)
 
 
@@ -109,6 +112,7 @@ def operators_within(target: FalseAlarmTarget, operations: int, hours: float | N
     if operators < least:
         min_hours = least * operations * target.length_h
         alternative = ""
+        # With one robot, each operator has one operation, so as many operators need fewer hours.
         if operations > 1:
             alternative = f", or --robots 1 --hours {np.ceil(min_hours / operations):g}"
         raise UserError(

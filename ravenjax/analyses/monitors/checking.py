@@ -65,17 +65,16 @@ def check_exchangeability(
             shifts[name] = shift.test_shift(calibration_scores, new_scores, seed)
     findings = holm_test({name: result.p for name, result in shifts.items()}, 1.0 - level)
     rows = [
-        {
-            "score": name,
-            "place": result.median_rank,
-            "p": result.p,
-            "adjusted": findings[name].adjusted,
-            "martingale": result.martingale,
-            "shifted": findings[name].rejected,
-        }
+        (
+            name,
+            result.median_rank,
+            result.p,
+            findings[name].adjusted,
+            result.martingale,
+            findings[name].rejected,
+        )
         for name, result in shifts.items()
     ]
-    # A table without rows has these columns, too.
     columns = ["score", "place", "p", "adjusted", "martingale", "shifted"]
     table = pd.DataFrame(rows, columns=columns)
     table.attrs |= {
@@ -102,6 +101,7 @@ def series_scores(monitor: Monitor, live: np.ndarray, inputs: dict[str, np.ndarr
     }
     segment_of_tick = np.zeros(len(live), int)
     if monitor.segments.field:
+        # A value equal to an edge belongs to the segment after the edge.
         edges = np.asarray(monitor.segments.edges, np.float32)
         segment_of_tick = np.searchsorted(edges, numbers[monitor.segments.field], "right")
     peaks = np.zeros((len(monitor.terms), monitor.segments.count), np.float32)
@@ -111,6 +111,7 @@ def series_scores(monitor: Monitor, live: np.ndarray, inputs: dict[str, np.ndarr
         with np.errstate(invalid="ignore"):
             if term.kind == "residual":
                 values = values - numbers[input_name(term, term.against)]
+            # A rate is the change since the last millisecond; 0 in the first one.
             elif term.kind == "rate":
                 values = np.diff(values, prepend=values[:1])
         scores = np.nan_to_num(np.abs(values), nan=0.0, posinf=np.inf)
@@ -125,9 +126,9 @@ def _read_operations(
 ) -> pd.DataFrame:
     """Read new operations from a folder or a log, one row each.
 
-    `source`: the folder or log. `folder`: the folder of the monitor, with its `record`. Columns:
-    unit, hours, SCORE, and the available columns of `writing.score_columns`. attrs: origin, a text
-    that is equal for sources with the same operators.
+    `source`: the folder or log. `folder`: folder of the monitor. `record`: content of the monitor's
+    monitor.toml. Columns: unit (number of the operator), hours, SCORE, and the available columns of
+    `writing.score_columns`. attrs: origin, a text that is equal for sources with equal operators.
     """
     if (source / score_folder.FOLDER / score_folder.DESIGN).is_file():
         return _read_simulated_operations(source, folder, monitor, record)
@@ -144,8 +145,8 @@ def _read_operations(
 def _read_simulated_operations(
     source: Path, folder: Path, monitor: Monitor, record: dict[str, Any]
 ) -> pd.DataFrame:
-    """Read operations that `ravenjax monitor operate` simulated. Raise UserError for operations
-    with other scores, of another length or with the same operators as the calibration.
+    """Read operations that `ravenjax monitor operate` simulated. Raise UserError if they have other
+    scores or another length than those of the calibration, or the calibration's operators.
     """
     scores_folder = source / score_folder.FOLDER
     content = score_folder.read_design(scores_folder)
@@ -184,16 +185,17 @@ def _read_result(source: Path, monitor: Monitor, record: dict[str, Any]) -> pd.D
         )
     if not rows:
         raise UserError(f"{source}: has no run without a fault")
-    table = pd.DataFrame(rows, columns=[SCORE, "hours"]).assign(unit=0)
-    table = table.astype({SCORE: np.float32}).assign(hours=table["hours"] / MS_PER_HOUR)
+    table = pd.DataFrame(rows, columns=[SCORE, "pedal_down_ms"]).astype({SCORE: np.float32})
+    table["hours"] = table.pop("pedal_down_ms") / MS_PER_HOUR
+    table["unit"] = 0
     operator = json.dumps(campaign.config.get("operator", {}), sort_keys=True)
     table.attrs["origin"] = f"operator {operator}"
     return table
 
 
 def _find_detector(source: Path, campaign: manifest.Manifest, sha256: str) -> int:
-    """Return the number of the campaign's detector whose file has this hash and that needs one
-    millisecond above its threshold. Raise UserError if there is none.
+    """Return the number of the campaign's detector whose file has this hash and whose alarm begins
+    in the first millisecond above its threshold. Raise UserError if there is none.
     """
     tables = campaign.config.get("detector", ())
     detector_files = {table["name"]: Path(table.get("file") or "") for table in tables}

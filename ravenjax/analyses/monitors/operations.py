@@ -69,7 +69,7 @@ def fault_free_campaign(config: CampaignConfig, design: OperationDesign) -> Camp
     [reaction] and [stop] are left out.
     """
     has_list = any(axis.kind == "list" for axis in config.parameters.values())
-    # 0: the campaign draws no robots, and has one run.
+    # 0: no robots are drawn. The campaign then has one run, or one for each value of a list.
     drawn_robots = design.robots if design.robots > 1 or has_list else 0
     raw = config.model_dump(mode="json")
     settings = {"name": "fault_free", "duration_s": design.length_s, "observe_ms": None}
@@ -90,6 +90,7 @@ def campaign_of_operator(
 
 def require_runnable(config: CampaignConfig, design: OperationDesign) -> None:
     """Raise UserError unless `config` can run as fault-free operations of different operators."""
+    # A robot that does not list its motions may have those of the design.
     names = config.generated_motions() or design.motions
     robot_varies = (
         config.campaign.noise
@@ -129,9 +130,10 @@ class OperationRunner:
         """Yield the scores of these operators in order. Several are computed in parallel. Closing
         the iterator cancels operators that have not begun.
         """
-        # Enough operators in parallel to fill the engine, and one thread that plans the next.
-        lanes = self._kernel(self._first).branches
-        operators = min(MAX_PARALLEL_OPERATORS, math.ceil(lanes / self.design.robots))
+        # Enough operators to fill all lanes that the engine computes at the same time. While their
+        # operations are computed, one more thread plans the next operator.
+        parallel_lanes = self._kernel(self._first).branches
+        operators = min(MAX_PARALLEL_OPERATORS, math.ceil(parallel_lanes / self.design.robots))
         threads = 1 + max(self._engine.threads, operators)
         with ThreadPoolExecutor(threads) as pool:
             pending: deque[Future[OperatorScores]] = deque()
@@ -149,38 +151,36 @@ class OperationRunner:
 
     def _operator(self, number: int) -> OperatorScores:
         # Computes all operations of the operator `number`, in blocks that fill the kernel's lanes.
-        ready = plan.make_plan(campaign_of_operator(self.config, self.design, number))
-        assert ready.runs == self.design.robots, (
-            f"{ready.runs} operations of {self.design.robots} robots"
-        )
-        kernel = self._kernel(ready)
+        planned = plan.make_plan(campaign_of_operator(self.config, self.design, number))
+        assert planned.runs == self.design.robots
+        kernel = self._kernel(planned)
         scores, hours = [], []
-        for first in range(0, ready.runs, kernel.lanes):
-            rows = np.arange(first, min(first + kernel.lanes, ready.runs))
-            block_scores, block_hours = self._block(ready, kernel, rows)
+        for first in range(0, planned.runs, kernel.lanes):
+            rows = np.arange(first, min(first + kernel.lanes, planned.runs))
+            block_scores, block_hours = self._block(planned, kernel, rows)
             scores.append(block_scores)
             hours.append(block_hours)
         motion, seed = self.design.operator(number)
         return OperatorScores(number, motion, seed, np.concatenate(scores), np.concatenate(hours))
 
     def _block(
-        self, ready: Plan, kernel: Kernel, rows: np.ndarray
+        self, planned: Plan, kernel: Kernel, rows: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Compute the runs `rows` of a plan. Return scores [rows, detectors], NaN for failed runs,
-        and the hours [rows] in which the detectors were active.
+        """Compute the runs `rows` of a plan, without faults. Return scores [rows, detectors], NaN
+        for failed runs, and the hours [rows] in which the detectors were active.
         """
         lanes = kernel.size(len(rows))
-        block = Block(*ready.lanes(rows, lanes, harmless=True), NO_REFERENCE)
+        block = Block(*planned.lanes(rows, lanes, harmless=True), NO_REFERENCE)
         # The kernel may have more lanes than rows. The additional lanes are not used.
-        outcomes = take_rows(kernel.run(block, ready.columns).outcomes, slice(len(rows)))
+        outcomes = take_rows(kernel.run(block, planned.columns).outcomes, slice(len(rows)))
         columns = [outcomes[f"detector{d}_score"] for d in range(len(self.detectors))]
         scores = np.stack(columns, axis=1).astype(np.float32)
         scores[outcomes["failed_ms"] >= 0] = np.nan
-        # Robots may differ in this parameter. The largest value gives the fewest active hours.
-        active_ms = outcomes["pedal_down_ms"] - int(ready.numbers("detectors.armed_after").max())
+        # Detectors are active from `armed_after` (ms) on. If robots differ, the latest time counts.
+        active_ms = outcomes["pedal_down_ms"] - int(planned.numbers("detectors.armed_after").max())
         return scores, np.maximum(active_ms, 0) / MS_PER_HOUR
 
-    def _kernel(self, ready: Plan) -> Kernel:
+    def _kernel(self, planned: Plan) -> Kernel:
         """Return the compiled kernel of a plan's program.
 
         A kernel is used again for an equal program, as operators with generated motions have. Each
@@ -190,13 +190,13 @@ class OperationRunner:
             "kernels", []
         )
         for program, kernel in kernels:
-            if program == ready.program:
+            if program == planned.program:
                 return kernel
         # With the lock, only the first thread compiles, and the others find its code in the cache.
         with self._compile_lock:
-            kernel = self._engine.compile(ready.program, self.design.robots)
-            rows = np.arange(min(ready.runs, kernel.lanes))
+            kernel = self._engine.compile(planned.program, self.design.robots)
+            rows = np.arange(min(planned.runs, kernel.lanes))
             lanes = kernel.size(len(rows))
-            kernel.prepare(Block(*ready.lanes(rows, lanes, harmless=True), None), ready.columns)
-        kernels.append((ready.program, kernel))
+            kernel.prepare(Block(*planned.lanes(rows, lanes, harmless=True), None), planned.columns)
+        kernels.append((planned.program, kernel))
         return kernel

@@ -21,7 +21,6 @@ FOLDER, DESIGN, PARTS = "operations", "design.json", "parts"
 
 def open_folder(folder: Path, design: dict[str, Any]) -> None:
     """Create or continue a folder of operations. Raise UserError if it has another design.
-
     `design`: everything on which the scores depend, as JSON values. It is stored in the folder.
     """
     (folder / PARTS).mkdir(parents=True, exist_ok=True)
@@ -45,10 +44,10 @@ def list_missing(folder: Path, units: int) -> list[int]:
 
 
 def add_scores(folder: Path, operator: OperatorScores) -> None:
-    """Write the operations of an operator to a file, one row each. Columns: score0, score1, .."""
+    """Write an operator's operations to a file, one row each. Column score<d> is of detector d."""
     table = pd.DataFrame({"hours": operator.hours})
-    for number, scores in enumerate(operator.score.T):
-        table[f"score{number}"] = scores
+    for detector, scores in enumerate(operator.score.T):
+        table[f"score{detector}"] = scores
     table = table.assign(operator=operator.operator, motion=operator.motion, seed=operator.seed)
     files.write_aside(
         _file(folder, operator.operator), lambda path: table.to_parquet(path, index=False)
@@ -56,10 +55,9 @@ def add_scores(folder: Path, operator: OperatorScores) -> None:
 
 
 def read_scores(folder: Path, units: int | None = None) -> OperationScores:
-    """Return the scores of a folder's operations; only of operators below `units`, if it is given.
-
-    score: float32 [operations, detectors]; NaN for a failed run. Raise StoreError if the folder has
-    no operations or a damaged file.
+    """Return the scores of a folder's operations. `units`: use the operators 0 to `units` - 1;
+    None: all. Scores are float32 [operations, detectors], NaN for a failed run. Raise StoreError if
+    the folder has no operations or a damaged file.
     """
     paths = sorted((folder / PARTS).glob("operator-*.parquet"))
     if not paths:

@@ -101,7 +101,7 @@ def _scores_of(signal: Signal) -> Iterator[Score]:
     """Yield all scores of a signal, with scales 1: its magnitude, its step, and its distance from
     other signals, each for every set of channels that are observed together.
     """
-    # The kind of each score, and the other signal of a residual.
+    # The kind of each score, and for a residual (a distance from another signal) this signal.
     kinds: list[tuple[Kind, str]] = []
     if signal.bounded:
         kinds.append(("bound", ""))

@@ -176,6 +176,7 @@ def compute_test_vector(config: CampaignConfig, monitor: Monitor, seed: int) -> 
         # The arithmetic of this CPU engine equals that of C code.
         planned = PlannedCampaign(_test_vector_campaign(config, monitor, seed, file), "simd")
         program: Any = planned.plan.program
+        # The campaign's only run, 0, in one lane: first without its fault, then with the fault.
         golden = Block(*planned.plan.lanes([0], 1, harmless=True), None)
         faulty = Block(*planned.plan.lanes([0], 1), None)
         tracer = planned.backend.tracer(program, 1)

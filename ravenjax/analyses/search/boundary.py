@@ -109,7 +109,7 @@ def find_brackets(
         if not len(active):
             return Brackets(state, low, high, changes, steps)
         steps += 1
-        # The middle is computed. The lower end is known to be harmless, the upper end harmful.
+        # Only the middle is computed: the lower end is known to be harmless, the upper end harmful.
         values = within.spaced(low[active], high[active], 3)
         # If whole numbers are more than 1 apart, a whole number lies between them.
         whole_middle = np.clip(np.rint(values[1]), low[active] + 1.0, high[active] - 1.0)
@@ -122,11 +122,11 @@ def find_brackets(
 def _bracket_first_harm(
     harm: np.ndarray, values: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return `state`, `low` and `high` of `Brackets`.
-
-    `values`: ascending [values, cells]. `harm` of each: 1 harm, 0 no harm, NaN no valid outcome.
+    """Return `state`, `low` and `high` of `Brackets`. `values`: ascending [values, cells]. `harm`
+    of each: 1 harm, 0 no harm, NaN no valid outcome.
     """
     is_harmful = harm == 1.0
+    # 0 also in a cell without harm. Only cells in state CROSSING use the value before, first - 1.
     first = np.argmax(is_harmful, axis=0)
     cells = np.arange(harm.shape[1])
     state = np.where(~is_harmful.any(axis=0), NEVER, np.where(first == 0, ALWAYS, CROSSING))
@@ -147,6 +147,7 @@ def _list_changes(harm: np.ndarray, values: np.ndarray) -> tuple[tuple[float, fl
 
 def expected_runs(template: Template, search: Boundary) -> int:
     """Return the approximate number of runs: of the scan and of the bisection in every cell."""
+    # The template has one input: the size of the fault's value, uniform or loguniform.
     low, high = template.axis(0).values
     log = template.axis(0).kind == "loguniform"
     # Each step of the bisection halves an interval of the scan, until it is narrow enough.

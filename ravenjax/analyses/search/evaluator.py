@@ -50,7 +50,7 @@ class Evaluator:
         """
         self.template, self.wanted = template, tuple(wanted)
         self._computes_margins = margins
-        # One run per case: settings that select code are equal for all points.
+        # One run per case is enough to compile the code that computes all points.
         self._plan = plan.make_plan(template.config)
         complaints = [text for outcome in wanted for text in outcome.complaints(self._plan.shape)]
         if complaints:
@@ -58,6 +58,7 @@ class Evaluator:
             raise UserError("\n".join(f"{source}search: {complaint}" for complaint in complaints))
         self.engine = compile_cache.cached_engine(engine, self._plan.program.setup.precision)
         self.batches = 0
+        # `use_journal` replaces this, when the number of runs is known.
         self.progress = self._progress(1, None, 0, ())
         self._journal: Journal | None = None
         self._computation: Computation | None = None
@@ -68,9 +69,8 @@ class Evaluator:
         self._requested = pd.Index(np.zeros(0, np.uint64))
 
     def use_journal(self, journal: Journal, expected: int, on_progress: OnProgress | None) -> None:
-        """Store runs in `journal`, and use the runs that it contains.
-
-        `expected`: approximate number of runs of the search, for the progress.
+        """Store runs in `journal`, and use the runs that it contains. `expected`: approximate
+        number of runs of the search, for the progress.
         """
         self._journal = journal
         for rows in journal.tables:
@@ -98,9 +98,9 @@ class Evaluator:
         return len(self._requested)
 
     def __call__(self, case: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Return the outcomes [n, outcomes] of points: case [n] and values [n, inputs] of the axes.
+        """Return the outcomes [n, outcomes] of points: case [n] and values [n, inputs].
 
-        Only points that were not computed before are computed.
+        Only points that were not computed before are computed, and equal points only once.
         """
         points, point_index = np.unique(
             np.column_stack([case, values]), axis=0, return_inverse=True
@@ -108,6 +108,7 @@ class Evaluator:
         campaign = self.template.campaign(points[:, 0].astype(np.int64), points[:, 1:])
         rows = design.table_columns(campaign)
         ids = rows["run_id"].to_numpy()
+        # `get_indexer` returns -1 for an id that the index does not contain.
         first_requests = ids[self._requested.get_indexer(ids) < 0]
         if len(first_requests):
             self._requested = self._requested.append(pd.Index(first_requests))
@@ -122,27 +123,28 @@ class Evaluator:
         stored_rows = self._computed.get_indexer(self._requested)
         numbers = np.arange(self.runs, dtype=np.int32)
         table = parts.concatenate_parts(self._tables).iloc[stored_rows]
+        # A search has no crossed parameters, so each run is its own pair.
         return schema.conform_table(table.assign(index=numbers, pair=numbers), self._plan.shape)
 
     def _compute_runs(self, rows: pd.DataFrame):
         # Computes the runs as a campaign does, and stores each finished part in the journal. A part
         # is a chunk of consecutive rows. The engine computes it in smaller blocks.
-        ready = self._plan_rows(rows)
-        size = parts.rows_of_a_part(ready.runs)
+        planned = self._plan_rows(rows)
+        size = parts.rows_of_a_part(planned.runs)
         tables = []
-        starts = range(0, ready.runs, size)
-        chunks = [range(start, min(start + size, ready.runs)) for start in starts]
-        computation = self._computation_of(ready)
+        starts = range(0, planned.runs, size)
+        chunks = [range(start, min(start + size, planned.runs)) for start in starts]
+        computation = self._computation_of(planned)
         with interruption.delay_signals(), contextlib.closing(computation.blocks(chunks)) as blocks:
             for part in memory_windows.assemble_parts(chunks, blocks):
                 done = finish_chunk(
-                    ready, part, lambda columns: schema.conform_table(columns, self._plan.shape)
+                    planned, part, lambda columns: schema.conform_table(columns, self._plan.shape)
                 )
                 tables.append(done.packed)
                 if self._journal is not None:
                     self._journal.add(done.packed)
                 self.progress.count_part(len(done.rows), done.failures)
-        self._add_runs(ready.rows["run_id"].to_numpy(), tables)
+        self._add_runs(planned.rows["run_id"].to_numpy(), tables)
 
     def _add_runs(self, ids: np.ndarray, tables: Sequence[pa.Table]):
         # Adds computed runs to the known runs. ids: run ids of all rows of the tables.
@@ -171,6 +173,7 @@ class Evaluator:
         golden = plan.number_golden_runs(varied, len(rows))
         order = np.argsort(golden, kind="stable")
         numbers = np.arange(len(rows), dtype=np.int32)
+        # A search has no crossed parameters, so each run is its own pair.
         rows = rows.take(order).assign(index=numbers, pair=numbers)
         return dataclasses.replace(
             base,
@@ -180,13 +183,14 @@ class Evaluator:
             golden=golden[order],
         )
 
-    def _computation_of(self, ready: Plan) -> Computation:
+    def _computation_of(self, planned: Plan) -> Computation:
         """Return the computation for a plan. It is compiled for the first plan and then reused."""
         if self._computation is None:
-            self._computation = Computation(ready, self.engine, self.progress)
-        computation = self._computation.of(ready)
-        # Blocks with fewer runs distribute a small batch over all threads.
-        runs_per_thread = math.ceil(ready.runs / computation.threads)
+            self._computation = Computation(planned, self.engine, self.progress)
+        computation = self._computation.of(planned)
+        # Smaller blocks distribute a small batch over all threads. The kernel is copied, because
+        # the next plan may need larger blocks.
+        runs_per_thread = math.ceil(planned.runs / computation.threads)
         kernel = computation.kernel = copy.copy(computation.kernel)
         kernel.lanes = min(kernel.lanes, kernel.size(min(runs_per_thread, kernel.lanes)))
         return computation

@@ -69,9 +69,8 @@ def find(
 
 
 def _analyse_outcome(values: np.ndarray, analyse: Analyse) -> dict[str, Any]:
-    """Return mean, standard deviation, number of invalid runs and indices of one outcome.
-
-    The indices are None if a run is invalid or all values are equal.
+    """Return mean, standard deviation, number of invalid runs and indices of one outcome. The
+    indices are None if a run is invalid or all values are equal.
     """
     invalid = int(np.count_nonzero(~np.isfinite(values)))
     mean = deviation = math.nan
@@ -141,6 +140,7 @@ def _morris_chart(title: str, names: tuple[str, ...], indices: Indices) -> Chart
     # Returns a chart of Morris effects: mean absolute effect and standard deviation of each input.
     mean, deviation = indices["mu_star"], indices["sigma"]["value"]
     end = 1.08 * float(max(mean["high"].max(), deviation.max()))
+    # Each input is a series with one dot, so its arrays have one number.
     dots = tuple(
         Dots(
             name,

@@ -47,12 +47,16 @@ class Journal:
                 raise
             except StoreError as error:
                 self.notes += (folder.set_aside(out, path.name, str(error)),)
-        self._next = max((parts.row_range(path)[1] + 1 for path in part_files), default=0)
+        last_rows = (parts.row_range(path)[1] for path in part_files)
+        self._next_row = 1 + max(last_rows, default=-1)
 
     def add(self, rows: pa.Table) -> None:
         """Store finished runs (rows of the result table). Raise StoreError if that fails."""
-        numbers = pa.array(range(self._next, self._next + len(rows)), pa.int32())
-        self._next += len(rows)
+        # Rows are numbered in the order in which they are stored. A search has no crossed
+        # parameters, so each run is its own pair.
+        end = self._next_row + len(rows)
+        numbers = pa.array(range(self._next_row, end), pa.int32())
+        self._next_row = end
         for name in ("index", "pair"):
             index = rows.schema.get_field_index(name)
             rows = rows.set_column(index, rows.schema.field(index), numbers)

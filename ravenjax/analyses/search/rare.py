@@ -37,22 +37,24 @@ def find(template: Template, search: Rare, evaluator: Evaluator, _: Path) -> dic
     seed, inputs = template.config.campaign.seed, len(template.inputs)
     records = []
     for case in range(template.cases):
-        margins = []
-        # g appends the margins of its runs to the list.
-        g = _limit_state(template, evaluator, case, margins)
+        distances = []
+        # g appends the distances of its runs from the event to the list.
+        g = _limit_state(template, evaluator, case, distances)
         plain = monte_carlo(g, inputs, search.check, seed=seed) if search.check else None
-        plain_margins = np.concatenate([np.zeros(0), *margins])
-        margins.clear()
+        plain_distances = np.concatenate([np.zeros(0), *distances])
+        distances.clear()
         subset = subset_simulation(g, inputs, search.runs, share=1.0 / search.steps, seed=seed + 1)
-        all_margins = np.concatenate([plain_margins, *margins])
+        all_distances = np.concatenate([plain_distances, *distances])
+        # Without a `check`, `plain` and all numbers computed from it are None. The estimates are
+        # consistent if their intervals overlap.
         records.append(
             {
                 "case": template.case(case),
                 "subset": _json_values(subset),
                 "monte_carlo": plain and _json_values(plain),
                 "consistent": plain and subset.low <= plain.high and plain.low <= subset.high,
-                "invalid": int(np.count_nonzero(all_margins >= INVALID_DISTANCE)),
-                "exceedance": _exceedance(plain_margins, search),
+                "invalid": int(np.count_nonzero(all_distances >= INVALID_DISTANCE)),
+                "exceedance": _exceedance(plain_distances, search),
                 "reached": _level_values(subset, search),
             }
         )
@@ -72,9 +74,8 @@ def find(template: Template, search: Rare, evaluator: Evaluator, _: Path) -> dic
 def _limit_state(
     template: Template, evaluator: Evaluator, case: int, distances: list[np.ndarray]
 ) -> LimitState:
-    """Return the function g that maps points [n, inputs] to their distances from the event [n].
-
-    The event happened if the distance is at most 0. g appends its results to `distances`.
+    """Return the function g that maps points [n, inputs] to their distances from the event [n]. The
+    event happened if the distance is at most 0. g appends its results to `distances`.
     """
 
     def g(points: np.ndarray) -> np.ndarray:
@@ -99,12 +100,12 @@ def _column_value(distance: np.ndarray, search: Rare) -> np.ndarray:
 
 def _exceedance(distances: np.ndarray, search: Rare) -> dict[str, list[float]]:
     """Return values of the event's column, and for each value the share of plain Monte Carlo runs
-    that were at least as near to the event. distances: of these runs.
+    that were at least as near to the event. distances: of these runs from the event.
     """
     valid = np.sort(distances[distances < INVALID_DISTANCE])
     if not len(valid):
         return {"value": [], "probability": []}
-    # More points of the curve near the event.
+    # The curve has more points near the event, where runs are rare.
     ranks = np.geomspace(1, len(valid), min(CURVE_POINTS, len(valid))).astype(int)
     index = np.unique(ranks) - 1
     return {
@@ -115,7 +116,7 @@ def _exceedance(distances: np.ndarray, search: Rare) -> dict[str, list[float]]:
 
 def _level_values(result: RareEvent, search: Rare) -> list[dict[str, float]]:
     """Return value and probability of each level of the subset simulation, the event last."""
-    # Each level is reached by the share 1 / steps of the runs of the level before.
+    # The share 1 / steps of the runs of a level reach the next one. The event has the distance 0.
     distances = [level for level in result.levels if level > 0.0]
     probabilities = [search.steps ** -(i + 1.0) for i in range(len(distances))]
     return [
@@ -136,9 +137,9 @@ def draw(numbers: dict[str, Any]) -> list[Chart]:
         levels = [level for level in record["reached"] if level["probability"] > 0.0]
         level_value = np.array([level["value"] for level in levels])
         probability = np.array([level["probability"] for level in levels])
-        is_reached = subset["probability"] > 0.0
+        has_dot = subset["probability"] > 0.0
         event, value, low, high = (
-            np.array([number] if is_reached else [])
+            np.array([number] if has_dot else [])
             for number in (numbers["bound"], subset["probability"], subset["low"], subset["high"])
         )
         name = f"subset simulation, {subset['runs']} runs"

@@ -20,6 +20,7 @@ def describe_inputs(inputs: Sequence[Mapping[str, Any]]) -> str:
     """Return the inputs of `Template.describe_inputs` and their distributions as text."""
     parts = []
     for values in inputs:
+        # `drawn` is a table with one key, such as {"uniform": [-2000, 2000]}.
         kind, numbers = next(iter(values["drawn"].items()))
         unit = f" {values['unit']}" if values["unit"] else ""
         text = ", ".join(f"{number:g}" for number in numbers)
@@ -41,9 +42,8 @@ def describe_case(case: Mapping[str, Any]) -> str:
 def group_series(
     records: list[dict[str, Any]], along: str
 ) -> dict[tuple[tuple[str, Any], ...], list[dict[str, Any]]]:
-    """Return the records of cells, grouped by all values of their cell except the one of `along`.
-
-    A group's key consists of these (name, value).
+    """Return the records in groups. The cells of a group differ only in their value of `along`. A
+    group's key consists of (name, value) of each value in which its cells are equal.
     """
     groups: dict[tuple[tuple[str, Any], ...], list[dict[str, Any]]] = {}
     for record in records:

@@ -204,7 +204,7 @@ def _period(model: mujoco.MjModel) -> tuple[int, int]:
     whole number of milliseconds that consists of whole time steps. Raises UserError.
     """
     step_ms = model.opt.timestep * 1e3
-    # If a step is n / d ms, then d steps are n ms.
+    # If a step is n / d ms, as 2 / 5 ms, then d steps are n ms. No smaller number is whole.
     period = float(Fraction(step_ms).limit_denominator(LONGEST_MS).numerator)
     if "period_ms" in (model.numeric(k).name for k in range(model.nnumeric)):
         period = float(model.numeric("period_ms").data[0])
@@ -221,16 +221,17 @@ def _period(model: mujoco.MjModel) -> tuple[int, int]:
 
 def _driven(model: mujoco.MjModel, a: int, joints: list[int], kinds: list[str]) -> int:
     """Return the index in `joints` of the joint that actuator `a` drives. Raises UserError. joints:
-    numbers in the model. kinds: kind of the actuator found for each of them; "": none.
+    numbers in the model. kinds: kind of the actuator found so far for each of them; "": none.
     """
     name = model.actuator(a).name or f"number {a}"
-    kinds_of = model.actuator_trntype, model.actuator_dyntype, model.actuator_gaintype
-    if any(kind[a] != 0 for kind in kinds_of) or model.actuator_biastype[a] not in (0, 1):
+    # Type 0 is: transmission to a joint, no dynamics, fixed gain, no bias. Bias type 1 is affine.
+    types = model.actuator_trntype, model.actuator_dyntype, model.actuator_gaintype
+    if any(types_of[a] != 0 for types_of in types) or model.actuator_biastype[a] not in (0, 1):
         raise UserError(
             f"actuator {name}: expected one of <position>, <velocity> and <motor> on a joint,"
             " without dynamics"
         )
-    place = joints.index(int(model.actuator_trnid[a, 0]))
-    if kinds[place]:
+    index = joints.index(int(model.actuator_trnid[a, 0]))
+    if kinds[index]:
         raise UserError(f"actuator {name}: its joint has two actuators, expected only one")
-    return place
+    return index

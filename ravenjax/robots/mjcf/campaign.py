@@ -56,8 +56,8 @@ class Operator(Section):
         keys_fit = has_path_alone if self.motion == "tip" else not path_keys
         if not keys_fit:
             raise ValueError("motion 'tip' takes tip or file; 'sines' takes seed, amplitude and hz")
+        # All rows have 4 numbers, or 8 with a quaternion, which may not be zero.
         sizes = {len(row) for row in self.tip}
-        # A quaternion of zeros is no orientation.
         has_orientations = all(any(row[4:]) for row in self.tip)
         if sizes not in (set(), {4}) and not (sizes == {8} and has_orientations):
             raise ValueError("tip: expected rows of [time_s, x, y, z]; qw, qx, qy, qz may follow")
@@ -73,7 +73,7 @@ class Config(CampaignConfig):
     )
 
     def with_files(self, folder: Path) -> CampaignConfig:
-        """Return the campaign with the content of its files."""
+        """Return the campaign with absolute paths of Python files, and the tip's path of `file`."""
         config, file = super().with_files(folder), self.operator.file
         if file is None:
             return config
@@ -101,28 +101,32 @@ class Config(CampaignConfig):
             ),
         )
         home = mechanism.tip_position(arm.mechanism, arm.home)
-        place = ", ".join(f"{round(float(x), 4) + 0:g}" for x in home)
-        yield "tip", f"site {arm.tip}, at {place} m in the home position"
-        sines = f"sines of {operator.amplitude:g} of the ranges, {operator.hz:g} Hz at the mean"
+        # `+ 0` writes 0 for -0.
+        position = ", ".join(f"{round(float(x), 4) + 0:g}" for x in home)
+        yield "tip", f"site {arm.tip}, at {position} m in the home position"
         yield "tick", f"{arm.period_ms} ms, time steps of the model: {arm.steps}"
+        sines = f"sines of {operator.amplitude:g} of the ranges, {operator.hz:g} Hz at the mean"
         yield "operator", f"tip through {len(operator.tip)} places" if operator.tip else sines
 
     def complaints(self) -> Iterator[Complaint]:
-        """See `CampaignConfig.complaints`."""
+        """Yield (key, message) of mistakes, as `CampaignConfig.complaints` does."""
         yield from super().complaints()
         for number, detector in enumerate(self.detector):
             if detector.file is None:
-                yield ("detector", number, "kind"), "an arm runs detectors with a file only"
-        # A campaign without faults only lists parameters, so it needs no gains.
+                yield ("detector", number, "kind"), "an arm supports only detectors with a file"
+        # Without a fault, a campaign may serve only to list parameters, so it needs no gains.
         motors = self._without_gain("motor")
         if motors and any(group.fault for group in self.group):
-            reason = f"nothing else holds {', '.join(motors)}; write kp, and kd for damping"
-            yield ("parameters", f"kp.{motors[0]}"), f"expected a gain: {reason}"
+            reason = f"a <motor> alone does not hold its joint ({', '.join(motors)}) at a set point"
+            message = f"expected a gain: {reason}; write kp, and kd for damping"
+            yield ("parameters", f"kp.{motors[0]}"), message
 
     def notices(self) -> Iterator[Complaint]:
-        """See `CampaignConfig.notices`."""
+        """Yield (key, message) of what a user may not expect, as `CampaignConfig.notices` does."""
         yield from super().notices()
         axes = self.axes_by_path
+        # A path is a check's name, or also names a joint: `tracking`, `tracking.elbow`. The joints'
+        # ranges, which the model has, are the limits of `joint_limit`.
         limited = {path.partition(".")[0] for path in axes}
         for name in sorted(self.robot.checks.keys() - {"joint_limit"} - limited):
             yield ("parameters", name), f"the check {name} has no limit, so it never trips"
@@ -137,20 +141,24 @@ class Config(CampaignConfig):
                 )
         tip = self.operator.tip
         if tip and tip[-1][0] > self.campaign.duration_s:
-            yield ("operator", "tip"), "the run ends before its last place"
+            yield ("operator", "tip"), "the run ends before the time of the path's last place"
         for joint in self._without_gain("velocity", "motor"):
             yield ("parameters", f"kp.{joint}"), "no gain: nothing holds the joint at its set point"
         robot = "campaign", "robot"
         for joint, _, home, low, high in self._joints():
             if not low <= home <= high:
                 yield robot, f"home of {joint} is {home:.4g}, not in {low:.4g} to {high:.4g}"
-        if (step_ms := self._arm.mechanism.timestep * 1e3) < 0.999:
-            yield robot, f"time steps of {step_ms:g} ms, but the controller runs once a ms"
-        if self._arm.integrator:
+        arm = self._arm
+        step_ms = arm.mechanism.timestep * 1e3
+        # A time step of 1 ms may be rounded.
+        if step_ms < 0.999:
+            message = f"time steps of {step_ms:g} ms, but the controller runs once in"
+            yield robot, f"{message} {arm.period_ms} ms"
+        if arm.integrator:
             yield (
                 robot,
-                f"the model has integrator {self._arm.integrator}; this has no effect, because an"
-                " arm moves with the integrator implicitfast",
+                f"the model has integrator {arm.integrator}; this has no effect, because an arm"
+                " moves with the integrator implicitfast",
             )
 
     @property
@@ -164,6 +172,7 @@ class Config(CampaignConfig):
         return zip(self.robot.joints, arm.kinds, arm.home, arm.lower, arm.upper, strict=True)
 
     def _without_gain(self, *kinds: str) -> list[str]:
+        # Returns the joints whose actuator is of one of these kinds and for which no kp is written.
         return [
             joint
             for joint, kind, *_ in self._joints()
@@ -180,22 +189,25 @@ class Config(CampaignConfig):
 def prepare(
     config: Any, varied: Mapping[str, np.ndarray], injection: Injection, precision: Precision
 ) -> Prepared:
-    """Prepare a campaign; see `ravenjax.campaign.prepared`."""
-    arm, never = config.robot.arm, Vec.full(len(config.robot.joints), UNLIMITED)
+    """Return setup, default parameters and motion of a campaign. varied: values of the parameters
+    that differ between runs, which are not needed.
+    """
+    arm, unlimited = config.robot.arm, Vec.full(len(config.robot.joints), UNLIMITED)
     setup = ArmSetup(robot=config.robot, **shared_choices(config, injection, precision))
     move = _along if config.operator.tip else _sines
+    # The set points of each joint in each tick.
     columns = move(config.operator, config.robot, config.campaign.ticks)
     thresholds = tuple(thresholds for _, _, thresholds in config.detectors)
     params = Params(
         start=Vec(float(column[0]) for column in columns),
         lower=arm.lower.map(max, -UNLIMITED),
         upper=arm.upper.map(min, UNLIMITED),
-        tracking=never,
-        velocity=never,
+        tracking=unlimited,
+        velocity=unlimited,
         watchdog=UNLIMITED,
-        sensor=never,
+        sensor=unlimited,
         sensor_ms=0.0,
-        effort=never,
+        effort=unlimited,
         effort_ms=0.0,
         kp=arm.stiffness,
         kd=arm.damping,
@@ -212,18 +224,22 @@ RAMP_S = 0.5
 
 
 def _sines(operator: Operator, robot, ticks: int) -> tuple[np.ndarray, ...]:
-    """Return the set points of each joint, float32 [ticks]."""
+    """Return the set points of each joint, float32 [ticks]: sines around its home position."""
     arm = robot.arm
     rng = np.random.default_rng(operator.seed)
     time_s = np.arange(ticks) * robot.period_ms / 1e3
-    ramp = np.clip(time_s / RAMP_S, 0, 1)
-    ramp = ramp**2 * (3 - 2 * ramp)
+    # The amplitude grows smoothly from 0 to its value.
+    share = np.clip(time_s / RAMP_S, 0, 1)
+    share = share**2 * (3 - 2 * share)
     columns = []
     for home, low, high in zip(arm.home, arm.lower, arm.upper, strict=True):
-        way = operator.amplitude * (high - low if np.isfinite(high - low) else 2 * np.pi)
+        amplitude = operator.amplitude * (high - low if np.isfinite(high - low) else 2 * np.pi)
+        # The sign is the direction in which the joint begins to move.
         hz = operator.hz * rng.uniform(0.5, 1.5) * rng.choice((-1, 1))
-        middle = np.clip(home, low + way, high - way)
-        columns.append((middle + way * ramp * np.sin(2 * np.pi * hz * time_s)).astype(np.float32))
+        # Moved away from the ends of the range, so that the sine stays inside.
+        middle = np.clip(home, low + amplitude, high - amplitude)
+        sine = np.sin(2 * np.pi * hz * time_s)
+        columns.append((middle + amplitude * share * sine).astype(np.float32))
     return tuple(columns)
 
 

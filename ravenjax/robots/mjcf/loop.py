@@ -124,6 +124,7 @@ def init(setup: ArmSetup, params: Params) -> State:
         checks=(check.init(setup),) * len(setup.robot.checks),
         detectors=detectors.init(setup, params.detectors),
         haptics=haptics.init(setup),
+        # True tip in m, and measured tip in um.
         monitor=monitor.init(setup, (tip,), (tip * 1e6,)),
     )
 
@@ -259,11 +260,13 @@ def _move(
 def _control(
     arm: Arm, params: Params, gravity_share, jpos: Vec, jvel: Vec, command: Vec, before: Vec
 ) -> Vec:
-    """Return the forces of the actuators, without limits. They contain a share (0 to 1) of the
-    forces that balance gravity. before: command of the last tick.
+    """Return the forces of the actuators, without limits: gain strength control + bias - stiffness
+    position - damping velocity, plus `gravity_share` (0 to 1) of the forces that balance gravity.
+    before: command of the last tick.
     """
 
     def control_of(kind: str, position, velocity, goal, last_goal, kp, kd) -> Scalar:
+        # Returns the input of an actuator: a position, a velocity, or for a motor a force.
         if kind == "position":
             return goal
         correction = (goal - position) * kp
@@ -275,16 +278,17 @@ def _control(
     strength, stiffness, damping = _gains(arm, params)
     force = plus(arm.gain.map(mul, strength).map(mul, control.map(clamp, *arm.control)), arm.bias)
     force = minus(minus(force, stiffness.map(mul, jpos)), damping.map(mul, jvel))
-    held = mechanism.gravity_torque(arm.mechanism, jpos)
+    weight = mechanism.gravity_torque(arm.mechanism, jpos)
     # A joint without an actuator has no force: a zero of the type of the others.
     return Vec(
-        f + mul(gravity_share, h) if kind else 0.0 * h
-        for kind, f, h in zip(arm.kinds, force, held, strict=True)
+        f + mul(gravity_share, w) if kind else 0.0 * w
+        for kind, f, w in zip(arm.kinds, force, weight, strict=True)
     )
 
 
 def _gains(arm: Arm, params: Params) -> list[Vec]:
-    """Return the actuators' forces for each unit of control, position and velocity."""
+    """Return the gains of the actuators' forces: of the control, the position and the velocity."""
+    # The gains kp and kd of a motor are already part of its control, a PD controller's force.
     rows = (
         {"position": (kp, kp, kd), "velocity": (kd, 0.0, kd)}.get(kind, (1.0, 0.0, 0.0))
         for kind, kp, kd in zip(arm.kinds, params.kp, params.kd, strict=True)
@@ -339,8 +343,8 @@ def act(
 ) -> tuple[Params, State]:
     """Return parameters and state with the action: stop the arm, or keep the last good set points.
 
-    takes: for each action, whether it is taken in this tick. now and begins: not used; other
-    robots have actions that depend on time.
+    takes: for each action, whether it has been taken. good: last set points from before the fault's
+    first effect. now and begins: not used; other robots have actions that depend on time.
     """
     stopped = state.stopped | takes["stop"]
     return replace(params, held=(takes["hold"], good)), replace(state, stopped=stopped)

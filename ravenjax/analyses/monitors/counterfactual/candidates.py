@@ -126,10 +126,8 @@ def list_single_channels(scores: Sequence[Score]) -> list[Candidate]:
 
 def scale_candidates(scores: Sequence[Score], peaks: np.ndarray) -> list[Candidate]:
     """Return a candidate for each score and each number of CONSECUTIVE_TICKS. The scale of a
-    channel is the channel's largest value in fault-free motion.
-
-    `peaks`: these values in the order of `list_single_channels`: for each channel, one value per
-    number of CONSECUTIVE_TICKS.
+    channel is the channel's largest value in fault-free motion. `peaks`: these values in the order
+    of `list_single_channels`: for each channel, one value per number of CONSECUTIVE_TICKS.
     """
     channel_peaks = np.maximum(peaks, SMALLEST_SCALE).reshape(-1, len(CONSECUTIVE_TICKS))
     candidates, first = [], 0

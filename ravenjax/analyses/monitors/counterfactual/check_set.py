@@ -118,9 +118,8 @@ class Evidence(NamedTuple):
         return calibrate_margin(motions, self.question.false_alarms_per_hour)
 
     def lead_times(self, indices: Sequence[int], margin_index: int) -> np.ndarray:
-        """Return the time from the first alarm of a set to the harm, ms [runs].
-
-        indices: the candidates of the set. margin_index: index of the set's margin in MARGINS.
+        """Return the time from the first alarm of a set to the harm, ms [runs]. indices: the
+        candidates of the set. margin_index: index of the set's margin in MARGINS.
         """
         return self.faults.lead_ms[:, list(indices), margin_index].max(axis=1)
 
@@ -143,11 +142,11 @@ class Evidence(NamedTuple):
         return select_greedily(in_time, self.question.most, min_gain=MIN_GAIN)
 
     def coverage_of_new_groups(self) -> Rate | None:
-        """Return the share of faults that a set of checks detects which was selected without faults
-        of their group; None if there is only one group.
+        """Estimate the coverage of kinds of faults that are unknown so far.
 
-        For each group, a set is selected by the faults of all other groups. The share estimates the
-        coverage of kinds of faults that are unknown so far. The interval is over groups.
+        For each group, a set of checks is selected by the faults of all other groups. The result is
+        the share of the test half's faults that are detected in time by the set that was selected
+        without their group; None if there is only one group. The interval is over groups.
         """
         group = self.faults.group
         if len(np.unique(group)) < 2:
@@ -164,6 +163,7 @@ class Evidence(NamedTuple):
         """Return the share of the test half's faults that each of RANDOM_SETS random sets of `size`
         candidates detects in time, [RANDOM_SETS].
         """
+        # The number 2 separates these draws from others with the same seed.
         rng = np.random.default_rng([self.question.seed, 2])
         candidates = self.faults.lead_ms.shape[1]
         sets = [rng.choice(candidates, size, replace=False) for _ in range(RANDOM_SETS)]
@@ -187,9 +187,9 @@ def calibrate_margin(motions: FreeMotion, per_hour: float) -> Margin:
     margin keeps the target, the result is the smallest margin with the lowest bound.
     """
     motion_count, runs = motions.peaks.shape
-    hours = float(motions.hours.sum(axis=1).mean())
+    hours_per_motion = float(motions.hours.sum(axis=1).mean())
     alarms = [int((motions.peaks > np.float32(margin)).sum()) for margin in MARGINS]
-    rates = [(count + runs) / (motion_count + 1) / hours for count in alarms]
+    rates = [(count + runs) / (motion_count + 1) / hours_per_motion for count in alarms]
     # A rate that equals the limit except for rounding keeps the limit.
     limit = max(per_hour, min(rates)) * (1 + 1e-12)
     index = next(index for index, rate in enumerate(rates) if rate <= limit)
@@ -202,7 +202,7 @@ def false_alarm_rate(motions: FreeMotion, margin: float) -> AlarmRate:
     A run counts at most one alarm. If a motion has several runs, they are not independent. The
     interval is then that of a count of motions, in the hours of one run per motion. For its upper
     end, motions with an alarm in any run are counted. For its lower end, the number of alarms is
-    divided by the runs per motion and rounded down, because a motion has at most so many alarms.
+    divided by the runs per motion and rounded down, as if motions had an alarm in each run or none.
     """
     runs = motions.peaks.shape[1]
     alarmed = motions.peaks > np.float32(margin)

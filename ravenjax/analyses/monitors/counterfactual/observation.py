@@ -68,8 +68,9 @@ def plan_motions(raw: Nested, hours: float) -> MotionSchedule:
     """
     fault_free.require_new_motions(raw)
     _, campaign = next(fault_free.fault_free_campaigns(raw, SHORTEST_S))
-    # A motion has several runs if the campaign has several robots. The motions share the hours.
+    # A motion has several runs if the campaign has several robots.
     runs = design.count_rows(validate_tables(campaign))
+    # Length of a run if MIN_MOTIONS motions share the hours.
     needed_s = math.ceil(hours * 3600 / (MIN_MOTIONS * runs))
     seconds = int(np.clip(needed_s, SHORTEST_S, LONGEST_S))
     # In its first seconds the robot is not live, so a check cannot raise an alarm.
@@ -154,6 +155,7 @@ class EvadingFaults(NamedTuple):
 
         All runs of a unit are in the same half. If units are faults, each group is divided.
         """
+        # The number 1 separates these draws from others with the same seed.
         rng = np.random.default_rng([seed, 1])
         selection = np.zeros(self.count, bool)
         # A robot has faults of several groups, so robots are divided as one stratum.

@@ -112,7 +112,7 @@ def detector_names(finding: Counterfactual) -> list[str]:
 def campaign_with_set(finding: Counterfactual) -> str:
     """Return the campaign as TOML, with the selected set as additional detectors."""
     raw: dict[str, Any] = finding.config.model_dump(mode="json", exclude_defaults=True)
-    # The length of a name is limited.
+    # A name has at most 100 letters.
     raw["campaign"]["name"] = f"{finding.config.campaign.name[:90]}_watched"
     added = [
         {
@@ -150,11 +150,9 @@ def finding_sentences(finding: Counterfactual) -> list[str]:
 
 def hours_needed(per_hour: float, runs: int = 1) -> float:
     """Return the hours of fault-free motion, `Question.hours`, that show a false-alarm rate of at
-    most `per_hour` if no alarm occurs, rounded up.
-
-    runs: number of runs of each motion.
+    most `per_hour` if no alarm occurs, rounded up. runs: number of runs of each motion.
     """
-    # Only half of the motions measure the rate, and the robot is not live in their first seconds.
+    # Only half of the motions measure the rate: 2. The robot is not live at their start: 0.05 more.
     return rounded_up(2.05 * runs * hours_to_bound(per_hour))
 
 

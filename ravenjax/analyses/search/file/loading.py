@@ -30,12 +30,10 @@ def load_search(path: str | Path, overrides: Sequence[str] = ()) -> SearchConfig
 def from_dict(
     raw: dict[str, Any], source: Path | None = None, text: str = "", overrides: Sequence[str] = ()
 ) -> SearchConfig:
-    """Return the search of nested tables as in a TOML file.
-
-    `source`, `text`: the file and its text, for error messages. Raise UserError for mistakes.
+    """Return the search of nested tables as in a TOML file. `source`, `text`: the file and its
+    text, for error messages. Raise UserError for mistakes.
     """
-    search_overrides = []
-    campaign_overrides = []
+    search_overrides, campaign_overrides = [], []
     for override in overriding.check_overrides(overrides):
         section = override.partition("=")[0].partition(".")[0].strip()
         if section == SECTION:

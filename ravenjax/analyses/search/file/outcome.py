@@ -78,8 +78,8 @@ class Outcome:
         """
         if self.named_event:
             table = pa.Table.from_pandas(columns[self.columns(rules)], preserve_index=False)
-            valid, cases = events.events_happened(table, [self.column], rules)
-            return np.where(valid, cases.astype(np.float64), np.nan)
+            valid, happened = events.events_happened(table, [self.column], rules)
+            return np.where(valid, happened.astype(np.float64), np.nan)
         if self.word:
             values = np.asarray(pd.Categorical(columns[self.column]) == self.word, np.float64)
         elif self.relation:
@@ -157,7 +157,7 @@ def require_event(text: str) -> str:
 
 
 def require_margin(text: str) -> str:
-    """Return `text`. Raise ValueError unless it compares a column with a number."""
+    """Return `text`. Raise ValueError unless it limits a column, not a time, by >= or <=."""
     outcome = parse_outcome(text)
     if outcome.relation not in (">=", "<=") or outcome.column.endswith(_TIMES):
         raise ValueError(

@@ -28,9 +28,8 @@ PARAMETER = -1
 
 
 def template_axes(config: CampaignConfig) -> dict[Key, Axis]:
-    """Return the values or distribution of every key of the template, including defaults.
-
-    Keys of faults come first, slot by slot, then parameters.
+    """Return the values or distribution of every key of the template, including defaults. Keys of
+    faults come first, slot by slot, then parameters.
     """
     _, axes = next(design.faults_and_axes(config, config.group[0]))
     return axes
@@ -83,7 +82,7 @@ class Template:
         )
         # For each key, its value in each case.
         self._values = {
-            key: [axis.values[place] for place in np.broadcast_to(sample.places[key], sample.runs)]
+            key: [axis.values[index] for index in np.broadcast_to(sample.places[key], sample.runs)]
             for key, axis in undrawn.items()
         }
         # Whether an input has only whole numbers, [cases, inputs].
@@ -138,6 +137,7 @@ class Template:
             # Whole values are multiples of `step`: times in ms are whole ticks of the robot.
             step = self.config.robot.period_ms if is_time else 1
             values[:, i] = np.where(is_whole[:, i], axis.at(places, whole=step), axis.at(places))
+            # A drawn duration or period is at least one tick, another drawn time at least 0.
             if is_time and not axis.listed:
                 smallest = step if name in ("duration_ms", "period_ms") else 0
                 values[:, i] = np.maximum(values[:, i], smallest)
@@ -146,8 +146,8 @@ class Template:
     def campaign(self, case: np.ndarray, values: np.ndarray) -> CampaignConfig:
         """Return the campaign whose runs are these points: case [n], values [n, inputs]."""
         group = self.config.group[0]
-        # The values of all points, for each key (slot, field) or (PARAMETER, path) that differs. A
-        # case is a combination of list values: `_values` has the value of each key in each case.
+        # Each key (slot, field) or (PARAMETER, path) that differs gets a list of values, one per
+        # point. The design "zip" makes a run of each point. `_values`: value of a key in each case.
         columns = {key: [self._values[key][c] for c in case.tolist()] for key in self.lists}
         columns |= {key: values[:, i].tolist() for i, key in enumerate(self.inputs)}
         axes = {key: Axis("list", tuple(column)) for key, column in columns.items()}
