@@ -124,9 +124,9 @@ class ResultFolder:
             self._parts.append(part)
 
     def close(self, compile_s: float, run_s: float, rows: int, notes: Sequence[str] = ()) -> None:
-        """Write into the manifest the compile time and run time (s) since the campaign was started
-        or resumed, its speed, and its notes. If it computed no rows, write only the notes. If all
-        rows are stored, also write the finish time.
+        """Write into the manifest the compile time and run time (s) since the last start, the runs
+        per second, and `notes` for the user. rows: number of rows computed since the last start; if
+        0, only the notes are written. If all wanted rows are stored, also write the finish time.
         """
         notices = tuple(dict.fromkeys((*self._manifest.notices, *notes)))
         update: dict[str, Any] = {"notices": notices}
@@ -147,11 +147,13 @@ def read_complete_manifest(path: Path) -> Manifest:
     record = manifests.read_manifest(path)
     if not record.parts:
         raise StoreError(f"{path}: contains no results yet; start or resume it with `ravenjax run`")
-    if over := parts.without_overlaps(record.parts)[1]:
+    _, overlapping = parts.without_overlaps(record.parts)
+    if overlapping:
         raise StoreError(
-            f"{path / PARTS / over[0].file}: contains runs that another file contains, too. "
-            "Start the same `ravenjax run` again, which moves one of the files away."
+            f"{path / PARTS / overlapping[0].file}: contains runs that another file contains, too."
+            " Start the same `ravenjax run` again, which moves one of the files away."
         )
+    # The manifest of a finished campaign states its time of finish.
     if record.finished is not None and record.done < record.due:
         raise StoreError(
             f"{path / manifests.PARTS_FILE}: the listed files contain {record.done} runs, but"
@@ -219,9 +221,9 @@ def _finished(file: Path, recorded: parts.Part | None, config_hash: str) -> part
 
 
 def set_aside(path: Path, name: str, why: str) -> str:
-    """Move a file to SET_ASIDE without overwriting a file. Return a sentence for the user.
+    """Move the part `name` of a result folder to its folder SET_ASIDE, and overwrite no file there.
 
-    Raise StoreError if the file cannot be moved.
+    why: the reason, as text. Return a sentence for the user. Raise StoreError if this fails.
     """
     folder = path_inside(path, SET_ASIDE)
     target, number = folder / name, 1

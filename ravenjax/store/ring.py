@@ -59,6 +59,7 @@ class Ring:
         """Append a row, uint8. Bytes beyond a shorter row keep their old values."""
         self._rows[self._written % self.capacity, : row.size] = row
         self._written += 1
+        # Readers see the row from now on.
         self._header[0] = self._written
 
     def read(self, first: int, limit: int | None = None) -> tuple[int, np.ndarray]:
@@ -103,4 +104,6 @@ def put_json(ring: "Ring", message: Json) -> None:
 def read_json(rows: np.ndarray) -> Iterator[Json]:
     """Yield the events or commands in rows that `Ring.read` returned."""
     for row in rows:
-        yield json.loads(row.tobytes().split(b"\0", 1)[0])
+        # `put_json` ends the text with a zero byte. Bytes of an earlier row may follow.
+        text, _, _ = row.tobytes().partition(b"\0")
+        yield json.loads(text)

@@ -78,9 +78,11 @@ def table_columns(shape: Shape) -> tuple[Column, ...]:
         if others:
             rows.append(Column(name, *others))
             continue
-        # A line with only a name stands for the golden run's columns of all columns before.
-        for one in [one for one in rows if kept_of_golden(one.name)]:
-            rows.append(one._replace(name=GOLDEN + one.name, meaning=f"golden run: {one.meaning}"))
+        # A line with one cell marks the place of the golden run's columns. They repeat those of the
+        # columns above that are also stored for the golden run.
+        for column in [column for column in rows if kept_of_golden(column.name)]:
+            meaning = f"golden run: {column.meaning}"
+            rows.append(column._replace(name=GOLDEN + column.name, meaning=meaning))
     return tuple(rows)
 
 
@@ -156,15 +158,16 @@ def _array(values, field: pa.Field) -> pa.Array:
         ) from error
 
 
-def word_column(places: np.ndarray, known: Sequence[str]) -> "pd.Categorical":
-    """Return words from their indices `places` in the list `known`, which may repeat words.
+def word_column(indices: np.ndarray, words: Sequence[str]) -> "pd.Categorical":
+    """Return a column of words from their indices in the list `words`, which may repeat words.
 
-    Words that occur become the categories, in the order of `known`.
+    Words that occur become the categories, in the order of the list.
     """
     import pandas as pd
 
-    codes, categories = pd.factorize(np.array(known, object))
-    return pd.Categorical.from_codes(codes[places], categories).remove_unused_categories()
+    # codes: category of each word of the list, equal for repeated words
+    codes, categories = pd.factorize(np.array(words, object))
+    return pd.Categorical.from_codes(codes[indices], categories).remove_unused_categories()
 
 
 def arrow_words(words: Any) -> pa.DictionaryArray:
@@ -192,7 +195,8 @@ def require_columns(shape: Shape, names: Sequence[str]) -> None:
 
 
 def _mismatch(missing: list[str], unknown: list[str], known: Sequence[str]) -> str:
-    # Returns a message about missing and unknown columns.
+    # Returns a message about missing and unknown columns, at most six of each. An unknown name is
+    # probably a misspelling of a missing column, or else of a column of the schema, `known`.
     parts = []
     if missing:
         parts.append(f"the result table lacks {len(missing)} column(s): {', '.join(missing[:6])}")

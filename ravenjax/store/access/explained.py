@@ -19,15 +19,17 @@ _CAMPAIGN, _CODE = b"config_hash", b"code_hash"
 
 
 def add_explained(folder: Path, ticks: pd.DataFrame, record: Manifest) -> Path:
-    """Add explained runs to the file in a folder. They replace earlier rows of the same runs.
+    """Add the table `ticks` of explained runs to the file in `folder`. Return the file's path.
 
-    Rows of other code or of another campaign are removed. Raise StoreError if writing fails.
+    The rows replace earlier rows of the same runs. Rows of other code or of another campaign are
+    removed. Raise StoreError if writing fails.
     """
-    path, own = folder / FILE, manifest.code_hash(record.robot).encode()
+    path, code_now = folder / FILE, manifest.code_hash(record.robot).encode()
     before = read_explained(folder, record)
-    if before is not None and (pq.read_schema(path).metadata or {}).get(_CODE) == own:
-        others = before.loc[~before["run_id"].isin(ticks["run_id"])]
-        ticks = pd.concat([others, ticks], ignore_index=True).sort_values("index", kind="stable")
+    if before is not None and (pq.read_schema(path).metadata or {}).get(_CODE) == code_now:
+        other_runs = before.loc[~before["run_id"].isin(ticks["run_id"])]
+        ticks = pd.concat([other_runs, ticks], ignore_index=True)
+        ticks = ticks.sort_values("index", kind="stable")
     write_rows(path, ticks, record)
     return path
 
@@ -62,10 +64,13 @@ def read_deadlines(directory: Path) -> pd.DataFrame | None:
 
 
 def write_rows(path: Path, rows: pd.DataFrame, record: Manifest) -> None:
-    """Write a table about runs of a campaign. Raises StoreError if it cannot be written."""
-    own = manifest.code_hash(record.robot).encode()
+    """Write a table about runs of a campaign, with hashes of the campaign and of the code.
+
+    Raise StoreError if it cannot be written.
+    """
+    code = manifest.code_hash(record.robot).encode()
     table = pa.Table.from_pandas(rows, preserve_index=False)
-    table = table.replace_schema_metadata({_CAMPAIGN: record.config_hash.encode(), _CODE: own})
+    table = table.replace_schema_metadata({_CAMPAIGN: record.config_hash.encode(), _CODE: code})
     write_aside(path, lambda target: pq.write_table(table, target, compression="zstd"))
 
 

@@ -48,7 +48,8 @@ NO_COMPANIONS = Companions((), ())
 def find_fault_free(folder: Path, campaign: Manifest) -> Companions:
     """Return the fault-free results in the subfolder FOLDER of a result folder, sorted by name.
 
-    campaign: manifest of the result folder. A motion that an earlier result has is excluded.
+    campaign: manifest of the result folder. A result is excluded if it belongs to another robot, or
+    repeats the motion of the campaign or of an earlier result.
     """
     parent = Path(folder) / FOLDER
     paths = sorted(path for path in parent.iterdir() if path.is_dir()) if parent.is_dir() else []
@@ -64,6 +65,7 @@ def find_fault_free(folder: Path, campaign: Manifest) -> Companions:
         why = _difference(campaign, manifest) or ("the same motion" if is_known else "")
         if why:
             excluded.append(f"{path.name}: {why}")
+        # Without parts, the folder has no finished runs yet.
         elif manifest.parts:
             motions_so_far.add(motion_of(manifest))
             motions.append(MotionFolder(path, manifest))
@@ -80,6 +82,7 @@ def motion_of(manifest: Manifest) -> str:
     # The teleoperation scale is left out, because it describes the robot: `robot_tables` has it.
     operator = _omit(manifest.config.get("operator") or {}, (SCALE,))
     campaign = manifest.config.get("campaign") or {}
+    # With this choice, the console sends a packet in every control cycle.
     usual = CHOICES[EVERY_CYCLE]
     random = campaign.get("noise") or campaign.get("packets", usual) != usual
     return json.dumps([operator, random and manifest.seed], sort_keys=True)

@@ -48,11 +48,13 @@ def hold_lock(folder: Path) -> Iterator[None]:
         except OSError as error:
             if error.errno not in (*_TAKEN, *_NO_LOCKS):
                 raise StoreError(f"{path}: cannot be locked ({error.strerror or error})") from error
+            # The file is empty if no process holds the lock, and also if the disk was full.
             holder = None
             with contextlib.suppress(ValidationError):
                 holder = Holder.model_validate_json(file.read())
             if error.errno in _TAKEN:
                 raise _refusal(folder, holder) from None
+            # Without locks, the process that the file names is taken for the holder.
             if holder is not None and _may_run(holder):
                 hint = f" This file system has no locks: if that process has ended, delete {path}."
                 raise _refusal(folder, holder, hint) from None
@@ -75,9 +77,10 @@ def _put(file, text: str):
 
 
 def _may_run(holder: Holder) -> bool:
-    # Returns whether the process may still be running. This is unknown on another computer.
+    # Returns whether the process may still run. On another computer this is unknown: True.
     try:
         if holder.host == socket.gethostname():
+            # Signal 0 does nothing, but fails if the process does not exist.
             os.kill(holder.pid, 0)
     except ProcessLookupError:
         return False
@@ -88,7 +91,7 @@ def _may_run(holder: Holder) -> bool:
 
 
 def _refusal(folder: Path, holder: Holder | None, hint: str = "") -> StoreError:
-    # Returns the error for a folder that another process has locked.
+    # Returns the error for a folder that another process has locked. hint: a further sentence.
     who = "another process"
     if holder is not None:
         who = f"process {holder.pid} on {holder.host}, started {holder.since},"
