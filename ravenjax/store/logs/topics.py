@@ -20,6 +20,7 @@ from mcap.writer import Writer
 
 from ravenjax import resources
 from ravenjax.store.logs.ros_types import HEADER, JOINT_STATE, POINT, POSE, WRENCH, MessageTypes
+from ravenjax.store.motion.resampling import continuous_turns
 from ravenjax.vocabulary.robot import Robot
 
 ARM_TOPICS = {"gold": "arm1", "green": "arm2"}
@@ -288,8 +289,8 @@ def arm_name(arm: str) -> str:
 def rotation_quaternions(rotation: np.ndarray) -> np.ndarray:
     """Return unit quaternions x, y, z, w [T, ..., 4] of rotation matrices [T, ..., 3, 3].
 
-    Rounding errors are removed. A matrix that is no rotation gives NaN. q and -q are the same
-    rotation: along the first axis, signs are chosen so that the quaternion does not jump.
+    Rounding errors are removed. A matrix that is no rotation gives NaN. Along the first axis, signs
+    are chosen so that quaternions do not jump.
     """
     # The import takes half a second. A real-time program should call this function once before.
     from scipy.spatial.transform import Rotation
@@ -300,11 +301,7 @@ def rotation_quaternions(rotation: np.ndarray) -> np.ndarray:
     valid[valid] = np.linalg.det(matrices[valid]) > 0.0
     if valid.any():
         out[valid] = Rotation.from_matrix(matrices[valid]).as_quat()
-    # The sign of a quaternion is the product of all changes of sign before it.
-    products = np.sum(out[1:] * out[:-1], axis=-1)
-    flips = np.where(products < 0.0, -1.0, 1.0)
-    out[1:] *= np.cumprod(flips, axis=0)[..., None]
-    return out
+    return continuous_turns(out)
 
 
 @functools.cache
