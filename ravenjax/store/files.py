@@ -255,9 +255,8 @@ def hash_file(path: Path) -> str:
 
 
 def megabytes(variable: str, usual: int, advice: str = ", such as 4000") -> int:
-    """Return the number of MB in an environment variable; `usual` if it is not set.
-
-    Raise UserError, whose message ends with `advice`, if it is not a positive whole number.
+    """Return the number of MB in an environment variable; `usual` if it is not set. Raise
+    UserError, whose message ends with `advice`, if it is not a positive whole number.
     """
     text = os.environ.get(variable, "").strip() or f"{usual}"
     if not text.isdecimal() or not int(text):

@@ -153,7 +153,6 @@ def read_complete_manifest(path: Path) -> Manifest:
             f"{path / PARTS / overlapping[0].file}: contains runs that another file contains, too."
             " Start the same `ravenjax run` again, which moves one of the files away."
         )
-    # The manifest of a finished campaign states its time of finish.
     if record.finished is not None and record.done < record.due:
         raise StoreError(
             f"{path / manifests.PARTS_FILE}: the listed files contain {record.done} runs, but"
@@ -181,13 +180,12 @@ def read_parts(
     """
     record = read_complete_manifest(path)
     schema.require_columns(record.shape, columns or ())
-    return threads.map_in_threads(
-        lambda part: measure(
-            parts.read_part(path / PARTS / part.file, record.config_hash, part, columns)
-        ),
-        sorted(record.parts, key=lambda part: part.first),
-        READERS,
-    )
+
+    def measured(part: parts.Part) -> Measured:
+        return measure(parts.read_part(path / PARTS / part.file, record.config_hash, part, columns))
+
+    in_order = sorted(record.parts, key=lambda part: part.first)
+    return threads.map_in_threads(measured, in_order, READERS)
 
 
 @dataclass(frozen=True)
@@ -222,7 +220,6 @@ def _finished(file: Path, recorded: parts.Part | None, config_hash: str) -> part
 
 def set_aside(path: Path, name: str, why: str) -> str:
     """Move the part `name` of a result folder to its folder SET_ASIDE, and overwrite no file there.
-
     why: the reason, as text. Return a sentence for the user. Raise StoreError if this fails.
     """
     folder = path_inside(path, SET_ASIDE)

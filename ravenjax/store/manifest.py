@@ -121,13 +121,8 @@ class Manifest(BaseModel):
         # Texts about the cue state a threshold also if the campaign declares no haptic set.
         threshold = self.cues[self.verdict_cue].threshold_mm if self.cues else PUBLISHED_CUE_MM
         built_in = built_in_column(self.shape.own_checks, self.shape.stops)
-        stopping = tuple(
-            (number, detector.name)
-            for number, detector in enumerate(self.detectors)
-            if detector.stops
-        )
-        # A harm of the campaign's file with "watch" is only reported. A harm with "replaces" takes
-        # the place of the rule that an unintended motion above `limit_mm` is a hazard.
+        stopping = tuple((k, one.name) for k, one in enumerate(self.detectors) if one.stops)
+        # A harm with "watch" is only reported. A harm with "replaces" counts instead of `limit_mm`.
         harms = [harm for harm in self.config.get("harm", ()) if harm["counts"] != "watch"]
         return Rules(
             cue=self.verdict_cue,
@@ -147,9 +142,8 @@ class Manifest(BaseModel):
 
     @property
     def failures(self) -> dict[str, int]:
-        """Number of finished runs without a valid outcome, by cause.
-
-        Files without a count (`failed` is None) add nothing.
+        """Number of finished runs without a valid outcome, by cause. Files without a count
+        (`failed` is None) add nothing.
         """
         return dict(sum((Counter(part.failed) for part in self.parts), Counter()))
 
@@ -180,9 +174,8 @@ class Manifest(BaseModel):
 
 
 def find_differences(here: Nested, other: Nested, word: str = "requested") -> list[str]:
-    """Return a line for each difference of nested values: 'path: A here, B requested'.
-
-    Values are cut to 60 characters. word: what a line calls the values of `other`.
+    """Return lines 'path: A here, B requested' for all differences, with at most 60 characters of
+    each value. word: what a line calls the values of `other`.
     """
     all_changes = find_changes(here, other)
     if any(change.path.startswith("config.") for change in all_changes):
@@ -279,9 +272,8 @@ _RESTORE = (
 
 
 def read_parts(folder: Path) -> tuple[Part, ...]:
-    """Return the files that `record_part` listed, up to the first incomplete line.
-
-    A crash may have left this line incomplete. Raise StoreError if the list cannot be read.
+    """Return the files that `record_part` listed, up to the first incomplete line. A crash may have
+    left this line incomplete. Raise StoreError if the list cannot be read.
     """
     path = folder / PARTS_FILE
     if not path.exists():
@@ -289,7 +281,6 @@ def read_parts(folder: Path) -> tuple[Part, ...]:
     with disk_errors(f"{path}: cannot be read"):
         lines = path.read_bytes().splitlines(keepends=True)
     entries = []
-    # The first line that is no record of a part ends the loop.
     with contextlib.suppress(pydantic.ValidationError):
         for line in lines:
             if line.endswith(b"\n"):
@@ -318,15 +309,13 @@ def record_part(folder: Path, part: Part) -> None:
 
 
 def join_ranges(*lists: tuple[tuple[int, int], ...] | None) -> tuple[tuple[int, int], ...] | None:
-    """Return the union of lists of row ranges (first, last inclusive), in order and disjoint.
-
-    A list that is None contains all rows, and so does the union then.
+    """Return the union of lists of row ranges (first, last inclusive), in order and disjoint. A
+    list that is None contains all rows, and so does the union then.
     """
     if any(ranges is None for ranges in lists):
         return None
     union: list[tuple[int, int]] = []
     for first, last in sorted(pair for ranges in lists if ranges is not None for pair in ranges):
-        # Ranges that overlap or touch become one range.
         if union and first <= union[-1][1] + 1:
             begin, end = union[-1]
             union[-1] = begin, max(last, end)
@@ -412,10 +401,7 @@ def code_hash(robot: Robot = robots.USUAL) -> str:
 
 
 def _flat(tree, prefix: str = "") -> dict[str, str]:
-    """Return the values of nested tables, as JSON, by path, such as `group[0].fault[1].bit`.
-
-    A list without tables is one value. prefix: path of `tree`.
-    """
+    """Return nested values as JSON by path, such as group[0].bit. A list of values is one value."""
     if isinstance(tree, dict):
         branches = {f"{prefix}.{key}" if prefix else str(key): tree[key] for key in tree}
     elif isinstance(tree, list | tuple) and any(isinstance(entry, dict) for entry in tree):

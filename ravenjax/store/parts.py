@@ -32,9 +32,7 @@ FEWEST_ROWS, MOST_ROWS = 1024, 65_536
 Fewer rows take longer to write than to compute. More rows are stored too late.
 """
 SINGLE_FACTOR, PARTS = 4, 32
-"""SINGLE_FACTOR: for the smallest number if one process computes all runs: its threads wait for the
-writer. PARTS: number of parts per process, if this gives enough rows.
-"""
+"""Factor on FEWEST_ROWS if one process computes all and waits for the writer; parts per process."""
 
 
 Row = Annotated[int, Field(ge=0, lt=10**9)]
@@ -70,7 +68,6 @@ def rows_of_a_part(runs: int, workers: int | None = 1) -> int:
     workers: number of processes that compute the campaign; None: unknown. Each process computes
     PARTS parts, unless these would have too few or too many rows.
     """
-    # The threads of a single process wait while a part is written, so its parts are larger.
     fewest = FEWEST_ROWS * (SINGLE_FACTOR if workers == 1 else 1)
     # The quotient is rounded up. An unknown number of processes counts as 2.
     rows = -(-runs // (PARTS * (workers or 2)))
@@ -93,10 +90,7 @@ def encode_part(columns: schema.Columns, shape: schema.Shape, config_hash: str) 
 
 
 def encode_table(table: pa.Table, config_hash: str) -> Encoded:
-    """Encode rows that `schema.conform_table` returned as a Parquet file.
-
-    Raise StoreError unless the column `index` increases by 1.
-    """
+    """Encode rows of `schema.conform_table` as a Parquet file. `index` must increase by 1."""
     index = table.column("index").to_numpy()
     first, last = int(index[0]), int(index[-1])
     if not np.array_equal(index, np.arange(first, first + len(index))):
@@ -272,9 +266,8 @@ def missing_rows(done: Iterable[Part], due: Iterable[range], chunk: int = 2**62)
 def without_overlaps(
     found: Sequence[Part], trusted: Collection[str] = ()
 ) -> tuple[list[Part], list[Part]]:
-    """Return (parts whose rows are disjoint, parts that share rows with one of these).
-
-    trusted: names of files that are kept rather than others.
+    """Return (parts whose rows are disjoint, parts that share rows with one of these). trusted:
+    names of files that are kept rather than others.
     """
     disjoint: list[Part] = []
     overlapping: list[Part] = []

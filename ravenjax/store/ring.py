@@ -59,7 +59,6 @@ class Ring:
         """Append a row, uint8. Bytes beyond a shorter row keep their old values."""
         self._rows[self._written % self.capacity, : row.size] = row
         self._written += 1
-        # Readers see the row from now on.
         self._header[0] = self._written
 
     def read(self, first: int, limit: int | None = None) -> tuple[int, np.ndarray]:

@@ -160,12 +160,10 @@ def _array(values, field: pa.Field) -> pa.Array:
 
 def word_column(indices: np.ndarray, words: Sequence[str]) -> "pd.Categorical":
     """Return a column of words from their indices in the list `words`, which may repeat words.
-
     Words that occur become the categories, in the order of the list.
     """
     import pandas as pd
 
-    # codes: category of each word of the list, equal for repeated words
     codes, categories = pd.factorize(np.array(words, object))
     return pd.Categorical.from_codes(codes[indices], categories).remove_unused_categories()
 

@@ -92,10 +92,7 @@ def check_rows(record: Manifest) -> FolderCheck:
 
 
 def check_values(folder: Path, record: Manifest, whole: list[parts.Part]) -> list[FolderCheck]:
-    """Check the values in complete files with rules.toml, which lists possible values.
-
-    whole: the records of these files.
-    """
+    """Check the values in the complete files `whole` with the rules for values in rules.toml."""
     if not whole:
         return []
     files = [folder / PARTS / part.file for part in whole]
@@ -105,9 +102,8 @@ def check_values(folder: Path, record: Manifest, whole: list[parts.Part]) -> lis
 
 
 def _check(table: ResultTable, record: Manifest, check: str, rules: list[dict]) -> FolderCheck:
-    # Checks all columns in one query. Each column has the first rule whose pattern "columns"
-    # matches its name, type and unit. "must" is the SQL condition of its values, "complaint" the
-    # message about other values. Braces in both stand for `terms`.
+    # Checks all columns in one query, each with the first rule whose pattern fits its name, type
+    # and unit. A rule has an SQL condition ("must"), and a message about rows that break it.
     musts, complaints = [], []
     for column in schema.table_columns(record.shape):
         field = f"{column.name} {column.dtype} {column.unit}"
@@ -123,7 +119,6 @@ def _check(table: ResultTable, record: Manifest, check: str, rules: list[dict]) 
                 "told": events.TOLD_SQL,
                 "halt_ms": verdict.HALT_MS,
             }
-            # A condition with a missing value (NULL) is not fulfilled.
             musts.append(f"coalesce({rule['must'].format(**terms)}, false)")
             complaints.append(f"{column.name}: {rule['complaint'].format(**terms)}")
     counted = (f"count(*) FILTER (NOT {must})" for must in musts)
@@ -145,7 +140,6 @@ def _differs(path: Path, part: parts.Part, shape: schema.Shape) -> str:
     wanted, actual = schema.arrow_schema(shape), footer.schema.to_arrow_schema()
     if actual.equals(wanted):
         return ""
-    # Columns of only one of the two schemas, or of a different type.
     differing = sorted({field.name for field in {*wanted} ^ {*actual}})
     names = ", ".join(differing[:MOST]) or "in another order"
     return f"{path}: has other columns than its campaign: {names}"

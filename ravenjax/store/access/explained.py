@@ -19,17 +19,16 @@ _CAMPAIGN, _CODE = b"config_hash", b"code_hash"
 
 
 def add_explained(folder: Path, ticks: pd.DataFrame, record: Manifest) -> Path:
-    """Add the table `ticks` of explained runs to the file in `folder`. Return the file's path.
+    """Add the table `ticks` of explained runs to the file in a folder, whose path is returned.
 
-    The rows replace earlier rows of the same runs. Rows of other code or of another campaign are
-    removed. Raise StoreError if writing fails.
+    Earlier rows of the same runs, and rows of other code or of another campaign, are removed. Raise
+    StoreError if writing fails.
     """
     path, code_now = folder / FILE, manifest.code_hash(record.robot).encode()
     before = read_explained(folder, record)
     if before is not None and (pq.read_schema(path).metadata or {}).get(_CODE) == code_now:
-        other_runs = before.loc[~before["run_id"].isin(ticks["run_id"])]
-        ticks = pd.concat([other_runs, ticks], ignore_index=True)
-        ticks = ticks.sort_values("index", kind="stable")
+        others = before.loc[~before["run_id"].isin(ticks["run_id"])]
+        ticks = pd.concat([others, ticks], ignore_index=True).sort_values("index", kind="stable")
     write_rows(path, ticks, record)
     return path
 
@@ -64,10 +63,7 @@ def read_deadlines(directory: Path) -> pd.DataFrame | None:
 
 
 def write_rows(path: Path, rows: pd.DataFrame, record: Manifest) -> None:
-    """Write a table about runs of a campaign, with hashes of the campaign and of the code.
-
-    Raise StoreError if it cannot be written.
-    """
+    """Write a table about runs, with hashes of campaign and code. Raise StoreError if it fails."""
     code = manifest.code_hash(record.robot).encode()
     table = pa.Table.from_pandas(rows, preserve_index=False)
     table = table.replace_schema_metadata({_CAMPAIGN: record.config_hash.encode(), _CODE: code})

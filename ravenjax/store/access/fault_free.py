@@ -24,8 +24,6 @@ SCALE = "scale"
 """The only key of [operator] that describes the robot; the other keys describe the motion."""
 _UNUSED_TABLES = ("group", "outcomes", "reaction", "stop", "cross")
 """Tables of a campaign file that do not affect fault-free motion up to the first cue."""
-REACTION = "reaction."
-"""Prefix of the paths of parameters that describe the operator's reaction to a cue."""
 
 
 class MotionFolder(NamedTuple):
@@ -65,7 +63,6 @@ def find_fault_free(folder: Path, campaign: Manifest) -> Companions:
         why = _difference(campaign, manifest) or ("the same motion" if is_known else "")
         if why:
             excluded.append(f"{path.name}: {why}")
-        # Without parts, the folder has no finished runs yet.
         elif manifest.parts:
             motions_so_far.add(motion_of(manifest))
             motions.append(MotionFolder(path, manifest))
@@ -114,4 +111,4 @@ def _omit(table: Nested, names: tuple[str, ...]) -> Nested:
 
 def without_reaction(parameters: Nested) -> Nested:
     """Return a table of parameters without those of the operator's reaction."""
-    return {path: value for path, value in parameters.items() if not path.startswith(REACTION)}
+    return {path: value for path, value in parameters.items() if not path.startswith("reaction.")}

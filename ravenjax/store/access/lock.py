@@ -48,13 +48,11 @@ def hold_lock(folder: Path) -> Iterator[None]:
         except OSError as error:
             if error.errno not in (*_TAKEN, *_NO_LOCKS):
                 raise StoreError(f"{path}: cannot be locked ({error.strerror or error})") from error
-            # The file is empty if no process holds the lock, and also if the disk was full.
             holder = None
             with contextlib.suppress(ValidationError):
                 holder = Holder.model_validate_json(file.read())
             if error.errno in _TAKEN:
                 raise _refusal(folder, holder) from None
-            # Without locks, the process that the file names is taken for the holder.
             if holder is not None and _may_run(holder):
                 hint = f" This file system has no locks: if that process has ended, delete {path}."
                 raise _refusal(folder, holder, hint) from None

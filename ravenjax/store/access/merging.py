@@ -73,8 +73,7 @@ def merge_shards(out: Path, shards: Sequence[Path], partial: bool = False) -> Me
 
 
 def _folders(out: Path, shards: Sequence[Path]) -> list[Path]:
-    # Returns the folders to merge, each once: the output folder if it already has results, and the
-    # shards. Two paths of one folder, such as a link and its target, count as one.
+    # Returns the folders to merge, each once: the output folder if it has results, and the shards.
     if not shards:
         raise StoreError(
             f"{out}: got no shards to merge; on the command line, write the result folders of the"
@@ -149,7 +148,6 @@ def _incomplete(records: dict[Path, Manifest], missing: list[range]) -> str:
     ]
     for folder, record in records.items():
         lacking = list(parts.missing_rows(record.parts, record.wanted))
-        # `rows` is None in a merged folder, for example, whose rows no single command computes.
         if record.rows is not None and lacking:
             ranges = query.in_words(lacking)
             sentences.append(f"{folder} lacks rows {ranges}: start its command again.")
@@ -193,7 +191,6 @@ def _require_own(out: Path, sources: list[PartSource]):
 
 def _joined(records: list[Manifest], sources: list[PartSource], incomplete: bool) -> Manifest:
     # Returns the manifest of the merged folder: that of the first shard, except for these values.
-    # incomplete: no shard contains some of the rows.
     ends = [record.finished for record in records if record.finished]
     finished = None if incomplete else max(ends, default=manifests.utc_now())
     seconds = [record.run_s for record in records if record.run_s]
@@ -206,10 +203,9 @@ def _joined(records: list[Manifest], sources: list[PartSource], incomplete: bool
             "device": "; ".join(dict.fromkeys(record.device for record in records)),
             "started": min(record.started for record in records),
             "finished": finished,
-            # Largest number of starts of one shard, because the shards may run at the same time.
+            # Shards may run at the same time, so their starts do not add up, and have no speed.
             "starts": max(record.starts for record in records),
             "run_s": sum(seconds) if seconds else None,
-            # The shards may have run at the same time, so the sum of times gives no speed.
             "runs_per_s": None,
         }
     )

@@ -61,10 +61,7 @@ class ResultTable(contextlib.ExitStack):
         self.connection.register(name, table)
 
     def run(self, sql: str, given: Sequence[Any] = ()) -> "duckdb.DuckDBPyConnection":
-        """Run one SQL statement. Raise StoreError if it fails.
-
-        given: values for the question marks in `sql`.
-        """
+        """Run one SQL statement; `given` replaces its question marks. May raise StoreError."""
         import duckdb
 
         try:
@@ -132,9 +129,8 @@ def whole_parts(path: Path) -> list[Path]:
 def open_empty(aside: Path | None = None, memory_mb: int | None = None) -> ResultTable:
     """Return a connection without a table.
 
-    aside: folder for temporary files, if it is writable; otherwise they are in the system's folder.
-    memory_mb: memory of DuckDB, MB; None: the environment variable RAVENJAX_QUERY_MB, else
-    MEMORY_MB.
+    aside: folder for temporary files, if it is writable; None: the system's. memory_mb: memory of
+    DuckDB, MB; None: the environment variable RAVENJAX_QUERY_MB, else MEMORY_MB.
     """
     import duckdb
 

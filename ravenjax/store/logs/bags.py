@@ -245,8 +245,7 @@ def _write(reader: "AnyReader", ros: Ros, target: Path) -> WrittenBag:
 
 
 def _shift(store: "Typestore", data: bytes, kind: str, later: int) -> Any:
-    # Returns a serialized message of type `kind` with all time stamps `later` ns later. A message
-    # of frames (/tf) has a time stamp in each of its transforms.
+    # Returns a serialized message with all time stamps, also of its transforms, `later` ns later.
     message: Any = store.deserialize_cdr(data, kind)
     for part in (message, *getattr(message, "transforms", ())):
         if hasattr(part, "header"):

@@ -49,10 +49,7 @@ class Scan:
     lost_bytes: int = 0  # number of bytes in damaged records, and after the last complete record
 
     def messages(self, topics: Collection[str] = ()) -> Iterator[Message]:
-        """Yield the messages of these topics, in the order of the file.
-
-        If the file has none of these topics, or `topics` is empty, yield all messages.
-        """
+        """Yield the messages of these topics in order, or all messages if no such topic exists."""
         wanted = {number for number, one in self.channels.items() if one.topic in topics}
         for offset in self.places:
             record = _read_record(self.data, offset)[0]
@@ -158,9 +155,8 @@ def _split(chunk: Chunk) -> Iterator[tuple[int, bytes, int, int]]:
 
 
 def _messages_of(chunk: Chunk, wanted: Collection[int]) -> Iterator[Message]:
-    """Yield the messages of a chunk on the channels `wanted` (ids; empty: all channels).
-
-    This is ten times as fast as the mcap library.
+    """Yield the messages of a chunk on the channels `wanted` (ids; empty: all channels). This is
+    ten times as fast as the mcap library.
     """
     for opcode, content, begin, end in _split(chunk):
         if opcode == Opcode.MESSAGE:
@@ -234,13 +230,10 @@ def recover_records(path: Path, out: Path | None = None) -> Recovered:
             }
             for record in scanned.messages():
                 # The chunk that defined the channel may be damaged.
-                if record.channel_id in channels:
+                channel = channels.get(record.channel_id)
+                if channel is not None:
                     writer.add_message(
-                        channels[record.channel_id],
-                        record.log_time,
-                        record.data,
-                        record.publish_time,
-                        record.sequence,
+                        channel, record.log_time, record.data, record.publish_time, record.sequence
                     )
                     times.append(record.log_time)
             writer.finish()

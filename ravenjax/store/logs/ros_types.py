@@ -49,10 +49,7 @@ class MessageTypes:
         return (0, stamp, frame) if self.ros == "ros1" else (stamp, frame)
 
     def message(self, kind: str, *values: Any) -> Any:
-        """Return a message of type `kind` with these values of its fields, in order.
-
-        The value of a field that is itself a message is the sequence of its values.
-        """
+        """Return a message from the values of its fields; a nested message is a list of values."""
         from rosbags.interfaces import Nodetype
 
         _, definitions = self.store.fielddefs[kind]
@@ -65,8 +62,7 @@ class MessageTypes:
                 parts = (float(v) if isinstance(v, np.floating) else v for v in value)
                 value = self.message(content, *parts)
             elif nodetype != Nodetype.BASE:
-                # The elements of the array are messages of type `element`, or of a simple type:
-                # then `element` is (name, limit of the length).
+                # Its elements are messages of type `element`, or simple: (name, limit of length).
                 element_type, element = content[0]
                 if element_type == Nodetype.NAME:
                     value = [self.message(element, *entry) for entry in value]

@@ -80,10 +80,7 @@ def check_series(series: Series, where: str) -> int:
 
 
 def describe_series(name: str) -> TimeSeries:
-    """Return the description of a stored series, such as gold/jpos or runlevel.
-
-    An unknown series has no unit and no meaning.
-    """
+    """Return the description of a stored series. An unknown series has no unit and no meaning."""
     arm, _, quantity = name.rpartition("/")
     if arm:
         return OF_ARM.get(quantity) or TimeSeries(quantity, "", "")

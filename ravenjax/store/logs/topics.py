@@ -72,8 +72,7 @@ class Topic(NamedTuple):
     size: int = 8  # bytes of a number
 
     def encode(self, time_ns: np.ndarray, values: np.ndarray) -> dict[int, bytes]:
-        """Return encoded messages by tick. time_ns: int64 [T]. values: [T, k], numbers in the order
-        of `spans`.
+        """Return messages by tick. time_ns: int64 [T]. values: [T, k] in the order of `spans`.
 
         A pose, point or frame that is unknown in a tick (a number is NaN) has no message.
         """
@@ -101,11 +100,6 @@ def frame0_name(arm: str) -> str:
     return f"{arm_name(arm)}_frame0"
 
 
-def tip_frame(arm: str, which: str) -> str:
-    """Return the name of the frame of an arm's jaws: `which` is measured, true or model."""
-    return f"{arm_name(arm)}_tip_{which}"
-
-
 @functools.cache
 def joint_state(arm: str, name: str, joints: tuple[str, ...], *present: bool) -> Topic:
     """Return a topic of JointState. present: whether it has position, velocity and effort."""
@@ -121,11 +115,8 @@ def tip_topic(arm: str, name: str, schema: str = POSE) -> Topic:
     x, y, z, w; for WrenchStamped, three of force and three of torque; for PointStamped, x, y, z.
     """
     xyz = _placeholders(3)
-    fields = {
-        POSE: (xyz, _placeholders(4, first=3)),
-        WRENCH: (xyz, _placeholders(3, first=3)),
-        POINT: xyz,
-    }
+    quaternion, torque = _placeholders(4, first=3), _placeholders(3, first=3)
+    fields = {POSE: (xyz, quaternion), WRENCH: (xyz, torque), POINT: xyz}
     return _topic(arm, name, schema, fields[schema])
 
 
@@ -135,11 +126,7 @@ def frames_topic(pairs: tuple[tuple[str, str], ...]) -> Topic:
     its numbers are x, y, z in m and a quaternion x, y, z, w. The message has placeholders for them.
     """
     transforms = [
-        (
-            _header(parent),
-            child,
-            (_placeholders(3, first=7 * pair), _placeholders(4, first=7 * pair + 3)),
-        )
+        (_header(parent), child, (_placeholders(3, 7 * pair), _placeholders(4, 7 * pair + 3)))
         for pair, (parent, child) in enumerate(pairs)
     ]
     return _template(FRAMES, ros2_types().message(TRANSFORMS, transforms))
@@ -184,7 +171,7 @@ def standard_topics(
             base_pose = np.array([*bases[arm].origin, *bases[arm].quaternion])
             ticks = len(next(iter(tips.values())))
             transforms.append(np.broadcast_to(base_pose, (ticks, 7)))
-        frame_pairs += [(frame0_name(arm), tip_frame(arm, name)) for name in tips]
+        frame_pairs += [(frame0_name(arm), f"{arm_name(arm)}_tip_{name}") for name in tips]
         transforms += tips.values()
     if frame_pairs:
         yield frames_topic(tuple(frame_pairs)), np.concatenate(transforms, axis=1)
@@ -194,13 +181,12 @@ def signals_topic(names: Sequence[str], single: bool = False) -> Topic:
     """Return the topic of a flat message, one number per name: float64, or float32 if `single`."""
     kind, size = ("float32", 4) if single else ("float64", 8)
     fields = "".join(f"{kind} {name}\n" for name in names)
-    # The definition of a message is followed by those of the messages in its fields.
     header_definition = f"{'=' * 80}\nMSG: std_msgs/Header\n{_definition(HEADER)}"
     definition = f"std_msgs/Header header\n{fields}{header_definition}"
     # The message is encoded here, because rosbags would compile an encoder for hundreds of fields.
     head = ros2_types().encode(ros2_types().message(HEADER, *_header("")))
-    # CDR's own header has 4 bytes. From its end, where the time stamp begins, the first number must
-    # have a distance that is a multiple of its size.
+    # CDR aligns numbers from byte 4, the end of its own header, where the time stamp begins: the
+    # added bytes make the distance a multiple of a number's size.
     stamp = 4
     head += bytes(-(len(head) - stamp) % size)
     template, spans = head + bytes(size * len(names)), ((len(head), len(names)),)
@@ -236,17 +222,12 @@ class LogWriter:
     def add_event(
         self, event: Mapping[str, Any], text: str, level: str, stamp_ns: int, number: int = 0
     ) -> None:
-        """Write an event as JSON on EVENTS and as text on LOG. level: one of LEVELS. number:
-        sequence number of both messages.
-        """
+        """Write an event on EVENTS and LOG. level: one of LEVELS. number: number in sequence."""
         stamp, kind = divmod(stamp_ns, _SECOND_NS), str(event["kind"])
-        # An entry of the log has a time, severity, name and text. File, function and line of a
-        # source text are empty.
+        # An entry has time, severity, name, text, and file, function and line of code (unused).
         log_fields = (stamp, LEVELS[level], kind, text, "", "", 0)
-        for topic, schema, fields in (
-            (EVENTS, TEXT, (json.dumps(event),)),
-            (LOG, LOG_ENTRY, log_fields),
-        ):
+        event_fields = (json.dumps(event),)
+        for topic, schema, fields in ((EVENTS, TEXT, event_fields), (LOG, LOG_ENTRY, log_fields)):
             if topic not in self._channels:
                 self._register(Topic(topic, schema, _definition(schema)))
             message = ros2_types().message(schema, *fields)

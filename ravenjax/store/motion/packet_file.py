@@ -264,7 +264,6 @@ def _profile(
         if choice.profile is not None:
             break
         result = choice.read(packet)
-        # An accepted packet is evidence. UNDECIDED: profiles read this packet differently.
         if isinstance(result, PacketReading) or result.cause == UNDECIDED:
             choice.accept_packet()
     if choice.profile is not None:
@@ -378,7 +377,6 @@ def _accumulated(quat: np.ndarray, turns: np.ndarray) -> np.ndarray:
     from scipy.spatial.transform import Rotation
 
     orientations, current = np.empty((len(turns), 4)), Rotation.from_quat(quat)
-    # Most packets do not turn the tip, so the loop visits only the others.
     turning = np.flatnonzero(np.any(turns[:, :3] != 0.0, axis=1))
     begin = 0
     for row in turning.tolist():

@@ -98,7 +98,6 @@ def unreached_reason(poses: "Poses", row: int, bounds: Bounds) -> str:
         candidates, valid = _candidates(poses, i, np.array([row]))
         if not valid.any():
             return f"no joint positions of {arm} bring its tip to this pose"
-        # Joints without the jaws, and how far each is beyond its limits; negative: inside.
         reachable = candidates[0][valid[0], :5]
         excess = np.maximum(lower - reachable, reachable - upper)
         # The solution that exceeds the limits least, and its joint that exceeds them most.

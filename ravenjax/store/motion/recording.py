@@ -199,9 +199,8 @@ def _times(track: Track, options: ReplayOptions) -> dict[str, np.ndarray]:
 def _evenly(
     track: Track, time_s: dict[str, np.ndarray], removed: list[Spike], rows: int
 ) -> tuple[Poses, np.ndarray | None]:
-    # Returns the poses and the pedal [rows] (None if it was not recorded), one row per millisecond.
-    # Samples of the spikes `removed` are left out. An orientation or an opening that was not
-    # recorded stays as after homing.
+    # Returns poses and pedal [rows], one row per millisecond, without the samples of the spikes
+    # `removed`. What was not recorded stays as after homing; the pedal is None.
     row_s = np.arange(rows) * TICK_S
     parts = []
     arms: tuple[ArmName, ...] = tuple(arm for arm in ARMS if arm in track.arms)

@@ -249,7 +249,6 @@ def _window(recording: HandRecording) -> tuple[int, int]:
     if recording.options.window_s is None:
         return 0, len(recording)
     begin, end = (round(seconds / TICK_S) for seconds in recording.options.window_s)
-    # A motion needs at least two rows.
     if not 0 <= begin < end - 1 or end > len(recording):
         raise UserError(
             f"{recording.path}: window_s {list(recording.options.window_s)} is outside the"
@@ -344,7 +343,7 @@ def _require_moving(
     # The nearest whole rows.
     used, poses = np.unique(np.rint(rows).astype(int)), recording.poses
     extent_m = np.ptp(poses.position[used], axis=0).max(axis=1)
-    # The product of two unit quaternions is the cosine of half the angle between the orientations.
+    # The scalar product of two unit quaternions is the cosine of half the angle between them.
     cosine = np.abs(np.sum(poses.quat[used] * poses.quat[used[:1]], axis=2)).min(axis=0)
     turn_rad = 2.0 * np.arccos(np.minimum(1.0, cosine))
     opening_rad = np.ptp(poses.opening_mrad[used], axis=0) * 1e-3

@@ -15,7 +15,6 @@ from ravenjax.vocabulary import TICK_S
 
 def by_time(time_s: np.ndarray, values: np.ndarray, at_s: np.ndarray) -> np.ndarray:
     """Interpolate `values` [T] or [T, k] at times `at_s`, all within the samples' times."""
-    # Slow to import.
     from scipy.interpolate import PchipInterpolator
 
     return PchipInterpolator(time_s, values, axis=0)(np.clip(at_s, time_s[0], time_s[-1]))
@@ -29,7 +28,6 @@ def turns_by_time(time_s: np.ndarray, quat: np.ndarray, at_s: np.ndarray) -> np.
 
 def continuous_turns(quat: np.ndarray) -> np.ndarray:
     """Return quaternions [T, ..., 4] with signs chosen so that each is close to the one before.
-
     Both signs mean the same rotation.
     """
     # The sign of a quaternion is the product of all changes of sign up to it.
@@ -50,7 +48,6 @@ def low_pass(values: np.ndarray, cutoff_hz: float, stretches: list[tuple[int, in
 
     Rows are 1 ms apart. Different stretches do not influence each other.
     """
-    # Slow to import.
     from scipy.signal import butter, sosfiltfilt
 
     sections = butter(2, cutoff_hz, fs=1.0 / TICK_S, output="sos")
@@ -79,9 +76,6 @@ def true_stretches(mask: np.ndarray, cuts: Sequence[int] = ()) -> list[tuple[int
 def stretches_in_seconds(
     mask: np.ndarray, cuts: Sequence[int] = (), shortest: int = 1
 ) -> list[tuple[float, float]]:
-    """Return (begin, end) in s of the stretches of `true_stretches`, the longest first.
-
-    shortest: smallest number of rows of a returned stretch.
-    """
+    """Return (begin, end) in s of stretches of at least `shortest` true rows, the longest first."""
     spans = sorted(true_stretches(mask, cuts), key=lambda span: span[0] - span[1])
     return [(begin * TICK_S, end * TICK_S) for begin, end in spans if end - begin >= shortest]

@@ -73,8 +73,7 @@ class Samples:
         values = np.asarray(self.table[name])
         if values.dtype.kind in "iu":
             return values
-        # Dates and durations ("mM") count as missing. As numbers they would be nanoseconds, which
-        # are not in the unit that the column's name states.
+        # Dates and durations ("mM") are refused: as numbers they would be in another unit (ns).
         numbers = np.full(len(values), np.nan)
         if values.dtype.kind not in "mM":
             numbers = np.asarray(pd.to_numeric(self.table[name], errors="coerce"), float)
@@ -87,8 +86,7 @@ class Samples:
         return numbers
 
     def quantity(self, name: str, units: Mapping[str, float]) -> np.ndarray | None:
-        """Return the numbers of the column `name`_<unit>, converted to the base unit; None if no
-        such column exists.
+        """Return the column `name`_<unit> in the base unit; None if no such column exists.
 
         units: factor from each unit to the base unit; "" is the unit of a column called `name`.
         Angles in degrees that could be radians add a note.
@@ -119,10 +117,7 @@ class Samples:
         return time_s
 
     def group(self, names: Sequence[str], what: str) -> np.ndarray | None:
-        """Return k columns that belong together as [T, k]; None if the table has none of them.
-
-        Raise UserError if it has only some of them. what: that which needs them, for the message.
-        """
+        """Return k columns that belong together as [T, k]; None if all are missing."""
         missing = [name for name in names if name not in self.table]
         if len(missing) == len(names):
             return None
@@ -191,7 +186,6 @@ def read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) ->
                 " (pedal down) or 0"
             )
     used = {name for columns in (whole, *samples.values()) for name in columns.read}
-    # A stated rate replaces the times of the file.
     if options.rate_hz is not None:
         used -= set(stamps.time_columns(used))
     names = list(dict.fromkeys(str(name) for one in samples.values() for name in one.table))
@@ -207,10 +201,7 @@ def read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) ->
 
 
 def _of_sensor(whole: Samples, arm: str, sensors: Mapping[str, str | int]) -> Samples:
-    """Return the rows of one arm's sensor, with columns named after the arm: x_mm -> gold_x_mm.
-
-    If `sensors` (the option `operator.sensors`) is empty, return all rows and columns unchanged.
-    """
+    """Return the rows of one arm's sensor, with columns named after the arm: x_mm -> gold_x_mm."""
     if not sensors:
         return dataclasses.replace(whole, read=list(whole.read))
     column, sensor = sensors.get("column", ""), sensors.get(arm)
@@ -319,8 +310,7 @@ class Bag:
             if option in self.kinds and option.endswith(ends):
                 return option
             space = option.rpartition("/")[0] if option in self.kinds else option.rstrip("/")
-            topics = [f"{space}/{end}" for end in ends]
-            return next((topic for topic in topics if topic in self.kinds), None)
+            return next((name for end in ends if (name := f"{space}/{end}") in self.kinds), None)
         names = [f"/{ARM_TOPICS[arm]}/{end}" for end in ends]
         topics = [topic for name in names for topic in self.kinds if f"/{topic}".endswith(name)]
         if len({topic.rpartition(ARM_TOPICS[arm])[0] for topic in topics}) > 1:
@@ -331,10 +321,7 @@ class Bag:
         return topics[0] if topics else None
 
     def missing(self, arm: str, *ends: str) -> UserError:
-        """Return the error for a bag without a topic of this arm that ends in one of `ends`.
-
-        It proposes other topics with such an end, if they do not belong to another arm.
-        """
+        """Return the error for a bag without such topics of an arm. It proposes other topics."""
         space = self._options.topics.get(arm, f"/{ARM_TOPICS[arm]}")
         other_arms = [f"/{name}/" for other, name in ARM_TOPICS.items() if other != arm]
         others = [t for t in self.kinds if t.endswith(ends) and not any(x in t for x in other_arms)]
@@ -399,8 +386,7 @@ def _bag_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) ->
 
 
 def _poses(path: Path, arm: str, tip: TopicMessages, begin_ns: int) -> Samples:
-    # Converts an arm's pose messages to columns in m and quaternions. Times count from begin_ns, so
-    # that those of both arms are on one clock.
+    # Converts an arm's pose messages to columns in m and quaternions. Times count from begin_ns.
     import pandas as pd
 
     names = [f"{arm}_{axis}_m" for axis in "xyz"] + [f"{arm}_{name}" for name in QUAT]
@@ -419,8 +405,7 @@ def _jaws(
     """Return times (ns), opening (rad) and topic of an arm's jaws; None if they were not recorded.
 
     The opening comes from CRTK's topic of the jaw, otherwise from the angles of raven2's two jaws.
-    stamped: times are those of message headers, not of arrival. Raise UserError for a gap of more
-    than max_gap_s in the times of the tip, and for an impossible opening.
+    stamped: use times of headers, not of arrival. Raise UserError for gaps or a wrong opening.
     """
     jaw_topic = bag.topic(arm, *(f"jaw/{source}_js" for source in SOURCES))
     topic = jaw_topic or bag.topic(arm, *(f"{source}_js" for source in SOURCES))
@@ -431,7 +416,6 @@ def _jaws(
         positions = [message.position for message in jaw.messages]
         opening = np.array([values[0] if len(values) else np.nan for values in positions])
     else:
-        # The opening is the sum of the last two joints, grasp1 and grasp2.
         opening = bags.read_joints(bag.path, jaw)[:, JOINTS.index("grasp1") :].sum(axis=1)
         if np.isnan(opening).any():
             return None

@@ -64,10 +64,9 @@ def find_spikes(arm: str, track: ArmTrack, time_s: np.ndarray, max_gap_s: float)
         if before <= last:
             continue
         next_jumps = (
-            jump
-            for jump in jumps
-            if before < jump <= before + MOST_ROWS
-            and time_s[jump + 1] - time_s[before] <= max_gap_s
+            j
+            for j in jumps
+            if before < j <= before + MOST_ROWS and time_s[j + 1] - time_s[before] <= max_gap_s
         )
         # The last sample of the spike; `before` if the tip does not jump back.
         last = next((j for j in next_jumps if _can_move(tip, time_s, before, j + 1)), before)
@@ -100,7 +99,6 @@ def refused_jumps(jumps: Sequence[Spike], treatment: Spikes) -> list[Spike]:
     """Return the jumps that must not be replayed; treatment: value of the option `spikes`."""
     if treatment == "replay":
         return []
-    # "remove" removes only spikes. The tip does not return from a jump with rows = 0.
     return [spike for spike in jumps if treatment == "refuse" or not spike.rows]
 
 

@@ -140,7 +140,6 @@ def find_gaps(time_s: np.ndarray) -> list[tuple[int, float, float]]:
 
 def _correction(time_s: np.ndarray, back: np.ndarray, item: str) -> str:
     """Return advice for times [T] that go back after the rows `back`. item: "row" or "message"."""
-    # Many steps back (5 %) are no single error: the rows are in another order.
     if back.size > len(time_s) // 20:
         return f"Sort the {item}s by time"
     row = int(back[0])

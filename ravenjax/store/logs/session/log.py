@@ -87,7 +87,6 @@ class SessionWriter:
         numbers = np.arange(first, end)
         stamps = self._start_ns + numbers * TICK_NS
         self._log.add(self._flat, stamps, numbers, rows)
-        # Standard topics have fewer messages: STANDARD_HZ a second.
         due = numbers % _EVERY == 0
         if due.any():
             for topic, values in self._standard(rows[due]):
