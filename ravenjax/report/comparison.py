@@ -215,7 +215,8 @@ _JOINED = f"{_VALID} AND {_ACTING}"
 
 
 def _compare_rates(table: pd.DataFrame, rules: Rules, units: Units | None) -> list[RateChange]:
-    # Returns the rate of each event in both folders. units: the faults, to draw for the intervals.
+    # Returns the rate of each event in both folders. table: one row per pair, whose columns begin
+    # with a_ (first folder) and b_ (second). units: the faults, to draw for the intervals.
     changes = []
     for name in RATES:
         first, second = (table[f"{side}_is_{name}"].to_numpy(bool) for side in "ab")
@@ -226,14 +227,14 @@ def _compare_rates(table: pd.DataFrame, rules: Rules, units: Units | None) -> li
 
 
 def _transitions(compared: pd.DataFrame, word: str) -> list[Transition]:
-    # Counts the changes of one part of the verdict, such as "response", from word to word.
+    # Counts pairs by the word of one part of the verdict in the first and in the second folder.
     counts = Counter(zip(compared[f"a_{word}"], compared[f"b_{word}"], strict=True))
-    words = itertools.product(WORDS[word], repeat=2)
-    return [Transition(a, b, counts[a, b]) for a, b in words if counts[a, b]]
+    changes = itertools.product(WORDS[word], repeat=2)
+    return [Transition(*change, counts[change]) for change in changes if counts[change]]
 
 
 def _list_changed_runs(robot: Robot, table: ResultTable, most: int) -> list[RunChange]:
-    # Returns the runs whose unintended distance changed most.
+    # Returns the runs whose outcome changed, those whose unintended distance changed most first.
     rows = table.rows(
         "SELECT pairs.first, a.run_id, b.run_id, a.verdict, b.verdict, a.unintended_mm,"
         f" b.unintended_mm FROM {_JOINED} AND (a.verdict <> b.verdict OR a.unintended_mm <>"

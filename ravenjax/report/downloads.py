@@ -39,6 +39,7 @@ def _flat(name: str, value: Any) -> Iterator[tuple[str, Any]]:
         value = value._asdict()
     if isinstance(value, Mapping):
         for key, part in value.items():
+            # A field such as `with_` ends in "_", because its name without it is a keyword.
             word = str(key).rstrip("_")
             yield from _flat(f"{name}_{word}" if name else word, part)
     elif isinstance(value, list | tuple | np.ndarray):

@@ -68,14 +68,14 @@ def _verdict_figure(runs: Runs) -> Figure | None:
         return None
     figure = Figure(figsize=(WIDTH, 1.1 + 0.24 * len(rows)), layout="constrained")
     axis = figure.subplots()
-    place = np.arange(len(rows))
-    left = np.zeros(len(rows))
+    heights = np.arange(len(rows))
+    left = np.zeros(len(rows))  # where each group's next bar begins
     for name, (colour, label) in OUTCOMES.items():
         share = np.array([row["outcomes"][name].value for row in rows])
         if share.any():
-            axis.barh(place, share, left=left, color=colour, label=label, height=0.72)
+            axis.barh(heights, share, left=left, color=colour, label=label, height=0.72)
         left += share
-    axis.set_yticks(place, [f"{row['name']} ({row['n']:,})" for row in rows])
+    axis.set_yticks(heights, [f"{row['name']} ({row['n']:,})" for row in rows])
     axis.invert_yaxis()
     axis.set_xlim(0, 1)
     axis.grid(False)

@@ -25,9 +25,10 @@ def format_hours(value: float) -> str:
     """Write a time given in hours in a suitable unit: 34 s, 12 min, 7.4 h."""
     if not math.isfinite(value):
         return DASH
-    for most, unit, factor in ((1 / 30, "s", 3600.0), (2.0, "min", 60.0)):
-        if value < most:
-            return f"{format_number(value * factor, 2)} {unit}"
+    # Times below 2 min are in s, times below 2 h in min, with two digits.
+    for limit, unit, per_hour in ((1 / 30, "s", 3600.0), (2.0, "min", 60.0)):
+        if value < limit:
+            return f"{format_number(value * per_hour, 2)} {unit}"
     return f"{format_number(value)} h"
 
 
@@ -56,7 +57,7 @@ def format_estimate(value: Estimate, unit: str = "") -> str:
 
 
 def signed_points(difference: float) -> str:
-    """Write a difference of rates: −3.1 points."""
+    """Write a difference of rates, given as a fraction, in percentage points: −3.1 points."""
     if not math.isfinite(difference):
         return DASH
     text = f"{100 * difference:+.1f}"
@@ -78,9 +79,9 @@ def format_points(value: Estimate) -> str:
 
 def format_bounds(value: Estimate, decimals: int | None = None) -> str:
     """Write the interval of an estimate: 9–15; "" without an interval."""
-    low, high = (
-        bound if decimals is None else round(bound, decimals) for bound in (value.low, value.high)
-    )
+    low, high = value.low, value.high
+    if decimals is not None:
+        low, high = round(low, decimals), round(high, decimals)
     return format_span(low, high) if math.isfinite(low) or math.isfinite(high) else ""
 
 

@@ -98,8 +98,8 @@ def read_json(path: Path, missing: str, advice: str) -> Any:
 
 
 def json_values(value: Any) -> Any:
-    """Convert nested values to types of JSON. NaN and infinite numbers become None."""
-    text = json.dumps(value, default=lambda numbers: numbers.tolist())
+    """Convert nested values, also NumPy arrays, to types of JSON. NaN and infinity become None."""
+    text = json.dumps(value, default=lambda array: array.tolist())
     return json.loads(text, parse_constant=lambda _: None)
 
 
@@ -129,11 +129,12 @@ _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)(e[+-]?\d+)?|nan", re.IGNOREC
 
 def require_content(path: Path) -> None:
     """Raise UserError for an empty file, and for a Git LFS pointer instead of a file."""
+    pointer = b"version https://git-lfs.github.com/spec/v1"
     with open(path, "rb") as file:
-        begin = file.read(42)
+        begin = file.read(len(pointer))
     if not begin:
         raise UserError(f"{path}: the file is empty; expected a recording")
-    if begin == b"version https://git-lfs.github.com/spec/v1":
+    if begin == pointer:
         raise UserError(
             f"{path}: is only a Git LFS pointer of {path.stat().st_size} bytes. Download the file"
             " with: git lfs pull"
@@ -227,8 +228,9 @@ def _read_text(path: Path, names: Sequence[str] | None, header: str) -> "pd.Data
 
 
 def _row_size(row: list[str]) -> tuple[int, int, int]:
-    # Returns the number of cells and the size of the last cell. Digits before a decimal point do
-    # not count, because their number differs between numbers.
+    # Returns the number of cells, and of the last cell: 2 if it has a decimal point, else 1; and
+    # the number of characters after the point, or of all. A row that was cut off has a smaller
+    # tuple. Digits before a point do not count, because their number differs between numbers.
     parts = re.split(r"[.,]", row[-1].strip())
     return len(row), len(parts), len(parts[-1])
 
@@ -253,9 +255,8 @@ def hash_file(path: Path) -> str:
 
 
 def megabytes(variable: str, usual: int, advice: str = ", such as 4000") -> int:
-    """Return the number of MB in an environment variable; `usual` if it is not set.
-
-    Raise UserError, whose message ends with `advice`.
+    """Return the number of MB in an environment variable; `usual` if it is not set. Raise
+    UserError, whose message ends with `advice`, if it is not a positive whole number.
     """
     text = os.environ.get(variable, "").strip() or f"{usual}"
     if not text.isdecimal() or not int(text):

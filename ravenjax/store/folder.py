@@ -124,9 +124,9 @@ class ResultFolder:
             self._parts.append(part)
 
     def close(self, compile_s: float, run_s: float, rows: int, notes: Sequence[str] = ()) -> None:
-        """Write into the manifest the compile time and run time (s) since the campaign was started
-        or resumed, its speed, and its notes. If it computed no rows, write only the notes. If all
-        rows are stored, also write the finish time.
+        """Write into the manifest the compile time and run time (s) since the last start, the runs
+        per second, and `notes` for the user. rows: number of rows computed since the last start; if
+        0, only the notes are written. If all wanted rows are stored, also write the finish time.
         """
         notices = tuple(dict.fromkeys((*self._manifest.notices, *notes)))
         update: dict[str, Any] = {"notices": notices}
@@ -147,10 +147,11 @@ def read_complete_manifest(path: Path) -> Manifest:
     record = manifests.read_manifest(path)
     if not record.parts:
         raise StoreError(f"{path}: contains no results yet; start or resume it with `ravenjax run`")
-    if over := parts.without_overlaps(record.parts)[1]:
+    _, overlapping = parts.without_overlaps(record.parts)
+    if overlapping:
         raise StoreError(
-            f"{path / PARTS / over[0].file}: contains runs that another file contains, too. "
-            "Start the same `ravenjax run` again, which moves one of the files away."
+            f"{path / PARTS / overlapping[0].file}: contains runs that another file contains, too."
+            " Start the same `ravenjax run` again, which moves one of the files away."
         )
     if record.finished is not None and record.done < record.due:
         raise StoreError(
@@ -179,13 +180,12 @@ def read_parts(
     """
     record = read_complete_manifest(path)
     schema.require_columns(record.shape, columns or ())
-    return threads.map_in_threads(
-        lambda part: measure(
-            parts.read_part(path / PARTS / part.file, record.config_hash, part, columns)
-        ),
-        sorted(record.parts, key=lambda part: part.first),
-        READERS,
-    )
+
+    def measured(part: parts.Part) -> Measured:
+        return measure(parts.read_part(path / PARTS / part.file, record.config_hash, part, columns))
+
+    in_order = sorted(record.parts, key=lambda part: part.first)
+    return threads.map_in_threads(measured, in_order, READERS)
 
 
 @dataclass(frozen=True)
@@ -219,9 +219,8 @@ def _finished(file: Path, recorded: parts.Part | None, config_hash: str) -> part
 
 
 def set_aside(path: Path, name: str, why: str) -> str:
-    """Move a file to SET_ASIDE without overwriting a file. Return a sentence for the user.
-
-    Raise StoreError if the file cannot be moved.
+    """Move the part `name` of a result folder to its folder SET_ASIDE, and overwrite no file there.
+    why: the reason, as text. Return a sentence for the user. Raise StoreError if this fails.
     """
     folder = path_inside(path, SET_ASIDE)
     target, number = folder / name, 1

@@ -118,10 +118,11 @@ class Manifest(BaseModel):
     @property
     def rules(self) -> Rules:
         """The campaign's settings on which the definitions of outcomes depend."""
+        # Texts about the cue state a threshold also if the campaign declares no haptic set.
         threshold = self.cues[self.verdict_cue].threshold_mm if self.cues else PUBLISHED_CUE_MM
         built_in = built_in_column(self.shape.own_checks, self.shape.stops)
-        stopping = tuple((i, one.name) for i, one in enumerate(self.detectors) if one.stops)
-        # A harm with "watch" is only reported. A harm with "replaces" counts instead of the limit.
+        stopping = tuple((k, one.name) for k, one in enumerate(self.detectors) if one.stops)
+        # A harm with "watch" is only reported. A harm with "replaces" counts instead of `limit_mm`.
         harms = [harm for harm in self.config.get("harm", ()) if harm["counts"] != "watch"]
         return Rules(
             cue=self.verdict_cue,
@@ -141,9 +142,8 @@ class Manifest(BaseModel):
 
     @property
     def failures(self) -> dict[str, int]:
-        """Number of finished runs without a valid outcome, by cause.
-
-        Files without a count are left out.
+        """Number of finished runs without a valid outcome, by cause. Files without a count
+        (`failed` is None) add nothing.
         """
         return dict(sum((Counter(part.failed) for part in self.parts), Counter()))
 
@@ -174,7 +174,9 @@ class Manifest(BaseModel):
 
 
 def find_differences(here: Nested, other: Nested, word: str = "requested") -> list[str]:
-    """Return a line for each difference of nested values: 'path: A here, B requested'."""
+    """Return lines 'path: A here, B requested' for all differences, with at most 60 characters of
+    each value. word: what a line calls the values of `other`.
+    """
     all_changes = find_changes(here, other)
     if any(change.path.startswith("config.") for change in all_changes):
         # The hash follows from the config, so it adds nothing.
@@ -270,9 +272,8 @@ _RESTORE = (
 
 
 def read_parts(folder: Path) -> tuple[Part, ...]:
-    """Return the files that `record_part` listed, up to the first incomplete line.
-
-    Raise StoreError if the list cannot be read.
+    """Return the files that `record_part` listed, up to the first incomplete line. A crash may have
+    left this line incomplete. Raise StoreError if the list cannot be read.
     """
     path = folder / PARTS_FILE
     if not path.exists():
@@ -307,17 +308,17 @@ def record_part(folder: Path, part: Part) -> None:
         file.write(f"{part.model_dump_json()}\n".encode())
 
 
-def join_ranges(*some: tuple[tuple[int, int], ...] | None) -> tuple[tuple[int, int], ...] | None:
-    """Return the union of row ranges (first, last inclusive), in order and disjoint.
-
-    None means all rows.
+def join_ranges(*lists: tuple[tuple[int, int], ...] | None) -> tuple[tuple[int, int], ...] | None:
+    """Return the union of lists of row ranges (first, last inclusive), in order and disjoint. A
+    list that is None contains all rows, and so does the union then.
     """
-    if any(ranges is None for ranges in some):
+    if any(ranges is None for ranges in lists):
         return None
     union: list[tuple[int, int]] = []
-    for first, last in sorted(pair for ranges in some if ranges is not None for pair in ranges):
+    for first, last in sorted(pair for ranges in lists if ranges is not None for pair in ranges):
         if union and first <= union[-1][1] + 1:
-            union[-1] = union[-1][0], max(last, union[-1][1])
+            begin, end = union[-1]
+            union[-1] = begin, max(last, end)
         else:
             union.append((first, last))
     return tuple(union)
@@ -368,8 +369,9 @@ def package_versions() -> dict[str, str]:
 def code_hash(robot: Robot = robots.USUAL) -> str:
     """Return the sha256 over the names and contents of the files on which outcomes depend.
 
-    These are the files of _DECIDING, the files that the robot declares, and the robot's package, or
-    its module with the modules of its folder that it imports. They are read at the first call.
+    These are the files in the folders `_DECIDING` of this package, the files that the robot
+    declares (such as models), and the robot's package, or, if the robot is a single module, this
+    module and the modules of its folder that it imports. The files are read at the first call.
     """
     package = Path(__file__).resolve().parents[1]
     contents = {
@@ -387,6 +389,7 @@ def code_hash(robot: Robot = robots.USUAL) -> str:
         }
     else:
         contents |= {f"robot {path.name}": path for path in robots.imported_beside(module)}
+    # Two declared files in different folders may have the same name, so each has a number.
     for number, name in enumerate(robot.files):
         beside = module.parent / name
         path = beside if beside.is_file() else resources.find_model(name)
@@ -398,7 +401,7 @@ def code_hash(robot: Robot = robots.USUAL) -> str:
 
 
 def _flat(tree, prefix: str = "") -> dict[str, str]:
-    """Return the values of nested tables by dotted path. A list of values is one value."""
+    """Return nested values as JSON by path, such as group[0].bit. A list of values is one value."""
     if isinstance(tree, dict):
         branches = {f"{prefix}.{key}" if prefix else str(key): tree[key] for key in tree}
     elif isinstance(tree, list | tuple) and any(isinstance(entry, dict) for entry in tree):

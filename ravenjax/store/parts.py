@@ -31,9 +31,7 @@ FEWEST_ROWS, MOST_ROWS = 1024, 65_536
 Fewer rows take longer to write than to compute. More rows are stored too late.
 """
 SINGLE_FACTOR, PARTS = 4, 32
-"""SINGLE_FACTOR: for the smallest number if one process computes all runs: its threads wait for the
-writer. PARTS: number of parts per process, if this gives enough rows.
-"""
+"""Factor on FEWEST_ROWS if one process computes all and waits for the writer; parts per process."""
 
 Row = Annotated[int, Field(ge=0, lt=10**9)]
 """Index of a row, or a number of rows. Names of parts have nine digits."""
@@ -65,10 +63,11 @@ class Part(BaseModel):
 def rows_of_a_part(runs: int, workers: int | None = 1) -> int:
     """Return the number of rows of each part of a campaign of `runs` runs, if the user chose none.
 
-    workers: number of processes that compute the campaign; None: unknown.
+    workers: number of processes that compute the campaign; None: unknown. Each process computes
+    PARTS parts, unless these would have too few or too many rows.
     """
     fewest = FEWEST_ROWS * (SINGLE_FACTOR if workers == 1 else 1)
-    # Rounded up. An unknown number of processes counts as 2.
+    # The quotient is rounded up. An unknown number of processes counts as 2.
     rows = -(-runs // (PARTS * (workers or 2)))
     return min(max(rows, fewest), MOST_ROWS)
 
@@ -89,7 +88,7 @@ def encode_part(columns: schema.Columns, shape: schema.Shape, config_hash: str) 
 
 
 def encode_table(table: pa.Table, config_hash: str) -> Encoded:
-    """Encode rows that `schema.conform_table` returned; see `encode_part`."""
+    """Encode rows of `schema.conform_table` as a Parquet file. `index` must increase by 1."""
     index = table.column("index").to_numpy()
     first, last = int(index[0]), int(index[-1])
     if not np.array_equal(index, np.arange(first, first + len(index))):
@@ -100,9 +99,10 @@ def encode_table(table: pa.Table, config_hash: str) -> Encoded:
     table = table.replace_schema_metadata(metadata)
     sink = pa.BufferOutputStream()
     # Dictionaries only for words and integers were measured to be faster and smaller than for all
-    # columns, because floating-point numbers and ids rarely repeat.
-    counting = [name for name in ("index", "pair") if name in table.column_names]
-    once = {"run_id", *counting}
+    # columns, because floating-point numbers and ids rarely repeat. Row numbers mostly rise by 1,
+    # so their differences are stored.
+    rising = [name for name in ("index", "pair") if name in table.column_names]
+    unrepeated = {"run_id", *rising}
     pq.write_table(
         table,
         sink,
@@ -110,9 +110,9 @@ def encode_table(table: pa.Table, config_hash: str) -> Encoded:
         use_dictionary=[  # pyright: ignore[reportArgumentType]
             column.name
             for column in table.schema
-            if not pa.types.is_floating(column.type) and column.name not in once
+            if not pa.types.is_floating(column.type) and column.name not in unrepeated
         ],
-        column_encoding=dict.fromkeys(counting, "DELTA_BINARY_PACKED"),
+        column_encoding=dict.fromkeys(rising, "DELTA_BINARY_PACKED"),
         write_page_checksum=True,
     )
     content = sink.getvalue().to_pybytes()
@@ -157,7 +157,9 @@ def read_part(
 ) -> pa.Table:
     """Read and check the table of one part, or some of its columns.
 
-    Raise StoreError if the file is damaged, has another schema, or is of another campaign.
+    config_hash: hash of the expected campaign; None: any. recorded: record with the expected size
+    and checksum; None: these are not checked. Raise StoreError if the file is damaged, has another
+    schema, or is of another campaign.
     """
     with _opened(path, config_hash, recorded) as file:
         table = file.read(columns if columns is None else list(columns), use_threads=False)
@@ -252,7 +254,8 @@ def missing_rows(done: Iterable[Part], due: Iterable[range], chunk: int = 2**62)
             # Rows until the next finished block, or until the end, are missing.
             until = min(block.start, rows.stop)
             while row < until:
-                stop = min(until, row - row % chunk + chunk)
+                next_multiple = row - row % chunk + chunk
+                stop = min(until, next_multiple)
                 yield range(row, stop)
                 row = stop
             row = max(row, block.stop)
@@ -261,20 +264,20 @@ def missing_rows(done: Iterable[Part], due: Iterable[range], chunk: int = 2**62)
 def without_overlaps(
     found: Sequence[Part], trusted: Collection[str] = ()
 ) -> tuple[list[Part], list[Part]]:
-    """Return (parts without overlap, parts that overlap one of these).
-
-    Parts whose files are in `trusted` have priority.
+    """Return (parts whose rows are disjoint, parts that share rows with one of these). trusted:
+    names of files that are kept rather than others.
     """
     disjoint: list[Part] = []
-    over: list[Part] = []
+    overlapping: list[Part] = []
     for part in sorted(found, key=lambda part: (part.file not in trusted, part.first, part.last)):
-        place = bisect.bisect(disjoint, part.first, key=lambda other: other.first)
-        near = disjoint[max(0, place - 1) : place + 1]
+        position = bisect.bisect(disjoint, part.first, key=lambda other: other.first)
+        # Only the neighbours can share rows with the part.
+        near = disjoint[max(0, position - 1) : position + 1]
         if any(other.first <= part.last and part.first <= other.last for other in near):
-            over.append(part)
+            overlapping.append(part)
         else:
-            disjoint.insert(place, part)
-    return disjoint, over
+            disjoint.insert(position, part)
+    return disjoint, overlapping
 
 
 def row_range(path: Path) -> tuple[int, int]:
@@ -288,7 +291,7 @@ def row_range(path: Path) -> tuple[int, int]:
 
 
 def require_version(path: Path, version: int) -> None:
-    """Raise StoreError if `path` has a schema version that this reader does not know."""
+    """Raise StoreError if `version`, which `path` states, is not this program's schema version."""
     if version != schema.VERSION:
         raise ForeignPart(
             f"{path}: has schema version {version}, but this ravenjax reads {schema.VERSION}. Read"

@@ -103,4 +103,6 @@ def put_json(ring: "Ring", message: Json) -> None:
 def read_json(rows: np.ndarray) -> Iterator[Json]:
     """Yield the events or commands in rows that `Ring.read` returned."""
     for row in rows:
-        yield json.loads(row.tobytes().split(b"\0", 1)[0])
+        # `put_json` ends the text with a zero byte. Bytes of an earlier row may follow.
+        text, _, _ = row.tobytes().partition(b"\0")
+        yield json.loads(text)

@@ -79,10 +79,11 @@ def table_columns(shape: Shape) -> tuple[Column, ...]:
         if others:
             rows.append(Column(name, *others))
             continue
-        # A line with only a name stands for the golden run's columns of all columns before.
-        rows += [
-            Column(GOLDEN + c.name, *c[1:3], f"golden run: {c.meaning}") for c in rows if c.golden
-        ]
+        # A line with one cell marks the place of the golden run's columns. They repeat the columns
+        # above that are marked as `golden`.
+        for column in [column for column in rows if column.golden]:
+            meaning = f"golden run: {column.meaning}"
+            rows.append(Column(GOLDEN + column.name, column.dtype, column.unit, meaning))
     return tuple(rows)
 
 
@@ -152,15 +153,14 @@ def _array(values, field: pa.Field) -> pa.Array:
         ) from error
 
 
-def word_column(places: np.ndarray, known: Sequence[str]) -> "pd.Categorical":
-    """Return words from their indices `places` in the list `known`, which may repeat words.
-
-    Words that occur become the categories, in the order of `known`.
+def word_column(indices: np.ndarray, words: Sequence[str]) -> "pd.Categorical":
+    """Return a column of words from their indices in the list `words`, which may repeat words.
+    Words that occur become the categories, in the order of the list.
     """
     import pandas as pd
 
-    codes, categories = pd.factorize(np.array(known, object))
-    return pd.Categorical.from_codes(codes[places], categories).remove_unused_categories()
+    codes, categories = pd.factorize(np.array(words, object))
+    return pd.Categorical.from_codes(codes[indices], categories).remove_unused_categories()
 
 
 def arrow_words(words: Any) -> pa.DictionaryArray:
@@ -188,7 +188,8 @@ def require_columns(shape: Shape, names: Sequence[str]) -> None:
 
 
 def _mismatch(missing: list[str], unknown: list[str], known: Sequence[str]) -> str:
-    # Returns a message about missing and unknown columns.
+    # Returns a message about missing and unknown columns, at most six of each. An unknown name is
+    # probably a misspelling of a missing column, or else of a column of the schema, `known`.
     parts = []
     if missing:
         parts.append(f"the result table lacks {len(missing)} column(s): {', '.join(missing[:6])}")

@@ -46,6 +46,5 @@ def _is_drawn(value, samples_lists: bool) -> bool:
     if isinstance(value, Mapping):
         # { uniform = [0, 9] } is drawn in any design, { list = [1, 2] } only from sampled lists.
         return samples_lists or "list" not in value
-    return samples_lists and (
-        value == "all" or (isinstance(value, list | tuple) and len(value) > 1)
-    )
+    has_choice = isinstance(value, list | tuple) and len(value) > 1
+    return samples_lists and (value == "all" or has_choice)

@@ -189,14 +189,14 @@ def _list_words(table: ResultTable, names: Sequence[str], robot: Robot):
     columns = {"group": '"group"'} | _first_fault_sql(names, robot)
     columns = {name: columns[name] for name in columns if name in ("group", "site", "block")}
     rows = table.rows(f"SELECT DISTINCT {', '.join(columns.values())} FROM {RESULTS}")
-    vocabulary = {name: sorted({row[place] for row in rows}) for place, name in enumerate(columns)}
+    vocabulary = {name: sorted({row[index] for row in rows}) for index, name in enumerate(columns)}
     return vocabulary | {"layer": [*robot.layers.values(), OTHER_LAYER]}
 
 
 def _first_fault_sql(names: Sequence[str], robot: Robot):
-    # SQL for the columns that describe a run's first fault.
+    # Returns SQL for the columns that describe a run's first fault. Without `fault0_site`, the
+    # campaign has no faults. The layer follows from the site by the robot's definition.
     if "fault0_site" not in names:
-        # The campaign has no faults.
         return {"site": "''", "layer": quote_text(OTHER_LAYER)}
     layers = ((quote_text(site), quote_text(robot.layer(site))) for site in robot.sites)
     cases = " ".join(f"WHEN {site} THEN {layer}" for site, layer in layers)

@@ -47,12 +47,14 @@ class Motions(NamedTuple):
         return self.count_motions(f"{quote_name(column)} >= 0")
 
     def first_rate(self, event: str, first_ms: str) -> AlarmRate | None:
-        """Return first alarms per hour in pedal-down, counted until the alarm; None without hours.
+        """Return the number of motions with an alarm, divided by the hours in pedal-down, in which
+        each motion counts until its alarm. Return None without such hours.
 
-        `event`: a condition over columns of the motions. `first_ms`: an expression for the time of
-        the event; NULL where the time is unknown, and then all of the motion's time counts.
+        event: SQL condition of the motions with an alarm. first_ms: SQL for the time of the alarm;
+        NULL where the time is unknown, and then the whole motion counts.
         Pedal-down time is assumed to be spread evenly over a motion.
         """
+        # The share of the motion's time that counts, and as much of its time in pedal-down.
         share = f"CASE WHEN {event} THEN coalesce(({first_ms}) / length_ms, 1) ELSE 1 END"
         count, pedal_ms = self.table.row(
             f"SELECT count(*) FILTER ({event}), sum(golden_pedal_down_ms * ({share})) FROM {TABLE}"

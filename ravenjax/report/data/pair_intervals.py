@@ -63,6 +63,7 @@ def compare_rates(after: np.ndarray, before: np.ndarray, faults: Units | None) -
         p = paired.mcnemar_test(gained, lost)
     else:
         p = paired.exchange_p(after, before, faults.unit)
+        # If no pair differs, resampling would give an interval of width 0.
         unchanged = not difference.any() and faults.count >= units.MIN_UNITS
         change = (
             paired.difference_of_counts(0, 0, faults.count)

@@ -24,9 +24,11 @@ from ravenjax.store.access.fault_free import NO_COMPANIONS, Companions
 from ravenjax.store.access.query import RESULTS, ResultTable, quote_name
 from ravenjax.store.manifest import Manifest
 
-UNINTENDED = "sample AND faulty AND unintended"
+DISTINCT_FAULTS = "sample AND faulty"
+"""SQL condition: one valid run of each distinct fault that changed a bit, see `define_facts`."""
+UNINTENDED = f"{DISTINCT_FAULTS} AND unintended"
 """SQL condition of the runs whose times are reported: unintended motions, one run of each fault."""
-HARMFUL_EVADING = "sample AND faulty AND evaded AND unintended_ms >= 0"
+HARMFUL_EVADING = f"{DISTINCT_FAULTS} AND evaded AND unintended_ms >= 0"
 """SQL condition of the runs of evading faults whose motion is unintended, one run of each fault."""
 TIP_ERROR = "tip_error"
 """Kind of the detector of the distance between reported tip and nominal model, in mm."""
@@ -101,14 +103,14 @@ class Runs:
         return set(groups) <= self._drawn_groups
 
     def groups_by(self, kind: str) -> dict[str, set[str]]:
-        """Return the groups that have faults of each value of a column of facts."""
+        """Return the groups that have faults with each value of a column of facts, such as site."""
         rows = self.table.rows(
             f'SELECT DISTINCT {quote_name(kind)}, "group"::VARCHAR FROM {FACTS} WHERE faulty'
         )
-        classes: dict[str, set[str]] = {}
-        for name, group in rows:
-            classes.setdefault(str(name), set()).add(group)
-        return classes
+        groups: dict[str, set[str]] = {}
+        for value, group in rows:
+            groups.setdefault(str(value), set()).add(group)
+        return groups
 
     @functools.cached_property
     def cube(self) -> pd.DataFrame:

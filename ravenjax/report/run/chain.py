@@ -105,7 +105,10 @@ def list_signals(ticks: Columns, robot: Robot, arms: Iterable[str]) -> list[Sign
     signals = []
     for name, crossings in by_signal.items():
         differs, leaves = (
-            _stack_columns(ticks, [f"{prefix}{crossing.name}" for crossing in crossings], runs)
+            # A column that the table lacks means never.
+            np.stack(
+                [np.broadcast_to(ticks.get(prefix + one.name, -1), runs) for one in crossings]
+            ).astype(np.int32)
             for prefix in (seams.DIFFERS, seams.LEAVES)
         )
         seam = crossings[0].seam
@@ -212,11 +215,6 @@ def _list_near_checks(row: Columns, ticks: Columns, robot: Robot) -> list[NearCh
             ms = int(ticks[f"{seams.NEAR_MS}{name}"])
             near.append(NearCheck(name, check.unit, margin, golden, ms, tripped, check.does))
     return near
-
-
-def _stack_columns(ticks: Columns, names: Sequence[str], runs: int) -> np.ndarray:
-    """Return columns as int32 [columns, runs]; missing columns mean never."""
-    return np.stack([np.broadcast_to(ticks.get(name, -1), runs) for name in names]).astype(np.int32)
 
 
 def _replace_never(ticks: np.ndarray) -> np.ndarray:

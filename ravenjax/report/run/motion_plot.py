@@ -81,10 +81,10 @@ def _draw_course(course: TipCourse) -> list[Chart]:
     return charts
 
 
-def _position_and_speed(time_s: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Return [samples, 4] in mm and mm/s; the speed is since the previous sample."""
+def _position_and_speed(time_s: np.ndarray, position_m: np.ndarray) -> np.ndarray:
+    """Return x, y, z in mm and the speed since the previous sample in mm/s, [samples, 4]."""
     speed = np.zeros(len(time_s))
     if len(time_s) > 1:
-        speed[1:] = np.linalg.norm(np.diff(place, axis=0), axis=1) / np.diff(time_s)
+        speed[1:] = np.linalg.norm(np.diff(position_m, axis=0), axis=1) / np.diff(time_s)
         speed[0] = speed[1]
-    return np.column_stack([place, speed]) * 1e3
+    return np.column_stack([position_m, speed]) * 1e3

@@ -9,7 +9,7 @@ from ravenjax import robots
 from ravenjax.document.chart import Chart, ChartAxis, Curve
 from ravenjax.document.palette import SAME, series_colour
 from ravenjax.report.drawing import save_panels
-from ravenjax.report.run.summary import active_spans
+from ravenjax.store.motion.resampling import true_stretches
 from ravenjax.vocabulary.robot import Robot
 
 ARM_COLOURS = ("series5", "series2", "series0", "series3")
@@ -72,8 +72,8 @@ def trace_plot(
         if ms >= 0
     ]
     names = [name for name in series if name.startswith("fault") and "_active" in name]
-    is_active = np.any([series[name] for name in names], axis=0) if names else ()
-    fault_spans = np.array(active_spans(is_active)) / 1e3
+    is_active = np.any([series[name] for name in names], axis=0) if names else np.zeros(0, bool)
+    fault_spans = np.array(true_stretches(is_active)) / 1e3
     charts = []
     for panel, curves in panels.items():
         values = [curve.y for curve in curves if np.isfinite(curve.y).any()]

@@ -102,7 +102,7 @@ def count_changed(folder: Path, results: pd.DataFrame) -> int:
     with query.open_folder(folder) as table:
         columns = ", ".join(["row", *map(quote_name, names)])
         stored = table.frame(f"SELECT {columns} FROM {RESULTS} WHERE row IN ({rows})")
-    stored = stored.set_index("row")
+        stored = stored.set_index("row")
     words = {name: str for name in TEXT_COLUMNS if name in names}
     computed = results.set_index("index").loc[stored.index, names].astype(words)
     stored = stored.astype(words)

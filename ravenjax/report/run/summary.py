@@ -4,13 +4,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ravenjax import robots
 from ravenjax.outcomes import definitions
 from ravenjax.outcomes.events import Rules
 from ravenjax.outcomes.verdict import UNTOLD
 from ravenjax.report import wording
+from ravenjax.store.motion.resampling import true_stretches
 from ravenjax.vocabulary import checks
 from ravenjax.vocabulary.robot import Robot
 
@@ -111,7 +111,7 @@ def list_events(
         robot=robot,
         faults=wording.fault_phrases(row, robot),
         checks=checks.check_names(row),
-        spans=active_spans,
+        spans=true_stretches,
         pulses=list(_list_pulses(series, rules.cue)) or None,
         changes={name: _list_changes(series, name) for name in states},
         most_windows=MAX_WINDOWS,
@@ -123,7 +123,8 @@ def list_events(
 
 
 def _list_pulses(series: Series, cue: int):
-    # Yields each arm's pulses: (start, end, arm, mm off the nominal model at start, most force).
+    # Yields for each arm a list of its pulses: (first ms, ms after the last, arm, distance from the
+    # nominal model at the start in mm, largest force in device units). cue: number of the set.
     for name in series:
         arm, _, signal = name.partition("/")
         if signal != "cue_force":
@@ -132,7 +133,7 @@ def _list_pulses(series: Series, cue: int):
         distance = series.get(f"{arm}/tip_error_mm", np.full(len(force), np.nan))
         yield [
             (start, end, arm, float(distance[start]), float(force[start:end].max()))
-            for start, end in active_spans(force > 0.0)
+            for start, end in true_stretches(force > 0.0)
         ]
 
 
@@ -141,10 +142,3 @@ def _list_changes(series: Series, name: str):
     values = np.asarray(series.get(name, ())).astype(int if name == "runlevel" else bool)
     ticks = np.flatnonzero(np.diff(values)) + 1
     return [(int(ms), int(values[ms - 1]), int(values[ms])) for ms in ticks]
-
-
-def active_spans(active: ArrayLike) -> list[tuple[int, int]]:
-    """Return [begin, end) of each stretch of true values in `active`, bool [ticks]."""
-    edges = np.diff(np.concatenate([[0], np.asarray(active, bool), [0]]).astype(np.int8))
-    begins, ends = (np.flatnonzero(edges == step).tolist() for step in (1, -1))
-    return list(zip(begins, ends, strict=True))

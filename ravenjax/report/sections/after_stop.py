@@ -29,9 +29,8 @@ class StopRow(NamedTuple):
 
 def stop_rows(runs: Runs) -> list[StopRow]:
     """Return a row for all stops, then one for each check that stopped, most frequent first."""
-    causes = sorted(
-        _count_stops(runs, "response_cause::VARCHAR"), key=lambda row: (-row.n, row.cause)
-    )
+    causes = _count_stops(runs, "response_cause::VARCHAR")
+    causes.sort(key=lambda row: (-row.n, row.cause))
     if len(causes) == 1:
         return [causes[0]._replace(cause=f"{ALL}: {causes[0].cause}")]
     return [*_count_stops(runs, f"'{ALL}'"), *causes]

@@ -10,7 +10,7 @@ import numpy as np
 from ravenjax.outcomes.verdict import HALT_MS
 from ravenjax.report.data import facts as run_facts
 from ravenjax.report.data.facts import FACTS
-from ravenjax.report.data.runs import UNINTENDED, Runs, after_onset
+from ravenjax.report.data.runs import DISTINCT_FAULTS, UNINTENDED, Runs, after_onset
 from ravenjax.report.sections import Section, detectors, reaction, robots, tables
 from ravenjax.report.sections.reaction import Difference
 from ravenjax.report.sections.tables import EventTimes, Quantiles
@@ -44,9 +44,8 @@ class ClassRow(NamedTuple):
 
 def interval_scale(rows: Sequence[ClassRow]) -> float:
     """Return the end of the axis for drawn intervals: a multiple of 0.05, at most 1."""
-    ends = (
-        np.fmax(row.evaded.value, row.evaded.high) for row in rows if row.evaded.n
-    )  # a bound may be NaN
+    # A rate without an interval has the bound NaN, which `fmax` ignores.
+    ends = (np.fmax(row.evaded.value, row.evaded.high) for row in rows if row.evaded.n)
     return min(1.0, math.ceil(20 * max([0.05, *ends])) / 20)
 
 
@@ -121,7 +120,7 @@ def class_rows(runs: Runs, kind: str = "") -> list[ClassRow]:
 
 def cue_effects(runs: Runs) -> Changed:
     """Return the effect of the cue, and of a better haptic set without a false cue, if any."""
-    condition = "sample AND faulty AND evaded"
+    condition = f"{DISTINCT_FAULTS} AND evaded"
     announcements = []
     if runs.count(condition) and runs.motions.count:
         announcements = [_announced(runs, k, condition) for k in range(len(runs.manifest.cues))]
@@ -146,14 +145,14 @@ def _announced(runs: Runs, k: int, condition: str) -> Announced:
 
 
 def _parameters_by_group(runs: Runs):
-    # Returns group -> paths of the parameters that its table or its runs set; no other groups.
-    paths = {
-        group["name"]: dict.fromkeys(
-            path for table in (group, *group.get("run", ())) for path in table.get("parameters", ())
-        )
-        for group in runs.manifest.config.get("group", ())
-    }
-    return {name: list(paths[name]) for name in runs.groups() if paths.get(name)}
+    # Returns group -> paths of the parameters that the group's table, or its tables of runs, set.
+    # Groups that set none are left out.
+    paths: dict[str, list[str]] = {}
+    for group in runs.manifest.config.get("group", ()):
+        tables_of_group = (group, *group.get("run", ()))
+        names = [path for table in tables_of_group for path in table.get("parameters", ())]
+        paths[group["name"]] = list(dict.fromkeys(names))
+    return {name: paths[name] for name in runs.groups() if paths.get(name)}
 
 
 def _content(runs: Runs, _: Path):

@@ -14,7 +14,7 @@ from ravenjax.errors import StoreError
 from ravenjax.report import wording
 from ravenjax.report.data import pair_intervals
 from ravenjax.report.data.facts import FACTS
-from ravenjax.report.data.runs import HARMFUL_EVADING, Runs
+from ravenjax.report.data.runs import DISTINCT_FAULTS, HARMFUL_EVADING, Runs
 from ravenjax.report.drawing import save_panels
 from ravenjax.report.run import chain, chain_words
 from ravenjax.report.sections import robots
@@ -124,7 +124,7 @@ def _content(runs: Runs, folder: Path):
 def _explain_worst_runs(runs: Runs, ticks: pd.DataFrame):
     # Returns the chains of the explained runs with the largest tip excursions, evading runs first.
     manifest, excursion_mm = runs.manifest, "coalesce(greatest(unintended_mm, loss_mm), 0)"
-    facts = f"(SELECT row, evaded FROM {FACTS} WHERE sample AND faulty)"
+    facts = f"(SELECT row, evaded FROM {FACTS} WHERE {DISTINCT_FAULTS})"
     # NaN comes last.
     order = f"evaded DESC, isnan({excursion_mm}), {excursion_mm} DESC, row"
     rows = runs.table.rows(
@@ -175,6 +175,7 @@ class Propagation(NamedTuple):
         """The share of runs whose fault was visible in some signal before harm."""
         hidden = self.hidden
         k = hidden.n - hidden.k
+        # Of the remaining share, the lower bound follows from the upper bound, and vice versa.
         return Rate(k, hidden.n, k / hidden.n, 1 - hidden.high, 1 - hidden.low)
 
     @property

@@ -37,7 +37,7 @@ def contact_rows(runs: Runs) -> list[ContactRow]:
 
 
 def _rows_by(runs: Runs, by: str) -> list[ContactRow]:
-    # Returns a row for each value of `by` (SQL), over faults with more force than the golden run.
+    # Returns a row for each value of `by` (SQL), over all distinct faults.
     names = ["contact_peak_n", "contact_vessel_peak_n"]
     # Instruments can touch each other only if there are two.
     if len(runs.manifest.shape.arms) > 1:
@@ -49,7 +49,7 @@ def _rows_by(runs: Runs, by: str) -> list[ContactRow]:
     )
     rows = []
     for name, groups, n, peak, impulse, *numbers in tables.class_counts(runs, by, columns):
-        # For each force: the number of faults with a larger force, and the largest force in N.
+        # For each force: faults in which it exceeds the golden run's, and the largest force in N.
         counts, forces_n = numbers[::2], numbers[1::2]
         harder, vessel, *instruments = (tables.fault_share(runs, k, n, groups) for k in counts)
         sizes = Quantiles(*peak), Quantiles(*impulse)

@@ -98,13 +98,13 @@ class CoverageTable(NamedTuple):
 
         `name`: of a source, or of a set of sources. Raise UserError for an unknown name.
         """
-        named = {one.name: [one] for one in self.sources} | _together(self.sources)
-        if name not in named:
+        teams = {source.name: [source] for source in self.sources} | _together(self.sources)
+        if name not in teams:
             raise UserError(
-                f"--runs {name!r}: unknown check, expected one of {', '.join(named)}"
-                f"{suggest_name(name, named)}"
+                f"--runs {name!r}: unknown check, expected one of {', '.join(teams)}"
+                f"{suggest_name(name, teams)}"
             )
-        found = _first_ms(self.harmful, named[name])
+        detected_ms = _first_ms(self.harmful, teams[name])
         faults = runs.whole_rows(self.harmful["row"].tolist())
         columns = (self.harmful[key] for key in ("run_id", "site", "harm_ms"))
         return [
@@ -116,7 +116,7 @@ class CoverageTable(NamedTuple):
                 str(ms) if ms >= 0 else wording.DASH,
                 "never" if ms < 0 else "before the harm" if ms < harm else "after the harm",
             )
-            for run_id, site, harm, ms, fault in zip(*columns, found, faults, strict=True)
+            for run_id, site, harm, ms, fault in zip(*columns, detected_ms, faults, strict=True)
         ]
 
 
@@ -186,9 +186,8 @@ def measure_coverage(runs: Runs, deadlines: pd.DataFrame | None = None) -> Cover
         unknown=unknown,
         fickle=fickle,
     )
-    return CoverageTable(
-        harmful, sources, list(_rows(runs, harmful, sources, latest)), latest, notices
-    )
+    rows = list(_rows(runs, harmful, sources, latest))
+    return CoverageTable(harmful, sources, rows, latest, notices)
 
 
 def _together(sources: Sequence[Source]):
@@ -245,21 +244,22 @@ def _rows(
 def _smallest(
     harmful: pd.DataFrame, sources: Sequence[Source], criterion: str, limit: np.ndarray
 ) -> SmallestSets:
-    # Finds the smallest sets of sources that detect every fault that any source detects. First the
-    # sources that are the only ones to detect some fault, then combinations of the others.
-    names = [one.name for one in sources if one.reports]
+    # Finds the smallest sets of sources that detect every fault that any source detects. limit:
+    # latest time at which a detection of each fault counts, ms. A source that alone detects some
+    # fault is in every set. Combinations of the others are tried, the smallest first.
+    names = [source.name for source in sources if source.reports]
     ms = harmful[names].to_numpy()
-    hits = (ms >= 0) & (ms <= limit[:, None])
+    hits = (ms >= 0) & (ms <= limit[:, None])  # [faults, sources]
     hits = hits[hits.any(axis=1)]
     # Faults that the same sources detect count once.
     kinds = np.unique(hits, axis=0)
     needed = kinds[kinds.sum(axis=1) == 1].any(axis=0)
-    others, found, size = np.flatnonzero(kinds.any(axis=0) & ~needed), [], 0
-    while not found:
+    others, complete, size = np.flatnonzero(kinds.any(axis=0) & ~needed), [], 0
+    while not complete:
         teams = ((*np.flatnonzero(needed), *more) for more in itertools.combinations(others, size))
-        found = [team for team in teams if kinds[:, team].any(axis=1).all()]
+        complete = [team for team in teams if kinds[:, team].any(axis=1).all()]
         size += 1
-    sets = [tuple(names[place] for place in team) for team in found]
+    sets = [tuple(names[index] for index in team) for team in complete]
     return SmallestSets(criterion, len(hits), sets)
 
 

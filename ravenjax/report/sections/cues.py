@@ -22,7 +22,7 @@ from ravenjax.document.palette import CUE, SAME
 from ravenjax.report import wording
 from ravenjax.report.data import fault_free
 from ravenjax.report.data.facts import FACTS
-from ravenjax.report.data.runs import UNINTENDED, Runs, after_onset
+from ravenjax.report.data.runs import DISTINCT_FAULTS, UNINTENDED, Runs, after_onset
 from ravenjax.report.sections import tables
 from ravenjax.stats.alarms import choice
 from ravenjax.stats.alarms.choice import AlarmCounts, unbeaten_choices
@@ -32,7 +32,7 @@ from ravenjax.store.manifest import CueRecord
 
 FELT = ("peak_force", "ms", "count")
 """Endings of the columns that describe a felt cue."""
-HARMLESS = "sample AND faulty AND NOT unintended"
+HARMLESS = f"{DISTINCT_FAULTS} AND NOT unintended"
 WEIGHTS = (1, 10, 100, 1000)
 """Costs of a missed hazard, in false cues, if one hazard occurs per hour."""
 FALSE_PER_HOUR = (0.5, 1, 10, 60)
@@ -139,9 +139,9 @@ def choose_cues(runs: Runs, rows: Sequence[CueRow]) -> list[Choice]:
 def hours_to_offer(choices: Sequence[Choice]) -> float:
     """Return the hours of fault-free motion that would decide undecided choices; 0 if none would.
 
-    The rule of a choice is a limit of false cues, or a cost of a missed hazard. The hours decide
-    all choices under a limit. If these are decided, they decide the choice under a cost that needs
-    the fewest hours.
+    The rule of a choice is a limit of false cues, or a cost of a missed hazard. If choices under a
+    limit are undecided, the hours suffice for all of these. Otherwise they suffice for the choice
+    under a cost that needs the fewest hours.
     """
     hours_of_rules = {one.rule: one.hours for one in choices if math.isfinite(one.hours)}
     of_limits = [hours for rule, hours in hours_of_rules.items() if rule.startswith(_LIMIT)]
@@ -159,7 +159,8 @@ def _alarm_counts(runs: Runs, rows: Sequence[CueRow]) -> AlarmCounts:
     missed = np.array([[digit == "0" for digit in pattern] for pattern, _ in patterns])
     count = np.array([n for _, n in patterns])
     rates = [row.per_hour for row in rows if row.per_hour is not None]
-    # missed_by_first[i, j]: number of hazards that set i misses and set j detects.
+    # missed: bool [patterns, sets]; count: number of hazards of each pattern. missed_by_first[i,
+    # j]: number of hazards that set i misses and set j detects.
     return AlarmCounts(
         missed=count @ missed,
         missed_by_first=(missed * count[:, None]).T @ ~missed,

@@ -135,12 +135,12 @@ def deadline_chart(table: pd.DataFrame) -> Chart:
     """Return a chart of the share of faults whose harm an action prevents, over its time."""
     most = float(table["deadline_ms"].to_numpy().max(initial=2))
     curves = []
-    for place, (action, rows) in enumerate(table.groupby("action", sort=False)):
+    for number, (action, rows) in enumerate(table.groupby("action", sort=False)):
         # Below 0, no action after the effect helps. An action at the deadline still helps.
         deadlines = np.sort(rows["deadline_ms"].to_numpy(float))
         times_ms = np.unique(np.concatenate([[0.0], deadlines[deadlines >= 0] + 1]))
         share = 1 - np.searchsorted(deadlines, times_ms) / len(deadlines)
-        name, colour = ACTIONS[str(action)], f"series{place}"
+        name, colour = ACTIONS[str(action)], f"series{number}"
         curves.append(Curve.steps(name, colour, times_ms, share, start=1.0, end=most))
     return Chart(
         "Share of faults whose harm an action still prevents",

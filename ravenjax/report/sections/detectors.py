@@ -17,7 +17,7 @@ from ravenjax.document import palette
 from ravenjax.document.chart import Chart, ChartAxis, Curve, Dots
 from ravenjax.report import wording
 from ravenjax.report.data import facts as run_facts
-from ravenjax.report.data.runs import Runs, after_onset
+from ravenjax.report.data.runs import DISTINCT_FAULTS, Runs, after_onset
 from ravenjax.report.sections import tables
 from ravenjax.stats.alarms.false_alarms import AlarmRate
 from ravenjax.stats.alarms.roc import CurveBand
@@ -137,14 +137,14 @@ def detector_rows(runs: Runs) -> list[DetectorRow]:
     return result
 
 
-def threshold_rows(runs: Runs, found: Sequence[ThresholdAlarms]) -> list[DetectorThreshold]:
-    """Return recall, precision, false alarms and times for each item of `found`, in its order."""
+def threshold_rows(runs: Runs, sources: Sequence[ThresholdAlarms]) -> list[DetectorThreshold]:
+    """Return recall, precision, false alarms and times for each source of alarms, in order."""
     kinds = ("unintended", "NOT unintended")
-    conditions = [f"{kind} AND {alarms.column} >= 0" for alarms in found for kind in kinds]
-    unintended, others, *counts = runs.counts([*kinds, *conditions], where="sample AND faulty")
+    conditions = [f"{kind} AND {alarms.column} >= 0" for alarms in sources for kind in kinds]
+    unintended, others, *counts = runs.counts([*kinds, *conditions], where=DISTINCT_FAULTS)
     # The counts alternate: faults with an alarm that have, and do not have, an unintended motion.
     result = []
-    for alarms, caught, harmless in zip(found, counts[::2], counts[1::2], strict=True):
+    for alarms, caught, harmless in zip(sources, counts[::2], counts[1::2], strict=True):
         times = tables.event_times(runs, after_onset(alarms.column))
         row = DetectorThreshold(
             detector=alarms.name,
@@ -169,10 +169,10 @@ def curve_runs(runs: Runs) -> tuple[int, int]:
 
 
 def _shown(alarms: list[ThresholdAlarms]) -> list[ThresholdAlarms]:
-    # Returns the thresholds that the table lists.
-    places = np.unique(np.linspace(0, len(alarms) - 1, MOST_THRESHOLDS).round())
+    # Returns the thresholds that the table lists: all, or some at even spacing and the quiet one.
+    listed = np.unique(np.linspace(0, len(alarms) - 1, MOST_THRESHOLDS).round())
     few = len(alarms) <= MOST_THRESHOLDS
-    return [level for k, level in enumerate(alarms) if few or k in places or level.quiet]
+    return [level for k, level in enumerate(alarms) if few or k in listed or level.quiet]
 
 
 def _bands(runs: Runs, number: int):

@@ -16,7 +16,7 @@ import pandas as pd
 
 from ravenjax import resources
 from ravenjax.document.chart import round_values
-from ravenjax.report.data.runs import Runs
+from ravenjax.report.data.runs import DISTINCT_FAULTS, Runs
 from ravenjax.report.sections import tables
 from ravenjax.stats.intervals import Rate, share_of_cells
 from ravenjax.store.access.query import RESULTS, quote_name
@@ -91,8 +91,8 @@ def summarize_sweep(runs: Runs) -> Sweep:
 
     Each distinct fault has one row (`sample`). Of very many, some are drawn.
     """
-    if runs.count("sample AND faulty"):
-        measures, condition, unit = MEASURES, "sample AND faulty", "faults"
+    if runs.count(DISTINCT_FAULTS):
+        measures, condition, unit = MEASURES, DISTINCT_FAULTS, "faults"
     else:
         measures, condition, unit = FREE_MEASURES, "sample", "runs"
     # Names of the fault slots, such as "fault0".
@@ -140,7 +140,8 @@ def all_maps(runs: Runs) -> list[dict[str, Any]]:
         axes = _make_axes(block_sweep, runs.robot.joints)
         # With a single input, a map has one row.
         pairs = list(itertools.combinations(axes, 2)) or [(axis, None) for axis in axes]
-        if ranked := _rank_pairs([_count_pairs(block_sweep, *pair) for pair in pairs]):
+        counts = [_count_pairs(block_sweep, *pair) for pair in pairs]
+        if ranked := sorted(counts, key=explained_share, reverse=True):
             sampled = runs.sampled(groups.get(str(name)))
             items.append(_make_map(block_sweep, str(name), ranked, sampled))
     items.sort(key=lambda item: [-measure["rate"].value for measure in item["rates"]])
@@ -213,7 +214,8 @@ def _make_axis(title: str, labels: np.ndarray, order: list[str], words: bool = F
 
 
 def _bin_edges(lowest: float, highest: float, bins: int) -> np.ndarray:
-    # Returns round edges of bins; powers of two if the range is wide.
+    # Returns round edges of bins. If the range is wide, edges are powers of two: each exponent is
+    # larger by `step` than the one before, so that there are at most about `bins` + 2 bins.
     if lowest > 0 and highest / lowest > 30:
         step = math.ceil(math.log2(highest / lowest) / (bins + 2))
         end = math.log2(highest) + step + 1e-9
@@ -242,11 +244,7 @@ def _count_blocks(sweep: Sweep) -> list[PairCounts]:
     inputs = [name for name in sweep.titles if name in COMMON or name.startswith("param:")]
     axes = _make_axes(sweep._replace(titles={name: sweep.titles[name] for name in inputs}))
     pairs = [_count_pairs(sweep, horizontal, vertical) for horizontal in axes]
-    return _rank_pairs(pairs or [_count_pairs(sweep, vertical, None)])
-
-
-def _rank_pairs(pairs: Sequence[PairCounts]) -> list[PairCounts]:
-    # Sorts pairs of axes, those that explain most of the variance first.
+    pairs = pairs or [_count_pairs(sweep, vertical, None)]
     return sorted(pairs, key=explained_share, reverse=True)
 
 
@@ -298,7 +296,7 @@ def _make_map(sweep: Sweep, name: str, ranked: list[PairCounts], sampled: bool):
     for measure, k in zip(sweep.measures, counts.k, strict=True):
         described = measure._asdict() | {"rate": rate_in(int(k.sum()), n)}
         rates.append(described)
-        # A measure that is the same in all runs has no panel.
+        # A measure that is the same in all runs has no panel. A cell is (k, n) of its rate.
         if 0 < k.sum() < n:
             cells = np.stack([k, counts.n], axis=2).tolist()
             rows = [

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ravenjax.report.data.runs import Runs, after_onset
+from ravenjax.report.data.runs import DISTINCT_FAULTS, Runs, after_onset
 from ravenjax.report.sections import detectors, tables
 from ravenjax.report.sections.detectors import DetectorThreshold, ThresholdAlarms
 from ravenjax.stats.intervals import Rate
@@ -40,7 +40,7 @@ def own_check_rows(runs: Runs) -> list[OwnCheckRow]:
         " AND ".join([trip, "built_in_told_ms < 0", *silent[:number], *silent[number + 1 :]])
         for number, trip in enumerate(trips)
     ]
-    total, *counts = runs.counts(["true", *trips, *alone], where="sample AND faulty")
+    total, *counts = runs.counts(["true", *trips, *alone], where=DISTINCT_FAULTS)
     tripped, tripped_alone = counts[: len(checks)], counts[len(checks) :]
     sections = {f"{OWN}{check['name']}": check for check in runs.manifest.config.get("check", ())}
     result = []
@@ -66,7 +66,7 @@ def _describe_threshold(runs: Runs, section: dict[str, Any], check: str) -> str:
     lowest, highest = value, value
     if name in runs.names:
         lowest, highest = runs.table.row(
-            f'SELECT min("{name}"), max("{name}") FROM {runs.matching("sample AND faulty")}'
+            f'SELECT min("{name}"), max("{name}") FROM {runs.matching(DISTINCT_FAULTS)}'
         )
     words = f"above {lowest:g}" + (f" to {highest:g}, together" if highest != lowest else "")
     in_a_row = section.get("consecutive", 1)
@@ -92,7 +92,7 @@ def _false_alarms(runs: Runs) -> Iterator[ThresholdAlarms]:
 
 
 def _content(runs: Runs, _: Path):
-    if not runs.manifest.shape.own_checks or not runs.count("sample AND faulty"):
+    if not runs.manifest.shape.own_checks or not runs.count(DISTINCT_FAULTS):
         return None
     return {"own_checks": own_check_rows(runs)}
 

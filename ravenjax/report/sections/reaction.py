@@ -232,7 +232,7 @@ def _actions(runs: pd.DataFrame):
 
 
 def _crossed_names(frame: pd.DataFrame) -> list[str]:
-    # Returns the columns of parameters that differ between the runs of a pair.
+    # Returns the columns of parameters, except the action, that differ between runs of one `pair`.
     names = [name for name in frame if name.startswith("param:") and name != ACTION]
     counts = frame[names].groupby(frame["pair"]).nunique(dropna=False)
     return [str(name) for name, count in counts.max().items() if count > 1]

@@ -11,7 +11,7 @@ import pandas as pd
 
 from ravenjax import resources
 from ravenjax.report.data.facts import FACTS
-from ravenjax.report.data.runs import Runs
+from ravenjax.report.data.runs import DISTINCT_FAULTS, Runs
 from ravenjax.stats import one_unit, units
 from ravenjax.stats.intervals import Rate
 from ravenjax.stats.units import Units
@@ -19,8 +19,6 @@ from ravenjax.store.access.query import RESULTS, quote_name
 
 MIN_FAULTS = 20
 """Smallest number of faults for a rate."""
-_WHOLE = "together"
-"""Name of the form of a value table that is drawn jointly with others."""
 
 
 class RobotRate(NamedTuple):
@@ -45,7 +43,7 @@ def robot_rates(runs: Runs) -> list[RobotRate]:
     for name, (condition, hit) in questions.items():
         rows = runs.table.rows(
             f"SELECT count(*) FILTER ({hit}), count(*) FROM {RESULTS} JOIN {FACTS} USING (row) "
-            f"WHERE sample AND faulty AND {condition} GROUP BY {robot}"
+            f"WHERE {DISTINCT_FAULTS} AND {condition} GROUP BY {robot}"
         )
         if sum(n for _, n in rows) >= MIN_FAULTS:
             per_unit = one_unit.rate_per_unit([k for k, _ in rows], [n for _, n in rows])
@@ -83,11 +81,11 @@ def drawn_units(runs: Runs, faults: pd.DataFrame) -> tuple[Units | None, str]:
 
 
 def robot_columns(config: Mapping[str, Any]) -> list[str]:
-    """Return the columns of parameters that a stored campaign draws together, as whole robots."""
+    """Return the columns of parameters that a stored campaign draws `together`, as whole robots."""
     columns = []
     for table in (config, *config.get("group", ())):
         for path, value in table.get("parameters", {}).items():
-            if isinstance(value, Mapping) and _WHOLE in value:
+            if isinstance(value, Mapping) and "together" in value:
                 columns.append(f"param:{path}")
     return list(dict.fromkeys(columns))
 

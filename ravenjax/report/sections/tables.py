@@ -17,7 +17,7 @@ from ravenjax import resources
 from ravenjax.campaign.stop import decisions
 from ravenjax.outcomes import definitions, events, verdict
 from ravenjax.report.data.facts import FACTS, OUTCOMES, VALID_OUTCOMES
-from ravenjax.report.data.runs import UNINTENDED, Runs
+from ravenjax.report.data.runs import DISTINCT_FAULTS, UNINTENDED, Runs
 from ravenjax.stats import latency
 from ravenjax.stats.intervals import Estimate, Rate, share_of_cells, wilson_interval
 from ravenjax.stats.latency import Delays, Incidence
@@ -57,7 +57,7 @@ def class_counts(
     """
     return runs.table.rows(
         f'SELECT {by}, list(DISTINCT {FACTS}."group"::VARCHAR), count(*), {", ".join(columns)} FROM'
-        f" {RESULTS} JOIN {FACTS} USING (row) WHERE sample AND faulty AND {where} GROUP BY ALL"
+        f" {RESULTS} JOIN {FACTS} USING (row) WHERE {DISTINCT_FAULTS} AND {where} GROUP BY ALL"
         " HAVING count(*) > 0 ORDER BY 1"
     )
 
@@ -122,7 +122,7 @@ def headline_counts(runs: Runs, manifest: Manifest) -> Row:
     window = f"length_ms > 0 AND onset_ms + length_ms::BIGINT > {manifest.duration_ms}"
     window = window if "length_ms" in runs.facts else "false"
     conditions["cut_short"] = f"NOT told AND hazard = 'none' AND {window}"
-    counts = runs.counts(list(conditions.values()), where="sample AND faulty")
+    counts = runs.counts(list(conditions.values()), where=DISTINCT_FAULTS)
     n = dict(zip(conditions, counts, strict=True))
     total = n["total"]
     valid = "plain AND faulty AND NOT failed AND"
@@ -131,7 +131,7 @@ def headline_counts(runs: Runs, manifest: Manifest) -> Row:
     )
     free = runs.motions
     (lead_ms,) = runs.table.row(
-        f"SELECT coalesce(median(told_ms - warned_ms), 'nan') FROM {FACTS} WHERE sample AND faulty"
+        f"SELECT coalesce(median(told_ms - warned_ms), 'nan') FROM {FACTS} WHERE {DISTINCT_FAULTS}"
         f" AND {conditions['both']}"
     )
     rates = {name: fault_share(runs, count, total) for name, count in n.items()}
@@ -194,7 +194,7 @@ def jump_rows(runs: Runs) -> list[Row]:
     for name, words in rules.items():
         conditions = ["true", name, f"{name} AND unintended", f"{name} AND misreport"]
         source = f"{RESULTS} JOIN {FACTS} USING (row)"
-        n, k, *hazards = runs.counts(conditions, source, "sample AND faulty")
+        n, k, *hazards = runs.counts(conditions, source, DISTINCT_FAULTS)
         hazard = dict(zip(("unintended", "misreport"), hazards, strict=True))
         rows.append({"rule": words, "rate": fault_share(runs, k, n), **hazard})
     return rows
@@ -258,7 +258,7 @@ def event_delays(runs: Runs, event: str) -> tuple[Delays, int]:
 
 
 def check_rows(runs: Runs) -> list[Row]:
-    """Return one row per built-in check: faults in which it tripped, and its least margin."""
+    """Return a row per built-in check: faults in which it tripped, least margin in silent runs."""
     manifest = runs.manifest
     user_defined = {check.name for check in manifest.shape.own_checks}
     names = [name for name in manifest.shape.checks if name not in user_defined]
@@ -268,8 +268,9 @@ def check_rows(runs: Runs) -> list[Row]:
         for name in names
     ]
     total, *numbers = runs.table.row(
-        f"SELECT {', '.join(['count(*)', *columns])} FROM {runs.matching('sample AND faulty')}"
+        f"SELECT {', '.join(['count(*)', *columns])} FROM {runs.matching(DISTINCT_FAULTS)}"
     )
+    # The numbers alternate: faults in which the check tripped, and its least margin (None: none).
     rows = []
     for check, tripped, margin in zip(names, numbers[::2], numbers[1::2], strict=True):
         definition = manifest.robot.check(check)
@@ -293,7 +294,7 @@ def cause_rows(runs: Runs) -> list[Row]:
         {"cause": cause or "not recorded", **dict(zip(CAUSED, numbers, strict=True))}
         for cause, *numbers in runs.table.rows(
             f"SELECT response_cause::VARCHAR AS cause, {counts} FROM"
-            f" {runs.matching('sample AND faulty')} WHERE response <> 'silent' GROUP BY cause"
+            f" {runs.matching(DISTINCT_FAULTS)} WHERE response <> 'silent' GROUP BY cause"
             " ORDER BY count(*) DESC, cause"
         )
     ]

@@ -5,7 +5,7 @@ from typing import Any
 
 from ravenjax import resources
 from ravenjax.report import wording
-from ravenjax.report.data.runs import Runs
+from ravenjax.report.data.runs import DISTINCT_FAULTS, Runs
 from ravenjax.report.run.ranking import rank_runs
 from ravenjax.report.sections.tables import replay_command
 from ravenjax.vocabulary.robot import Robot
@@ -29,7 +29,7 @@ def worst_rows(runs: Runs, folder: Path) -> list[dict[str, Any]]:
             continue
         distance_sql = kind["distance_sql"].format(cue=manifest.verdict_cue)
         # SQL for the table and the condition of a query.
-        matching = runs.matching(f"sample AND faulty AND ({kind['where']})")
+        matching = runs.matching(f"{DISTINCT_FAULTS} AND ({kind['where']})")
         cases = f"{matching} WHERE NOT isnan(({distance_sql})::DOUBLE)"
         (n,) = runs.table.row(f"SELECT count(*) FROM {cases}")
         worst = rank_runs(runs.table, cases, distance_sql, SHOWN_RUNS)

@@ -74,9 +74,9 @@ def check_files(folder: Path, record: Manifest) -> tuple[FolderCheck, list[parts
 
 def check_rows(record: Manifest) -> FolderCheck:
     """Check that the files contain each row that they should contain, and no row twice."""
+    _, overlapping = parts.without_overlaps(record.parts)
     complaints = [
-        f"{part.file}: contains runs that another file contains, too"
-        for part in parts.without_overlaps(record.parts)[1]
+        f"{part.file}: contains runs that another file contains, too" for part in overlapping
     ]
     missing = list(parts.missing_rows(record.parts, record.wanted))
     if missing:
@@ -92,7 +92,7 @@ def check_rows(record: Manifest) -> FolderCheck:
 
 
 def check_values(folder: Path, record: Manifest, whole: list[parts.Part]) -> list[FolderCheck]:
-    """Check the values in complete files with rules.toml, which lists possible values."""
+    """Check the values in the complete files `whole` with the rules for values in rules.toml."""
     if not whole:
         return []
     files = [folder / PARTS / part.file for part in whole]
@@ -102,7 +102,8 @@ def check_values(folder: Path, record: Manifest, whole: list[parts.Part]) -> lis
 
 
 def _check(table: ResultTable, record: Manifest, check: str, rules: list[dict]) -> FolderCheck:
-    # Checks a column's values with the rules of its name, type and unit, in one query.
+    # Checks all columns in one query, each with the first rule whose pattern fits its name, type
+    # and unit. A rule has an SQL condition ("must"), and a message about rows that break it.
     musts, complaints = [], []
     for column in schema.table_columns(record.shape):
         field = f"{column.name} {column.dtype} {column.unit}"
@@ -139,8 +140,8 @@ def _differs(path: Path, part: parts.Part, shape: schema.Shape) -> str:
     wanted, actual = schema.arrow_schema(shape), footer.schema.to_arrow_schema()
     if actual.equals(wanted):
         return ""
-    odd = sorted({field.name for field in {*wanted} ^ {*actual}})
-    names = ", ".join(odd[:MOST]) or "in another order"
+    differing = sorted({field.name for field in {*wanted} ^ {*actual}})
+    names = ", ".join(differing[:MOST]) or "in another order"
     return f"{path}: has other columns than its campaign: {names}"
 
 

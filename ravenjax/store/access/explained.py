@@ -19,13 +19,14 @@ _CAMPAIGN, _CODE = b"config_hash", b"code_hash"
 
 
 def add_explained(folder: Path, ticks: pd.DataFrame, record: Manifest) -> Path:
-    """Add explained runs to the file in a folder. They replace earlier rows of the same runs.
+    """Add the table `ticks` of explained runs to the file in a folder, whose path is returned.
 
-    Rows of other code or of another campaign are removed. Raise StoreError if writing fails.
+    Earlier rows of the same runs, and rows of other code or of another campaign, are removed. Raise
+    StoreError if writing fails.
     """
-    path, own = folder / FILE, manifest.code_hash(record.robot).encode()
+    path, code_now = folder / FILE, manifest.code_hash(record.robot).encode()
     before = read_explained(folder, record)
-    if before is not None and (pq.read_schema(path).metadata or {}).get(_CODE) == own:
+    if before is not None and (pq.read_schema(path).metadata or {}).get(_CODE) == code_now:
         others = before.loc[~before["run_id"].isin(ticks["run_id"])]
         ticks = pd.concat([others, ticks], ignore_index=True).sort_values("index", kind="stable")
     write_rows(path, ticks, record)
@@ -62,10 +63,10 @@ def read_deadlines(directory: Path) -> pd.DataFrame | None:
 
 
 def write_rows(path: Path, rows: pd.DataFrame, record: Manifest) -> None:
-    """Write a table about runs of a campaign. Raises StoreError if it cannot be written."""
-    own = manifest.code_hash(record.robot).encode()
+    """Write a table about runs, with hashes of campaign and code. Raise StoreError if it fails."""
+    code = manifest.code_hash(record.robot).encode()
     table = pa.Table.from_pandas(rows, preserve_index=False)
-    table = table.replace_schema_metadata({_CAMPAIGN: record.config_hash.encode(), _CODE: own})
+    table = table.replace_schema_metadata({_CAMPAIGN: record.config_hash.encode(), _CODE: code})
     write_aside(path, lambda target: pq.write_table(table, target, compression="zstd"))
 
 

@@ -24,8 +24,6 @@ SCALE = "scale"
 """The only key of [operator] that describes the robot; the other keys describe the motion."""
 _UNUSED_TABLES = ("group", "outcomes", "reaction", "stop", "cross")
 """Tables of a campaign file that do not affect fault-free motion up to the first cue."""
-REACTION = "reaction."
-"""Prefix of the paths of parameters that describe the operator's reaction to a cue."""
 
 
 class MotionFolder(NamedTuple):
@@ -48,7 +46,8 @@ NO_COMPANIONS = Companions((), ())
 def find_fault_free(folder: Path, campaign: Manifest) -> Companions:
     """Return the fault-free results in the subfolder FOLDER of a result folder, sorted by name.
 
-    campaign: manifest of the result folder. A motion that an earlier result has is excluded.
+    campaign: manifest of the result folder. A result is excluded if it belongs to another robot, or
+    repeats the motion of the campaign or of an earlier result.
     """
     parent = Path(folder) / FOLDER
     paths = sorted(path for path in parent.iterdir() if path.is_dir()) if parent.is_dir() else []
@@ -80,6 +79,7 @@ def motion_of(manifest: Manifest) -> str:
     # The teleoperation scale is left out, because it describes the robot: `robot_tables` has it.
     operator = _omit(manifest.config.get("operator") or {}, (SCALE,))
     campaign = manifest.config.get("campaign") or {}
+    # With this choice, the console sends a packet in every control cycle.
     usual = CHOICES[EVERY_CYCLE]
     random = campaign.get("noise") or campaign.get("packets", usual) != usual
     return json.dumps([operator, random and manifest.seed], sort_keys=True)
@@ -111,4 +111,4 @@ def _omit(table: Nested, names: tuple[str, ...]) -> Nested:
 
 def without_reaction(parameters: Nested) -> Nested:
     """Return a table of parameters without those of the operator's reaction."""
-    return {path: value for path, value in parameters.items() if not path.startswith(REACTION)}
+    return {path: value for path, value in parameters.items() if not path.startswith("reaction.")}

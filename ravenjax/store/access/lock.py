@@ -75,9 +75,10 @@ def _put(file, text: str):
 
 
 def _may_run(holder: Holder) -> bool:
-    # Returns whether the process may still be running. This is unknown on another computer.
+    # Returns whether the process may still run. On another computer this is unknown: True.
     try:
         if holder.host == socket.gethostname():
+            # Signal 0 does nothing, but fails if the process does not exist.
             os.kill(holder.pid, 0)
     except ProcessLookupError:
         return False
@@ -88,7 +89,7 @@ def _may_run(holder: Holder) -> bool:
 
 
 def _refusal(folder: Path, holder: Holder | None, hint: str = "") -> StoreError:
-    # Returns the error for a folder that another process has locked.
+    # Returns the error for a folder that another process has locked. hint: a further sentence.
     who = "another process"
     if holder is not None:
         who = f"process {holder.pid} on {holder.host}, started {holder.since},"

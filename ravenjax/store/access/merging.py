@@ -73,16 +73,16 @@ def merge_shards(out: Path, shards: Sequence[Path], partial: bool = False) -> Me
 
 
 def _folders(out: Path, shards: Sequence[Path]) -> list[Path]:
-    # Returns the folders to merge, each once: the shards, and the output folder with a result.
+    # Returns the folders to merge, each once: the output folder if it has results, and the shards.
     if not shards:
         raise StoreError(
             f"{out}: got no shards to merge; on the command line, write the result folders of the"
             " shards after the output folder"
         )
-    own = [out] if (out / manifests.FILE).exists() else []
-    places = {folder.resolve(): folder for folder in [*shards, *own]}
-    places.pop(out.resolve(), None)
-    return [*own, *places.values()]
+    earlier = [out] if (out / manifests.FILE).exists() else []
+    by_location = {folder.resolve(): folder for folder in shards}
+    by_location.pop(out.resolve(), None)
+    return [*earlier, *by_location.values()]
 
 
 def _require_same(first: Path, other: Path, manifest_of: Mapping[Path, Manifest]):
@@ -124,10 +124,10 @@ def _disjoint(sources: list[PartSource]) -> list[PartSource]:
 
     Raise StoreError if two different files contain the same row.
     """
-    alike: dict[tuple[int, int, str], PartSource] = {}
+    by_content: dict[tuple[int, int, str], PartSource] = {}
     for source in sources:
-        alike.setdefault((source.part.first, source.part.last, source.part.sha256), source)
-    ordered = sorted(alike.values(), key=lambda source: source.part.first)
+        by_content.setdefault((source.part.first, source.part.last, source.part.sha256), source)
+    ordered = sorted(by_content.values(), key=lambda source: source.part.first)
     for one, other in pairwise(ordered):
         if other.part.first <= one.part.last:
             both = range(other.part.first, min(one.part.last, other.part.last) + 1)
@@ -140,22 +140,24 @@ def _disjoint(sources: list[PartSource]) -> list[PartSource]:
 
 
 def _incomplete(records: dict[Path, Manifest], missing: list[range]) -> str:
-    # Returns the message about rows that no shard contains.
+    # Returns the message about rows that no shard contains. records: manifests by folder.
     rows = sum(map(len, missing))
     sentences = [
         f"the campaign has {next(iter(records.values())).runs:,} runs, but {rows:,} of these are in"
         f" no shard: rows {query.in_words(missing)}."
     ]
     for folder, record in records.items():
-        own = list(parts.missing_rows(record.parts, record.wanted))
-        if record.rows is not None and own:
-            sentences.append(f"{folder} lacks rows {query.in_words(own)}: start its command again.")
+        lacking = list(parts.missing_rows(record.parts, record.wanted))
+        if record.rows is not None and lacking:
+            ranges = query.in_words(lacking)
+            sentences.append(f"{folder} lacks rows {ranges}: start its command again.")
     sentences.append("Nothing was merged: name all shards, or permit missing rows with --partial.")
     return " ".join(sentences)
 
 
 def _link_or_copy(source: PartSource, out: Path, config_hash: str) -> str:
     # Links a file into the merged folder, which needs no disk space, or else copies the file.
+    # Returns what was done: "linked", "copied", or "kept" if the file was there before.
     merged = out / PARTS / source.part.file
     part = source.part
     if merged.exists() and (merged.samefile(source.file) or hash_file(merged) == part.sha256):
@@ -178,8 +180,8 @@ def _link_or_copy(source: PartSource, out: Path, config_hash: str) -> str:
 
 def _require_own(out: Path, sources: list[PartSource]):
     # Raises StoreError if the output folder contains parts that do not belong to the merged result.
-    own = {source.part.file for source in sources}
-    foreign = [path for path in parts.part_files(out / PARTS) if path.name not in own]
+    names = {source.part.file for source in sources}
+    foreign = [path for path in parts.part_files(out / PARTS) if path.name not in names]
     if foreign:
         raise StoreError(
             f"{foreign[0]}: this file of the output folder is in none of the shards. Nothing was"
@@ -188,7 +190,7 @@ def _require_own(out: Path, sources: list[PartSource]):
 
 
 def _joined(records: list[Manifest], sources: list[PartSource], incomplete: bool) -> Manifest:
-    # Returns the manifest of the merged folder.
+    # Returns the manifest of the merged folder: that of the first shard, except for these values.
     ends = [record.finished for record in records if record.finished]
     finished = None if incomplete else max(ends, default=manifests.utc_now())
     seconds = [record.run_s for record in records if record.run_s]
@@ -201,7 +203,7 @@ def _joined(records: list[Manifest], sources: list[PartSource], incomplete: bool
             "device": "; ".join(dict.fromkeys(record.device for record in records)),
             "started": min(record.started for record in records),
             "finished": finished,
-            # How often a process started to compute the campaign.
+            # Shards may run at the same time, so their starts do not add up, and have no speed.
             "starts": max(record.starts for record in records),
             "run_s": sum(seconds) if seconds else None,
             "runs_per_s": None,

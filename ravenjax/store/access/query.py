@@ -61,12 +61,12 @@ class ResultTable(contextlib.ExitStack):
         self.connection.register(name, table)
 
     def run(self, sql: str, given: Sequence[Any] = ()) -> "duckdb.DuckDBPyConnection":
-        """Run one SQL statement. Raise StoreError if it fails."""
+        """Run one SQL statement; `given` replaces its question marks. May raise StoreError."""
         import duckdb
 
         try:
             # A name in somebody else's file must not add a second statement.
-            if self.connection.extract_statements(sql)[1:]:
+            if len(self.connection.extract_statements(sql)) > 1:
                 raise StoreError("a name in the result contains SQL, so the result is forged")
             return self.connection.execute(sql, list(given))
         except duckdb.OutOfMemoryException as error:
@@ -75,7 +75,7 @@ class ResultTable(contextlib.ExitStack):
                 f" {parts.first_line(error)}. Permit more with RAVENJAX_QUERY_MB=4000 (in MB), or"
                 " free space on the disk of the result folder."
             ) from error
-        # Also for columns that the table lacks, although its manifest states them.
+        # One cause is a damaged folder: the manifest states a column that the table lacks.
         except duckdb.Error as error:
             raise StoreError(
                 f"a query of the result table failed: {parts.first_line(error)}. `ravenjax verify`"
@@ -95,12 +95,13 @@ def open_folder(path: str | Path) -> ResultTable:
 def open_parts(files: Sequence[Path], aside: Path | None, numbered: bool = False) -> ResultTable:
     """Open the rows of these Parquet files for queries, without checks.
 
-    aside: folder for temporary files, if it is writable. numbered: add filename and
-    file_row_number (from 0).
+    aside: folder for temporary files, if it is writable; None: the system's. numbered: add the
+    columns filename and file_row_number (from 0).
     """
     table = open_empty(aside)
-    more = ", filename = true, file_row_number = true" if numbered else ""
-    table.run(f'CREATE VIEW {RESULTS} AS SELECT *, "index" AS row FROM {of_files(files, more)}')
+    options = ", filename = true, file_row_number = true" if numbered else ""
+    # `row` is a second name of the column `index`.
+    table.run(f'CREATE VIEW {RESULTS} AS SELECT *, "index" AS row FROM {of_files(files, options)}')
     return table
 
 
@@ -109,7 +110,7 @@ def of_files(files: Sequence[Path], options: str = "") -> str:
 
     options: further arguments of DuckDB's read_parquet, beginning with a comma.
     """
-    # In brackets, letters of a path such as * are not wildcards.
+    # DuckDB takes *, ? and [ in a path for wildcards, except in brackets, such as [*].
     names = ", ".join(quote_text(re.sub(r"([*?\[])", r"[\1]", str(file))) for file in files)
     return f"read_parquet([{names}]{options})"
 
@@ -128,8 +129,8 @@ def whole_parts(path: Path) -> list[Path]:
 def open_empty(aside: Path | None = None, memory_mb: int | None = None) -> ResultTable:
     """Return a connection without a table.
 
-    aside: folder for temporary files, if it is writable. memory_mb: memory of DuckDB, MB; None: the
-    environment variable RAVENJAX_QUERY_MB, else MEMORY_MB.
+    aside: folder for temporary files, if it is writable; None: the system's. memory_mb: memory of
+    DuckDB, MB; None: the environment variable RAVENJAX_QUERY_MB, else MEMORY_MB.
     """
     import duckdb
 
@@ -154,6 +155,7 @@ def open_empty(aside: Path | None = None, memory_mb: int | None = None) -> Resul
         # With compression, intermediate tables need a third of the space.
         connection.execute("ATTACH ':memory:' AS compressed (COMPRESS)")
         connection.execute("USE compressed")
+        # Without an error, the returned object is to close the connection, not this block.
         table = closing.pop_all()
         table.connection = connection
         return table

@@ -71,22 +71,22 @@ def read_topic(path: Path, reader: "AnyReader", topic: str, stamped: bool) -> To
         messages.append(message)
     if not messages:
         raise UserError(f"{path}: {topic} has no messages")
-    at, number = np.array(stamps, np.int64), np.arange(len(messages))
-    if not stamped or at.max() == at.min():
+    stamp_ns, number = np.array(stamps, np.int64), np.arange(len(messages))
+    if not stamped or stamp_ns.max() == stamp_ns.min():
         times = np.array(arrived, np.int64)
         return TopicMessages(topic, f"log times of {topic}", times, number, messages, ())
     notes: tuple[str, ...] = ()
-    known = at != 0
+    timed = stamp_ns != 0
     # Times since 1970 exceed a day. A trace of a run counts from 0, so its first time is right.
-    if not known.all() and at[known].min() > DAY_NS:
-        first = int(np.argmin(known))
+    if not timed.all() and stamp_ns[timed].min() > DAY_NS:
+        first, next_s = int(np.argmin(timed)), stamp_ns[timed][0] * 1e-9
         notes = (
-            f"message {first} of {topic} has time 0, and the next message {at[known][0] * 1e-9:.4g}"
-            f" s: all messages with time 0 ({(~known).sum()}) are left out",
+            f"message {first} of {topic} has time 0, and the next message {next_s:.4g} s: all"
+            f" messages with time 0 ({(~timed).sum()}) are left out",
         )
-        at, number = at[known], number[known]
+        stamp_ns, number = stamp_ns[timed], number[timed]
         messages = [messages[i] for i in number]
-    return TopicMessages(topic, f"header stamps of {topic}", at, number, messages, notes)
+    return TopicMessages(topic, f"header stamps of {topic}", stamp_ns, number, messages, notes)
 
 
 def read_joints(path: Path, states: TopicMessages) -> np.ndarray:
@@ -97,19 +97,21 @@ def read_joints(path: Path, states: TopicMessages) -> np.ndarray:
     joint that others have.
     """
     joints = np.full((len(states.messages), len(JOINTS)), np.nan)
-    for row, (number, one) in enumerate(zip(states.number, states.messages, strict=True)):
-        names = [_NAME.sub("", name.lower()) for name in one.name]
-        words = [RAVEN2_NAMES.get(name, name) for name in names] or list(JOINTS)
-        known = [word for word in words if word in JOINTS]
-        if not known or len(set(known)) < len(known) or len(one.position) > len(words):
+    for row, (number, state) in enumerate(zip(states.number, states.messages, strict=True)):
+        # Without the name of the arm, which may be at the begin or the end: gold_elbow, elbow_l.
+        names = [_NAME.sub("", name.lower()) for name in state.name]
+        names = [RAVEN2_NAMES.get(name, name) for name in names] or list(JOINTS)
+        present = [name for name in names if name in JOINTS]
+        if not present or len(set(present)) < len(present) or len(state.position) > len(names):
             raise UserError(
-                f"{path}: message {number} of {states.topic} has {len(one.position)} positions of"
-                f" {', '.join(one.name) or 'joints without names'}; expected names of joints, none"
-                f" twice, or no names and seven positions in the order {', '.join(JOINTS)}"
+                f"{path}: message {number} of {states.topic} has {len(state.position)} positions of"
+                f" {', '.join(state.name) or 'joints without names'}; expected names of joints,"
+                f" none twice, or no names and seven positions in the order {', '.join(JOINTS)}"
             )
-        for word, position in zip(words, one.position, strict=False):
-            if word in JOINTS:
-                joints[row, JOINTS.index(word)] = position
+        for name, position in zip(names, state.position, strict=False):
+            if name in JOINTS:
+                joints[row, JOINTS.index(name)] = position
+    # An infinite position counts as lacking. A joint that no message has is permitted.
     lacks = ~np.isfinite(joints) & ~np.isnan(joints).all(axis=0)
     if lacks.any():
         row = int(np.argmax(lacks.any(axis=1)))
@@ -211,7 +213,8 @@ def _write(reader: "AnyReader", ros: Ros, target: Path) -> WrittenBag:
     from rosbags import rosbag1, rosbag2
     from rosbags.typesys import Stores, get_typestore
 
-    store, later = reader.typestore, 0
+    store = reader.typestore
+    later = 0  # ns, added to all times
     writer: Any
     if ros == 1:
         # Uses the message types of the recording, with the header of ROS 1.
@@ -222,26 +225,27 @@ def _write(reader: "AnyReader", ros: Ros, target: Path) -> WrittenBag:
         writer = rosbag1.Writer(target)
     else:
         writer = rosbag2.Writer(target, version=VERSION)
-    connections = [one for one in reader.connections if ros == 2 or one.msgtype != ONLY_ROS2]
+    sources = [one for one in reader.connections if ros == 2 or one.msgtype != ONLY_ROS2]
     messages = 0
     with writer:
-        channels = {
-            one.id: writer.add_connection(one.topic, one.msgtype, typestore=store)
-            for one in connections
+        targets = {
+            source.id: writer.add_connection(source.topic, source.msgtype, typestore=store)
+            for source in sources
         }
-        for one, time_ns, data in reader.messages(connections=connections):
+        for source, time_ns, data in reader.messages(connections=sources):
             if later:
-                data = _shift(reader.typestore, data, one.msgtype, later)
+                data = _shift(reader.typestore, data, source.msgtype, later)
             if ros == 1:
-                data = reader.typestore.cdr_to_ros1(data, one.msgtype)
-            writer.write(channels[one.id], time_ns + later, data)
+                data = reader.typestore.cdr_to_ros1(data, source.msgtype)
+            writer.write(targets[source.id], time_ns + later, data)
             messages += 1
+    # The library's `end_time` is 1 ns after the last message.
     seconds = (reader.end_time - 1 - reader.start_time) * 1e-9
-    return WrittenBag(target, len(connections), messages, seconds)
+    return WrittenBag(target, len(sources), messages, seconds)
 
 
 def _shift(store: "Typestore", data: bytes, kind: str, later: int) -> Any:
-    # Returns a serialized message with all time stamps `later` ns later.
+    # Returns a serialized message with all time stamps, also of its transforms, `later` ns later.
     message: Any = store.deserialize_cdr(data, kind)
     for part in (message, *getattr(message, "transforms", ())):
         if hasattr(part, "header"):

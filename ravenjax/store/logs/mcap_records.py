@@ -49,7 +49,7 @@ class Scan:
     lost_bytes: int = 0  # number of bytes in damaged records, and after the last complete record
 
     def messages(self, topics: Collection[str] = ()) -> Iterator[Message]:
-        """Yield the messages of these topics, or all messages, in the order of the file."""
+        """Yield the messages of these topics in order, or all messages if no such topic exists."""
         wanted = {number for number, one in self.channels.items() if one.topic in topics}
         for offset in self.places:
             record = _read_record(self.data, offset)[0]
@@ -125,11 +125,13 @@ def _read_record(data: mmap.mmap, offset: int) -> tuple[McapRecord, int]:
 
     It may raise any kind of exception if bytes are inconsistent or have another length.
     """
+    # A record is the opcode (1 byte), the length of the content (8 bytes) and the content.
     end = offset + _HEAD + int.from_bytes(data[offset + 1 : offset + _HEAD], "little")
     record = _parse(data[offset:end])
-    again = RecordBuilder()
-    record.write(again)
-    if len(again.end()) != end - offset:
+    # The library ignores surplus bytes, so the record is encoded again to compare its length.
+    encoded = RecordBuilder()
+    record.write(encoded)
+    if len(encoded.end()) != end - offset:
         raise ValueError("the content of the record does not match its length")
     return record, end
 
@@ -147,14 +149,14 @@ def _split(chunk: Chunk) -> Iterator[tuple[int, bytes, int, int]]:
     content, offset = stream.read(size), 0
     while offset < size:
         opcode, length = _RECORD.unpack_from(content, offset)
-        begin, offset = offset + _HEAD, offset + _HEAD + length
+        begin = offset + _HEAD
+        offset = begin + length
         yield opcode, content, begin, offset
 
 
 def _messages_of(chunk: Chunk, wanted: Collection[int]) -> Iterator[Message]:
-    """Yield the messages of a chunk on these channels, or all messages.
-
-    This is ten times as fast as the mcap library.
+    """Yield the messages of a chunk on the channels `wanted` (ids; empty: all channels). This is
+    ten times as fast as the mcap library.
     """
     for opcode, content, begin, end in _split(chunk):
         if opcode == Opcode.MESSAGE:
@@ -228,13 +230,10 @@ def recover_records(path: Path, out: Path | None = None) -> Recovered:
             }
             for record in scanned.messages():
                 # The chunk that defined the channel may be damaged.
-                if record.channel_id in channels:
+                channel = channels.get(record.channel_id)
+                if channel is not None:
                     writer.add_message(
-                        channels[record.channel_id],
-                        record.log_time,
-                        record.data,
-                        record.publish_time,
-                        record.sequence,
+                        channel, record.log_time, record.data, record.publish_time, record.sequence
                     )
                     times.append(record.log_time)
             writer.finish()

@@ -49,19 +49,20 @@ class MessageTypes:
         return (0, stamp, frame) if self.ros == "ros1" else (stamp, frame)
 
     def message(self, kind: str, *values: Any) -> Any:
-        """Return a message with these values of its fields; a message in a field is a sequence."""
+        """Return a message from the values of its fields; a nested message is a list of values."""
         from rosbags.interfaces import Nodetype
 
+        _, definitions = self.store.fielddefs[kind]
         fields = []
         node: Any
-        for (_, node), value in zip(self.store.fielddefs[kind][1], values, strict=True):
+        for (_, node), value in zip(definitions, values, strict=True):
             nodetype, content = node
             # The type of the field is a message, a simple type, or an array of one of these.
             if nodetype == Nodetype.NAME:
                 parts = (float(v) if isinstance(v, np.floating) else v for v in value)
                 value = self.message(content, *parts)
             elif nodetype != Nodetype.BASE:
-                # For a simple type, `element` is (name, limit of the length).
+                # Its elements are messages of type `element`, or simple: (name, limit of length).
                 element_type, element = content[0]
                 if element_type == Nodetype.NAME:
                     value = [self.message(element, *entry) for entry in value]

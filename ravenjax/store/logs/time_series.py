@@ -81,9 +81,10 @@ def check_series(series: Series, where: str) -> int:
 
 def describe_series(name: str) -> TimeSeries:
     """Return the description of a stored series. An unknown series has no unit and no meaning."""
-    arm, _, own = name.rpartition("/")
+    arm, _, quantity = name.rpartition("/")
     if arm:
-        return OF_ARM.get(own) or TimeSeries(own, "", "")
+        return OF_ARM.get(quantity) or TimeSeries(quantity, "", "")
+    # One fault of the series `fault_active`, whose only axis is the number of the fault.
     if _WINDOW.fullmatch(name):
         return OF_RUN["fault_active"]._replace(name=name, axes=())
     return OF_RUN.get(name) or TimeSeries(name, "", "")
@@ -95,14 +96,15 @@ def series_scalars(robot: Robot, name: str, shape: tuple[int, ...]) -> Iterator[
     The last axis varies fastest. shape: shape of the series without time.
     """
     series = describe_series(name)
+    # An axis without a name, as in an unknown series, has numbers instead of labels.
     axes = series.axes if len(series.axes) == len(shape) else ("",) * len(shape)
     labels = series_axes(robot)
     for indices in np.ndindex(shape):
         parts, unit = [name], series.unit
         for axis, index, size in zip(axes, indices, shape, strict=True):
-            named = labels.get(axis, ())
-            parts.append(named[index] if len(named) == size else str(index))
-            # Numbers of a linear joint have the unit of linear joints, if the series has one.
+            words = labels.get(axis, ())
+            parts.append(words[index] if len(words) == size else str(index))
+            # Numbers of a prismatic joint have the unit of prismatic joints, if there is one.
             if parts[-1] in robot.linear:
                 unit = series.linear_unit or unit
         yield "/".join(parts), unit
@@ -121,7 +123,7 @@ def write_csv(path: Path, series: Series, robot: Robot = robots.USUAL) -> None:
     ticks = check_series(arrays, str(path))
     columns: dict[str, pa.Array] = {"time_s": pa.array(np.arange(ticks) / 1000)}
     for name, values in arrays.items():
-        flat = np.ascontiguousarray(values.reshape(ticks, -1).T)
+        flat = np.ascontiguousarray(values.reshape(ticks, -1).T)  # [scalars, ticks]
         scalars = series_scalars(robot, name, values.shape[1:])
         for (scalar, unit), numbers in zip(scalars, flat, strict=True):
             label = f"{scalar} [{unit}]" if unit not in ("", "1") else scalar

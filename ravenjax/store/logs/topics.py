@@ -20,6 +20,7 @@ from mcap.writer import Writer
 
 from ravenjax import resources
 from ravenjax.store.logs.ros_types import HEADER, JOINT_STATE, POINT, POSE, WRENCH, MessageTypes
+from ravenjax.store.motion.resampling import continuous_turns
 from ravenjax.vocabulary.robot import Robot
 
 ARM_TOPICS = {"gold": "arm1", "green": "arm2"}
@@ -70,7 +71,7 @@ class Topic(NamedTuple):
     size: int = 8  # bytes of a number
 
     def encode(self, time_ns: np.ndarray, values: np.ndarray) -> dict[int, bytes]:
-        """Return encoded messages by tick. time_ns: int64 [T]. values: [T, k].
+        """Return messages by tick. time_ns: int64 [T]. values: [T, k] in the order of `spans`.
 
         A pose, point or frame that is unknown in a tick (a number is NaN) has no message.
         """
@@ -81,14 +82,15 @@ class Topic(NamedTuple):
         times = np.stack(np.divmod(time_ns[ticks], _SECOND_NS), axis=1).astype("<u4")
         filled = np.ascontiguousarray(values[ticks], f"<f{self.size}")
         rows = np.tile(np.frombuffer(self.template, np.uint8), (len(ticks), 1))
+        # A time is 8 bytes: seconds and nanoseconds.
         for start in self.stamps:
             rows[:, start : start + 8] = times.view(np.uint8)
         numbers = filled.view(np.uint8)
-        at = 0
+        copied = 0  # bytes of a tick's numbers that are already in the message
         for start, count in self.spans:
             width = count * self.size
-            rows[:, start : start + width] = numbers[:, at : at + width]
-            at += width
+            rows[:, start : start + width] = numbers[:, copied : copied + width]
+            copied += width
         return {int(tick): row.tobytes() for tick, row in zip(ticks, rows, strict=True)}
 
 
@@ -97,17 +99,13 @@ def frame0_name(arm: str) -> str:
     return f"{arm_name(arm)}_frame0"
 
 
-def tip_frame(arm: str, which: str) -> str:
-    """Return the name of the frame of an arm's jaws: `which` is measured, true or model."""
-    return f"{arm_name(arm)}_tip_{which}"
-
-
 @functools.cache
 def joint_state(arm: str, name: str, joints: tuple[str, ...], *present: bool) -> Topic:
     """Return a topic of JointState. present: whether it has position, velocity and effort."""
-    marks = iter(np.split(_placeholders(3 * len(joints)), 3))
-    filled = [next(marks) if there else () for there in present]
-    return _topic(arm, name, JOINT_STATE, list(joints), *filled)
+    # A field that the messages lack is empty. Placeholders are numbered over the other fields.
+    placeholders = iter(np.split(_placeholders(3 * len(joints)), 3))
+    fields = [next(placeholders) if is_present else () for is_present in present]
+    return _topic(arm, name, JOINT_STATE, list(joints), *fields)
 
 
 @functools.cache
@@ -116,18 +114,19 @@ def tip_topic(arm: str, name: str, schema: str = POSE) -> Topic:
     x, y, z, w; for WrenchStamped, three of force and three of torque; for PointStamped, x, y, z.
     """
     xyz = _placeholders(3)
-    fields = {POSE: (xyz, _placeholders(4, 3)), WRENCH: (xyz, _placeholders(3, 3)), POINT: xyz}
+    quaternion, torque = _placeholders(4, first=3), _placeholders(3, first=3)
+    fields = {POSE: (xyz, quaternion), WRENCH: (xyz, torque), POINT: xyz}
     return _topic(arm, name, schema, fields[schema])
 
 
 @functools.cache
 def frames_topic(pairs: tuple[tuple[str, str], ...]) -> Topic:
-    """Return the topic of frames, a TFMessage. For each pair (parent, child), its numbers are x, y,
-    z in m and a quaternion x, y, z, w. The message has placeholders for them.
+    """Return the topic of frames, a TFMessage. For each pair (parent, child) of names of frames,
+    its numbers are x, y, z in m and a quaternion x, y, z, w. The message has placeholders for them.
     """
     transforms = [
-        (_header(parent), child, (_placeholders(3, 7 * i), _placeholders(4, 7 * i + 3)))
-        for i, (parent, child) in enumerate(pairs)
+        (_header(parent), child, (_placeholders(3, 7 * pair), _placeholders(4, 7 * pair + 3)))
+        for pair, (parent, child) in enumerate(pairs)
     ]
     return _template(FRAMES, ros2_types().message(TRANSFORMS, transforms))
 
@@ -171,7 +170,7 @@ def standard_topics(
             base_pose = np.array([*bases[arm].origin, *bases[arm].quaternion])
             ticks = len(next(iter(tips.values())))
             transforms.append(np.broadcast_to(base_pose, (ticks, 7)))
-        frame_pairs += [(frame0_name(arm), tip_frame(arm, name)) for name in tips]
+        frame_pairs += [(frame0_name(arm), f"{arm_name(arm)}_tip_{name}") for name in tips]
         transforms += tips.values()
     if frame_pairs:
         yield frames_topic(tuple(frame_pairs)), np.concatenate(transforms, axis=1)
@@ -181,14 +180,16 @@ def signals_topic(names: Sequence[str], single: bool = False) -> Topic:
     """Return the topic of a flat message, one number per name: float64, or float32 if `single`."""
     kind, size = ("float32", 4) if single else ("float64", 8)
     fields = "".join(f"{kind} {name}\n" for name in names)
-    needed = f"{'=' * 80}\nMSG: std_msgs/Header\n{_definition(HEADER)}"
+    header_definition = f"{'=' * 80}\nMSG: std_msgs/Header\n{_definition(HEADER)}"
+    definition = f"std_msgs/Header header\n{fields}{header_definition}"
     # The message is encoded here, because rosbags would compile an encoder for hundreds of fields.
     head = ros2_types().encode(ros2_types().message(HEADER, *_header("")))
-    # CDR aligns numbers from byte 4, the end of its own header, where the time stamp begins.
-    head += bytes(-(len(head) - 4) % size)
+    # CDR aligns numbers from byte 4, the end of its own header, where the time stamp begins: the
+    # added bytes make the distance a multiple of a number's size.
+    stamp = 4
+    head += bytes(-(len(head) - stamp) % size)
     template, spans = head + bytes(size * len(names)), ((len(head), len(names)),)
-    definition = f"std_msgs/Header header\n{fields}{needed}"
-    return Topic(SIGNALS, SIGNALS_TYPE, definition, template, (4,), spans, size)
+    return Topic(SIGNALS, SIGNALS_TYPE, definition, template, (stamp,), spans, size)
 
 
 class LogWriter:
@@ -213,19 +214,19 @@ class LogWriter:
             self._register(topic)
 
     def add(self, topic: Topic, time_ns: np.ndarray, numbers: np.ndarray, rows: np.ndarray) -> None:
-        """Write one message per row of `rows` [n, k], with its time and its number."""
+        """Write one message per row of `rows` [n, k], with its time and its sequence number."""
         for row, data in topic.encode(time_ns, rows).items():
             self._add(topic.name, int(time_ns[row]), data, int(numbers[row]))
 
     def add_event(
         self, event: Mapping[str, Any], text: str, level: str, stamp_ns: int, number: int = 0
     ) -> None:
-        """Write an event as JSON on EVENTS and as text on LOG. level: one of LEVELS."""
+        """Write an event on EVENTS and LOG. level: one of LEVELS. number: number in sequence."""
         stamp, kind = divmod(stamp_ns, _SECOND_NS), str(event["kind"])
-        for topic, schema, fields in (
-            (EVENTS, TEXT, (json.dumps(event),)),
-            (LOG, LOG_ENTRY, (stamp, LEVELS[level], kind, text, "", "", 0)),
-        ):
+        # An entry has time, severity, name, text, and file, function and line of code (unused).
+        log_fields = (stamp, LEVELS[level], kind, text, "", "", 0)
+        event_fields = (json.dumps(event),)
+        for topic, schema, fields in ((EVENTS, TEXT, event_fields), (LOG, LOG_ENTRY, log_fields)):
             if topic not in self._channels:
                 self._register(Topic(topic, schema, _definition(schema)))
             message = ros2_types().message(schema, *fields)
@@ -236,7 +237,7 @@ class LogWriter:
         self._writer.flush()
 
     def finish(self, metadata: Mapping[str, str] | None = None) -> None:
-        """Write the index at the end of the file. metadata: is written a second time before it."""
+        """Write the index at the end of the file, after `metadata` if it is given."""
         if metadata:
             self._writer.add_metadata(METADATA, dict(metadata))
         self._writer.finish()
@@ -268,8 +269,8 @@ def arm_name(arm: str) -> str:
 def rotation_quaternions(rotation: np.ndarray) -> np.ndarray:
     """Return unit quaternions x, y, z, w [T, ..., 4] of rotation matrices [T, ..., 3, 3].
 
-    Rounding errors are removed. A matrix that is no rotation gives NaN. Signs are chosen to avoid
-    jumps.
+    Rounding errors are removed. A matrix that is no rotation gives NaN. Along the first axis, signs
+    are chosen so that quaternions do not jump.
     """
     # The import takes half a second. A real-time program should call this function once before.
     from scipy.spatial.transform import Rotation
@@ -280,9 +281,7 @@ def rotation_quaternions(rotation: np.ndarray) -> np.ndarray:
     valid[valid] = np.linalg.det(matrices[valid]) > 0.0
     if valid.any():
         out[valid] = Rotation.from_matrix(matrices[valid]).as_quat()
-    flips = np.where(np.sum(out[1:] * out[:-1], axis=-1) < 0.0, -1.0, 1.0)
-    out[1:] *= np.cumprod(flips, axis=0)[..., None]
-    return out
+    return continuous_turns(out)
 
 
 @functools.cache
@@ -310,17 +309,18 @@ def _topic(arm: str, name: str, schema: str, *fields) -> Topic:
 
 
 def _template(name: str, message) -> Topic:
-    # Encodes a message. Finds the bytes of its numbers: number k is `_FIRST_PLACEHOLDER` + k.
+    # Encodes a message, and finds the bytes of its numbers and times, which are placeholders:
+    # number k is `_FIRST_PLACEHOLDER` + k.
     template, spans = ros2_types().encode(message), []
     number = 0
     while (encoded := struct.pack("<d", _FIRST_PLACEHOLDER + number)) in template:
-        place = template.index(encoded)
+        position = template.index(encoded)
         start, count = spans[-1] if spans else (0, 0)
-        # Adjacent numbers are one span.
-        if place == start + 8 * count:
+        # Adjacent numbers, of 8 bytes each, are one span. Position 0 is the header of CDR.
+        if position == start + 8 * count:
             spans[-1] = start, count + 1
         else:
-            spans.append((place, 1))
+            spans.append((position, 1))
         number += 1
     stamp = struct.pack("<II", _STAMP_PLACEHOLDER, _STAMP_PLACEHOLDER)
     stamps = tuple(match.start() for match in re.finditer(re.escape(stamp), template))

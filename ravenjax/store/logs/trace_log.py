@@ -78,17 +78,18 @@ def write_trace(
 
 
 def _signals(robot: Robot, arrays: Series) -> Iterator[tuple[Topic, np.ndarray]]:
-    # Yields one topic with all series without a standard topic. It has a field for each number.
+    # Yields one topic with all series that have no standard topic, and with the tips. It has a
+    # field for each number, such as gold_jpos_elbow. Without such series it yields nothing.
     names = []
     columns = []
     for name, values in arrays.items():
-        arm, _, own = name.rpartition("/")
-        if arm in robot.arms and own in topics.SERIES - _ALSO_SIGNALS:
+        arm, _, quantity = name.rpartition("/")
+        if arm in robot.arms and quantity in topics.SERIES - _ALSO_SIGNALS:
             continue
         flat = values.reshape(len(values), -1)
         base, width = topics.field_name(name), flat.shape[1]
-        places = robot.joints if width == len(robot.joints) else range(width)
-        names += [base] if width == 1 else [f"{base}_{place}" for place in places]
+        labels = robot.joints if width == len(robot.joints) else range(width)
+        names += [base] if width == 1 else [f"{base}_{label}" for label in labels]
         columns.append(flat)
     if columns:
         yield topics.signals_topic(names), np.concatenate(columns, axis=1, dtype=float)

@@ -269,13 +269,13 @@ def _profile(
     if choice.profile is not None:
         return choice.profile
     # The packets do not decide. The first profile counts whose rules at least 90 % of them follow.
-    fits = matching_profile(fields, profiles, arms)
-    if not fits:
+    name = matching_profile(fields, profiles, arms)
+    if not name:
         raise UserError(
             f"{path}: the packets fit no bundled console profile; write operator.console ="
             " 'FILE.toml' with a profile of that console"
         )
-    return consoles.load_profile(fits)
+    return consoles.load_profile(name)
 
 
 def _in_seconds(path: Path, packets: RawPackets, profile: ConsoleProfile) -> RawPackets:
@@ -376,11 +376,11 @@ def _accumulated(quat: np.ndarray, turns: np.ndarray) -> np.ndarray:
     """
     from scipy.spatial.transform import Rotation
 
-    out, at = np.empty((len(turns), 4)), Rotation.from_quat(quat)
-    moving = np.flatnonzero(np.any(turns[:, :3] != 0.0, axis=1))
+    orientations, current = np.empty((len(turns), 4)), Rotation.from_quat(quat)
+    turning = np.flatnonzero(np.any(turns[:, :3] != 0.0, axis=1))
     begin = 0
-    for row in moving.tolist():
-        out[begin:row] = at.as_quat()
-        at, begin = Rotation.from_quat(turns[row]) * at, row
-    out[begin:] = at.as_quat()
-    return resampling.continuous_turns(out)
+    for row in turning.tolist():
+        orientations[begin:row] = current.as_quat()
+        current, begin = Rotation.from_quat(turns[row]) * current, row
+    orientations[begin:] = current.as_quat()
+    return resampling.continuous_turns(orientations)

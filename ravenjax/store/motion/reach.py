@@ -62,6 +62,7 @@ class ArmReach(NamedTuple):
     def first_bad(self, begin: int, end: int) -> int | None:
         """Return the first row that prevents a replay of the rows `begin` to `end` - 1."""
         bad = ~np.all(self.inside[begin:end], axis=1) | self.leaps[begin:end]
+        # A leap from the row before `begin` is not replayed.
         bad[0] = not np.all(self.inside[begin])
         return begin + int(np.argmax(bad)) if bad.any() else None
 
@@ -70,22 +71,24 @@ def reach_poses(poses: "Poses", bounds: Bounds) -> ArmReach:
     """Return the joint positions that reach each desired pose."""
     parts = [_arm_joints(poses, i, bounds) for i in range(len(poses.arms))]
     jpos, inside = (np.stack(part, axis=1) for part in zip(*parts, strict=True))
+    # Joint 6, the second jaw, follows from joint 5 and the opening, so it is left out.
     steps = np.abs(np.diff(jpos[..., :6], axis=0, prepend=jpos[:1, :, :6])).max(axis=(1, 2))
     return ArmReach(jpos, inside, steps >= LARGEST_STEP)
 
 
 def _arm_joints(poses: "Poses", i: int, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
-    # Returns joint positions [T, 7], and whether they are within the limits [T]. Of several
-    # solutions it takes the first within the limits.
+    # Returns joint positions [T, 7] of the arm with index i, and whether they are within the limits
+    # [T]. Of several solutions it takes the first within the limits, or the first if none is.
     lower, upper = bounds.within()
-    rows, best, inside = len(poses.position), [], []
+    rows, chosen, inside = len(poses.position), [], []
     for begin in range(0, rows, BLOCK_ROWS):
         candidates, valid = _candidates(poses, i, np.arange(begin, min(begin + BLOCK_ROWS, rows)))
-        fits = valid & ((candidates[..., :5] >= lower) & (candidates[..., :5] <= upper)).all(-1)
+        limited = candidates[..., :5]  # all joints except the jaws
+        fits = valid & ((limited >= lower) & (limited <= upper)).all(-1)
         first = np.argmax(fits, axis=1)
-        best.append(np.take_along_axis(candidates, first[:, None, None], axis=1)[:, 0])
+        chosen.append(np.take_along_axis(candidates, first[:, None, None], axis=1)[:, 0])
         inside.append(fits.any(axis=1))
-    return np.concatenate(best), np.concatenate(inside)
+    return np.concatenate(chosen), np.concatenate(inside)
 
 
 def unreached_reason(poses: "Poses", row: int, bounds: Bounds) -> str:
@@ -97,6 +100,7 @@ def unreached_reason(poses: "Poses", row: int, bounds: Bounds) -> str:
             return f"no joint positions of {arm} bring its tip to this pose"
         reachable = candidates[0][valid[0], :5]
         excess = np.maximum(lower - reachable, reachable - upper)
+        # The solution that exceeds the limits least, and its joint that exceeds them most.
         nearest = int(np.argmin(excess.max(axis=1)))
         joint = int(np.argmax(excess[nearest]))
         if excess[nearest, joint] > 0.0:
@@ -110,8 +114,8 @@ def unreached_reason(poses: "Poses", row: int, bounds: Bounds) -> str:
 
 
 def _candidates(poses: "Poses", i: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the solutions of inverse kinematics for n <= BLOCK_ROWS rows of one arm: joint
-    positions [n, 8, 7], and whether each is valid [n, 8].
+    """Return the eight solutions of inverse kinematics for n <= BLOCK_ROWS rows of the arm with
+    index i: joint positions [n, 8, 7], and whether each is valid [n, 8].
     """
     from ravenjax.numbers.lazy import jax
 
@@ -120,6 +124,7 @@ def _candidates(poses: "Poses", i: int, rows: np.ndarray) -> tuple[np.ndarray, n
     pose = poses.position[index, i], poses.quat[index, i], poses.opening_mrad[index, i] * 1e-3
     with jax.enable_x64(True):
         solution, valid = (np.array(x)[: len(rows)] for x in _solver(poses.arms[i])(*pose))
+    # The tool roll (joint 3) is the same after a whole turn. Take it within half a turn of 0.
     turn = 2.0 * math.pi
     solution[..., 3] -= turn * np.round(solution[..., 3] / turn)
     return solution, valid

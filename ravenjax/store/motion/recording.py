@@ -199,24 +199,25 @@ def _times(track: Track, options: ReplayOptions) -> dict[str, np.ndarray]:
 def _evenly(
     track: Track, time_s: dict[str, np.ndarray], removed: list[Spike], rows: int
 ) -> tuple[Poses, np.ndarray | None]:
-    # Resamples the poses, without the removed samples, to one per millisecond.
-    at = np.arange(rows) * TICK_S
+    # Returns poses and pedal [rows], one row per millisecond, without the samples of the spikes
+    # `removed`. What was not recorded stays as after homing; the pedal is None.
+    row_s = np.arange(rows) * TICK_S
     parts = []
     arms: tuple[ArmName, ...] = tuple(arm for arm in ARMS if arm in track.arms)
     for arm in arms:
         samples, times, home = track.arms[arm], time_s[arm], home_pose(arm)
-        own = [spike for spike in removed if spike.arm == arm]
-        samples, times = spikes.remove_spikes(samples, times, own)
+        removed_of_arm = [spike for spike in removed if spike.arm == arm]
+        samples, times = spikes.remove_spikes(samples, times, removed_of_arm)
         quat, opening = np.tile(home.quat, (rows, 1)), np.full(rows, home.opening_mrad)
         if samples.quat is not None:
-            quat = resampling.turns_by_time(times, samples.quat, at)
+            quat = resampling.turns_by_time(times, samples.quat, row_s)
         if samples.opening_mrad is not None:
-            opening = resampling.by_time(times, samples.opening_mrad, at)
-        parts.append((resampling.by_time(times, samples.position, at), quat, opening))
+            opening = resampling.by_time(times, samples.opening_mrad, row_s)
+        parts.append((resampling.by_time(times, samples.position, row_s), quat, opening))
     pedal = None
     if track.surgeon_mode is not None:
-        # A switch keeps its state until its next sample.
-        last = np.searchsorted(time_s[arms[0]], at + 1e-9, side="right") - 1
+        # A switch keeps its state until its next sample. The 1e-9 is for rounding errors.
+        last = np.searchsorted(time_s[arms[0]], row_s + 1e-9, side="right") - 1
         pedal = track.surgeon_mode[np.clip(last, 0, len(track.surgeon_mode) - 1)]
     return Poses(arms, *(np.stack(part, axis=1) for part in zip(*parts, strict=True))), pedal
 

@@ -122,6 +122,8 @@ class OperatorReplay:
         # Yields a notice if the control software limits the opening of an arm's jaws.
         motion, (gain, low, high) = self.motion, self.bounds.jaws
         for i, arm in enumerate(motion.arms):
+            # The angles of the two jaws, joints 5 and 6, add up to the opening, here in mrad. The
+            # operator's grasp, positive when it closes, changes it while the pedal is down.
             start = 1e3 * sum(motion.start_jpos[i][5:])
             opening = np.fix(start - gain * motion.grasp_mrad[motion.surgeon_mode > 0, i])
             beyond = np.maximum(low - opening, opening - high)
@@ -243,7 +245,7 @@ def tip_courses(recording: HandRecording, inside: np.ndarray, rows: np.ndarray) 
 
 
 def _window(recording: HandRecording) -> tuple[int, int]:
-    # Returns the first row of the part to replay, and the row after its last.
+    # Returns the first row of the part to replay, and the row after its last. Rows are 1 ms apart.
     if recording.options.window_s is None:
         return 0, len(recording)
     begin, end = (round(seconds / TICK_S) for seconds in recording.options.window_s)
@@ -256,28 +258,29 @@ def _window(recording: HandRecording) -> tuple[int, int]:
 
 
 def _require_covered(recording: HandRecording, begin: int, end: int):
-    # Interpolation over a gap or jump would replay a motion that no operator made.
-    first, last, path = begin * TICK_S, (end - 1) * TICK_S, recording.path
+    # Raises UserError if a gap or a jump is in the rows `begin` to `end` - 1. Interpolation over a
+    # gap or jump would replay a motion that no operator made.
+    first_s, last_s, path = begin * TICK_S, (end - 1) * TICK_S, recording.path
     jumps = [
-        s
-        for s in spikes.refused_jumps(recording.spikes, recording.options.spikes)
-        if s.begin_s < last and s.end_s > first
+        jump
+        for jump in spikes.refused_jumps(recording.spikes, recording.options.spikes)
+        if jump.begin_s < last_s and jump.end_s > first_s
     ]
     if jumps:
         raise spikes.spike_error(path, jumps, recording.options.spikes)
     limit = recording.options.max_gap_s
     # Length in s, row before the gap, and begin in s.
     gaps = [
-        (until - at, row, at)
-        for row, at, until in recording.gaps
-        if until - at > limit and at < last and until > first
+        (end_s - begin_s, row, begin_s)
+        for row, begin_s, end_s in recording.gaps
+        if end_s - begin_s > limit and begin_s < last_s and end_s > first_s
     ]
     if not gaps:
         return
-    length, row, at = gaps[0]
+    length, row, begin_s = gaps[0]
     longest, longest_row, _ = max(gaps, key=lambda gap: gap[0])
     raise UserError(
-        f"{path}: gap of {length:.3f} s after row {row} (t = {at:.3f} s); expected at most"
+        f"{path}: gap of {length:.3f} s after row {row} (t = {begin_s:.3f} s); expected at most"
         f" {limit:g} s between samples. {len(gaps)} such gaps, the longest {longest:.3f} s after"
         f" row {longest_row}. Replay a part without gaps: operator.window_s within"
         f" {format_spans(_longest_first(recording, recording.covered))}; or interpolate over the"
@@ -340,6 +343,7 @@ def _require_moving(
     # The nearest whole rows.
     used, poses = np.unique(np.rint(rows).astype(int)), recording.poses
     extent_m = np.ptp(poses.position[used], axis=0).max(axis=1)
+    # The scalar product of two unit quaternions is the cosine of half the angle between them.
     cosine = np.abs(np.sum(poses.quat[used] * poses.quat[used[:1]], axis=2)).min(axis=0)
     turn_rad = 2.0 * np.arccos(np.minimum(1.0, cosine))
     opening_rad = np.ptp(poses.opening_mrad[used], axis=0) * 1e-3
@@ -362,15 +366,16 @@ def _itp(
     arm: ArmName, position: np.ndarray, quat: np.ndarray, scale: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the console's positions [T, 3], um, and quaternions [T, 4] in the ITP frame, relative
-    to the first row. position, quat: tip poses in frame 0.
+    to the first row. position (m), quat: tip poses in frame 0. scale: teleoperation scale.
     """
     from scipy.spatial.transform import Rotation
 
     from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 
-    # x @ axes is the inverse of the mapping.
+    # `axes @ x` converts a vector from the ITP frame to frame 0, `x @ axes` converts it back. Of a
+    # quaternion, the first three numbers are a vector along the axis of the rotation.
     axes = np.array(ITP_AXES[arm])
     turns = Rotation.from_quat(quat)
-    turn = (turns * turns[0].inv()).as_quat(canonical=True)
+    relative = (turns * turns[0].inv()).as_quat(canonical=True)
     hand = (position - position[0]) @ axes / scale * 1e6
-    return hand, np.concatenate([turn[:, :3] @ axes, turn[:, 3:]], axis=1)
+    return hand, np.concatenate([relative[:, :3] @ axes, relative[:, 3:]], axis=1)

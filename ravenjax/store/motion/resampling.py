@@ -15,7 +15,6 @@ from ravenjax.vocabulary import TICK_S
 
 def by_time(time_s: np.ndarray, values: np.ndarray, at_s: np.ndarray) -> np.ndarray:
     """Interpolate `values` [T] or [T, k] at times `at_s`, all within the samples' times."""
-    # Slow to import.
     from scipy.interpolate import PchipInterpolator
 
     return PchipInterpolator(time_s, values, axis=0)(np.clip(at_s, time_s[0], time_s[-1]))
@@ -28,10 +27,10 @@ def turns_by_time(time_s: np.ndarray, quat: np.ndarray, at_s: np.ndarray) -> np.
 
 
 def continuous_turns(quat: np.ndarray) -> np.ndarray:
-    """Return quaternions [T, 4] with signs chosen so that each is close to the one before.
-
+    """Return quaternions [T, ..., 4] with signs chosen so that each is close to the one before.
     Both signs mean the same rotation.
     """
+    # The sign of a quaternion is the product of all changes of sign up to it.
     flips = np.where(np.sum(quat[1:] * quat[:-1], axis=-1, keepdims=True) < 0.0, -1.0, 1.0)
     return np.concatenate([quat[:1], quat[1:] * np.cumprod(flips, axis=0)])
 
@@ -39,8 +38,9 @@ def continuous_turns(quat: np.ndarray) -> np.ndarray:
 def at_rows(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Interpolate `values` [T] or [T, k] linearly at the fractional row numbers `rows`."""
     low = np.clip(np.floor(rows).astype(int), 0, len(values) - 2)
-    part = (rows - low).reshape(-1, *[1] * (values.ndim - 1))
-    return values[low] * (1.0 - part) + values[low + 1] * part
+    # The weight of the upper row, with further axes of length 1 to multiply `values`.
+    weight = (rows - low).reshape(-1, *[1] * (values.ndim - 1))
+    return values[low] * (1.0 - weight) + values[low + 1] * weight
 
 
 def low_pass(values: np.ndarray, cutoff_hz: float, stretches: list[tuple[int, int]]) -> np.ndarray:
@@ -48,12 +48,12 @@ def low_pass(values: np.ndarray, cutoff_hz: float, stretches: list[tuple[int, in
 
     Rows are 1 ms apart. Different stretches do not influence each other.
     """
-    # Slow to import.
     from scipy.signal import butter, sosfiltfilt
 
     sections = butter(2, cutoff_hz, fs=1.0 / TICK_S, output="sos")
     smooth = values.copy()
     for begin, end in stretches:
+        # Three periods of the cutoff frequency, or as much as the stretch permits.
         padding = min(end - begin - 1, round(3.0 / (cutoff_hz * TICK_S)))
         smooth[begin:end] = sosfiltfilt(sections, values[begin:end], axis=0, padlen=padding)
     return smooth
@@ -64,6 +64,7 @@ def true_stretches(mask: np.ndarray, cuts: Sequence[int] = ()) -> list[tuple[int
 
     A new stretch begins at each row in `cuts`, which must be ascending.
     """
+    # Rows at which the mask changes: begin, end, begin, end, ...
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     pieces = []
     for begin, end in edges.reshape(-1, 2).tolist():
@@ -75,6 +76,6 @@ def true_stretches(mask: np.ndarray, cuts: Sequence[int] = ()) -> list[tuple[int
 def stretches_in_seconds(
     mask: np.ndarray, cuts: Sequence[int] = (), shortest: int = 1
 ) -> list[tuple[float, float]]:
-    """Return (begin, end) in s of the stretches of at least `shortest` rows, the longest first."""
+    """Return (begin, end) in s of stretches of at least `shortest` true rows, the longest first."""
     spans = sorted(true_stretches(mask, cuts), key=lambda span: span[0] - span[1])
-    return [(a * TICK_S, b * TICK_S) for a, b in spans if b - a >= shortest]
+    return [(begin * TICK_S, end * TICK_S) for begin, end in spans if end - begin >= shortest]

@@ -73,21 +73,23 @@ class Samples:
         values = np.asarray(self.table[name])
         if values.dtype.kind in "iu":
             return values
+        # Dates and durations ("mM") are refused: as numbers they would be in another unit (ns).
         numbers = np.full(len(values), np.nan)
         if values.dtype.kind not in "mM":
             numbers = np.asarray(pd.to_numeric(self.table[name], errors="coerce"), float)
         if (bad := np.flatnonzero(~np.isfinite(numbers))).size:
             raise UserError(
                 f"{self.path}: {self.place(bad[0])}, column {name}: got {values[bad[0]]}, expected"
-                f" a finite number ({bad.size} such rows). Remove these rows, or fill in their"
-                " positions"
+                f" a finite number ({bad.size} such rows). Remove these rows, or write a number of"
+                f" {name} into each"
             )
         return numbers
 
     def quantity(self, name: str, units: Mapping[str, float]) -> np.ndarray | None:
         """Return the column `name`_<unit> in the base unit; None if no such column exists.
 
-        units: factor from each unit to the base unit. Unit "": the name alone.
+        units: factor from each unit to the base unit; "" is the unit of a column called `name`.
+        Angles in degrees that could be radians add a note.
         """
         factors = {f"{name}_{unit}".rstrip("_"): factor for unit, factor in units.items()}
         names = [column for column in factors if column in self.table]
@@ -97,6 +99,7 @@ class Samples:
             return None
         numbers = self.numbers(names[0])
         stem, _, unit = names[0].rpartition("_")
+        # Half a turn, 180 degrees, would be pi in radians.
         if unit == "deg" and 0 < (largest := np.abs(numbers).max(initial=0)) <= math.pi:
             note = f"{names[0]} is at most {largest:.3g}; if these are radians, name the column"
             self.notes = (*self.notes, f"{note} {stem}_rad" if "rad" in units else f"{note} {stem}")
@@ -114,7 +117,7 @@ class Samples:
         return time_s
 
     def group(self, names: Sequence[str], what: str) -> np.ndarray | None:
-        """Return k columns that belong together as [T, k]; None if the table has none of them."""
+        """Return k columns that belong together as [T, k]; None if all are missing."""
         missing = [name for name in names if name not in self.table]
         if len(missing) == len(names):
             return None
@@ -182,10 +185,10 @@ def read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) ->
                 f"{path}: {first.place(bad[0])}, column {PEDAL}: got {pedal[bad[0]]:g}, expected 1"
                 " (pedal down) or 0"
             )
-    used = {name for some in (whole, *samples.values()) for name in some.read}
+    used = {name for columns in (whole, *samples.values()) for name in columns.read}
     if options.rate_hz is not None:
         used -= set(stamps.time_columns(used))
-    names = list(dict.fromkeys(str(name) for some in samples.values() for name in some.table))
+    names = list(dict.fromkeys(str(name) for one in samples.values() for name in one.table))
     return Track(
         path=path,
         clock=first.clock,
@@ -198,7 +201,7 @@ def read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) ->
 
 
 def _of_sensor(whole: Samples, arm: str, sensors: Mapping[str, str | int]) -> Samples:
-    """Return the rows of one arm's sensor; all rows if the options name no column of sensors."""
+    """Return the rows of one arm's sensor, with columns named after the arm: x_mm -> gold_x_mm."""
     if not sensors:
         return dataclasses.replace(whole, read=list(whole.read))
     column, sensor = sensors.get("column", ""), sensors.get(arm)
@@ -208,16 +211,17 @@ def _of_sensor(whole: Samples, arm: str, sensors: Mapping[str, str | int]) -> Sa
             f" of {arm}, such as {{ column = 'tool', {arm} = 'left' }}. The file has the columns"
             f" {list_names(whole.table)}"
         )
-    there = whole.table[column].astype(str).str.strip().str.removesuffix(".0")
-    rows = np.asarray(there == str(sensor))
+    # pandas reads whole numbers as 1.0, 2.0 if a cell of the column is empty.
+    sensor_of_row = whole.table[column].astype(str).str.strip().str.removesuffix(".0")
+    rows = np.asarray(sensor_of_row == str(sensor))
     if rows.sum() < 2:
         raise UserError(
             f"{whole.path}: column {column} has {sensor!r} in {rows.sum()} rows; expected at least"
-            f" 2 rows. Its values are {list_names(sorted(set(there)))}"
+            f" 2 rows. Its values are {list_names(sorted(set(sensor_of_row)))}"
         )
-    measures = {f"{axis}_{unit}" for axis in "xyz" for unit in LENGTHS}
-    measures |= {*QUAT, *MATRIX, *(f"grasp_{unit}" for unit in ANGLES)}
-    names = {name: f"{arm}_{name}" for name in measures}
+    quantities = {f"{axis}_{unit}" for axis in "xyz" for unit in LENGTHS}
+    quantities |= {*QUAT, *MATRIX, *(f"grasp_{unit}" for unit in ANGLES)}
+    names = {name: f"{arm}_{name}" for name in quantities}
     table = whole.table.loc[rows].rename(columns=names)
     time_s = None if whole.time_s is None else whole.time_s[rows]
     return dataclasses.replace(whole, table=table, time_s=time_s, read=[*whole.read, column])
@@ -226,7 +230,7 @@ def _of_sensor(whole: Samples, arm: str, sensors: Mapping[str, str | int]) -> Sa
 def _arm_track(samples: Samples, arm: ArmName, options: ReplayOptions) -> ArmTrack:
     # Reads one arm's positions, orientations and jaws from the columns of a table.
     path, table = samples.path, samples.table
-    places = []
+    coordinates = []
     for name in (f"{arm}_{axis}" for axis in "xyz"):
         values = samples.quantity(name, LENGTHS)
         if values is None:
@@ -236,12 +240,12 @@ def _arm_track(samples: Samples, arm: ArmName, options: ReplayOptions) -> ArmTra
                 f" operator.columns = {{ {name}_mm = '...' }}. If each arm has its own rows, name"
                 f" them: operator.sensors = {{ column = 'tool', {arm} = 'left' }}, for example"
             )
-        places.append(values)
+        coordinates.append(values)
     quat = samples.group([f"{arm}_{name}" for name in QUAT], "an orientation")
     matrix = samples.group([f"{arm}_{name}" for name in MATRIX], "a rotation matrix")
     return ArmTrack(
         samples.times(options),
-        np.stack(places, axis=1),
+        np.stack(coordinates, axis=1),
         _unit_quaternions(samples, arm, quat, matrix),
         samples.quantity(f"{arm}_grasp", ANGLES),
     )
@@ -252,7 +256,8 @@ def _unit_quaternions(
 ) -> np.ndarray | None:
     """Return unit quaternions [T, 4] from recorded quaternions or from rotation matrices [T, 9].
 
-    Return None if neither was recorded, or if all quaternions are 0, as `ravenjax trace` may write.
+    Return None if neither was recorded, or if all quaternions are 0, as in tables that `ravenjax
+    trace` may write. Raise UserError if both were recorded, or numbers are no rotation.
     """
     from scipy.spatial.transform import Rotation
 
@@ -301,24 +306,24 @@ class Bag:
         options, any namespace counts that ends in arm1 (gold) or arm2 (green). Raise UserError for
         several namespaces.
         """
-        if (given := self._options.topics.get(arm)) is not None:
-            if given in self.kinds and given.endswith(ends):
-                return given
-            space = given.rpartition("/")[0] if given in self.kinds else given.rstrip("/")
+        if (option := self._options.topics.get(arm)) is not None:
+            if option in self.kinds and option.endswith(ends):
+                return option
+            space = option.rpartition("/")[0] if option in self.kinds else option.rstrip("/")
             return next((name for end in ends if (name := f"{space}/{end}") in self.kinds), None)
         names = [f"/{ARM_TOPICS[arm]}/{end}" for end in ends]
-        found = [topic for name in names for topic in self.kinds if f"/{topic}".endswith(name)]
-        if len({topic.rpartition(ARM_TOPICS[arm])[0] for topic in found}) > 1:
+        topics = [topic for name in names for topic in self.kinds if f"/{topic}".endswith(name)]
+        if len({topic.rpartition(ARM_TOPICS[arm])[0] for topic in topics}) > 1:
             raise UserError(
-                f"{self.path}: {' and '.join(found)} belong to several robots; choose a namespace:"
-                f" {self._choice(arm, found)}"
+                f"{self.path}: {' and '.join(topics)} belong to several robots; choose a namespace:"
+                f" {self._choice(arm, topics)}"
             )
-        return found[0] if found else None
+        return topics[0] if topics else None
 
     def missing(self, arm: str, *ends: str) -> UserError:
-        """Return the error for a bag without an arm's topics. It states how to select others."""
+        """Return the error for a bag without such topics of an arm. It proposes other topics."""
         space = self._options.topics.get(arm, f"/{ARM_TOPICS[arm]}")
-        other_arms = [f"/{name}/" for one, name in ARM_TOPICS.items() if one != arm]
+        other_arms = [f"/{name}/" for other, name in ARM_TOPICS.items() if other != arm]
         others = [t for t in self.kinds if t.endswith(ends) and not any(x in t for x in other_arms)]
         kinds = [f"{topic} ({kind})" for topic, kind in sorted(self.kinds.items())]
         advice = f". To use other topics, write {self._choice(arm, others)}" if others else ""
@@ -381,7 +386,7 @@ def _bag_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) ->
 
 
 def _poses(path: Path, arm: str, tip: TopicMessages, begin_ns: int) -> Samples:
-    # Converts an arm's pose messages to columns in m and unit quaternions.
+    # Converts an arm's pose messages to columns in m and quaternions. Times count from begin_ns.
     import pandas as pd
 
     names = [f"{arm}_{axis}_m" for axis in "xyz"] + [f"{arm}_{name}" for name in QUAT]
@@ -400,14 +405,15 @@ def _jaws(
     """Return times (ns), opening (rad) and topic of an arm's jaws; None if they were not recorded.
 
     The opening comes from CRTK's topic of the jaw, otherwise from the angles of raven2's two jaws.
+    stamped: use times of headers, not of arrival. Raise UserError for gaps or a wrong opening.
     """
-    alone = bag.topic(arm, *(f"jaw/{source}_js" for source in SOURCES))
-    topic = alone or bag.topic(arm, *(f"{source}_js" for source in SOURCES))
+    jaw_topic = bag.topic(arm, *(f"jaw/{source}_js" for source in SOURCES))
+    topic = jaw_topic or bag.topic(arm, *(f"{source}_js" for source in SOURCES))
     if topic is None or bag.kinds[topic] != JOINT_STATE:
         return None
     jaw = bag.read(topic, stamped)
-    if alone:
-        positions = [one.position for one in jaw.messages]
+    if jaw_topic:
+        positions = [message.position for message in jaw.messages]
         opening = np.array([values[0] if len(values) else np.nan for values in positions])
     else:
         opening = bags.read_joints(bag.path, jaw)[:, JOINTS.index("grasp1") :].sum(axis=1)

@@ -63,13 +63,13 @@ def find_spikes(arm: str, track: ArmTrack, time_s: np.ndarray, max_gap_s: float)
         # This jump belongs to the spike before.
         if before <= last:
             continue
-        soon = (
+        next_jumps = (
             j
             for j in jumps
             if before < j <= before + MOST_ROWS and time_s[j + 1] - time_s[before] <= max_gap_s
         )
         # The last sample of the spike; `before` if the tip does not jump back.
-        last = next((j for j in soon if _can_move(tip, time_s, before, j + 1)), before)
+        last = next((j for j in next_jumps if _can_move(tip, time_s, before, j + 1)), before)
         first = before + 1
         away = tip[first : max(last, first) + 1]
         size = float(np.linalg.norm(away - tip[before], axis=1).max()) * 1e3

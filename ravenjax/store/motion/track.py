@@ -67,7 +67,6 @@ def in_frame0(
 
     first: index of the sample that option place = "home" puts at the pose after homing.
     """
-    # Slow to import.
     from scipy.spatial.transform import Rotation
 
     from ravenjax.robots.raven2.geometry.mapping import ITP_AXES

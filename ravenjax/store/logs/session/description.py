@@ -92,8 +92,8 @@ def read_session(folder: Path) -> dict[str, Any]:
         SessionHeader.model_validate(header)
     except ValidationError as error:
         key, problem = next(find_mistakes(error, SessionHeader, header))
-        place = ".".join(map(str, key)) or "the file"
-        raise StoreError(f"{path}: {place}: {problem}; session.mcap contains a copy") from None
+        key_path = ".".join(map(str, key)) or "the file"
+        raise StoreError(f"{path}: {key_path}: {problem}; session.mcap contains a copy") from None
     return header
 
 
@@ -109,10 +109,10 @@ def update_session(folder: Path, changes: Mapping[str, Any]) -> dict[str, Any]:
 
 def _merged(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
     # Returns nested tables `old`, in which values of `new` replace or extend those of `old`.
-    out = dict(old)
+    merged = dict(old)
     for key, value in new.items():
-        mine = out.get(key)
-        if isinstance(mine, dict) and isinstance(value, Mapping):
-            value = _merged(mine, value)
-        out[key] = value
-    return out
+        earlier = merged.get(key)
+        if isinstance(earlier, dict) and isinstance(value, Mapping):
+            value = _merged(earlier, value)
+        merged[key] = value
+    return merged

@@ -61,35 +61,37 @@ class SessionWriter:
         with disk_errors(f"{path}: the recording cannot be written"):
             self._file = open(path, "wb")  # noqa: SIM115  closed by close()
         self._start_ns = _start_ns(header)
-        self._places: dict[str, list[int]] = {}
+        # The columns of each signal: `gold/jpos` has those of gold/jpos/0, gold/jpos/1, ...
+        self._columns: dict[str, list[int]] = {}
         for column, name in enumerate(names):
-            self._places.setdefault(name.rpartition("/")[0], []).append(column)
+            signal, _, _ = name.rpartition("/")
+            self._columns.setdefault(signal, []).append(column)
         self._bases = {
-            arm: Base(tuple(one["origin"]), tuple(one["quaternion"]))
-            for arm, one in (header.get("bases") or {}).items()
+            arm: Base(tuple(base["origin"]), tuple(base["quaternion"]))
+            for arm, base in (header.get("bases") or {}).items()
         }
         # This call also runs slow imports before the recording begins.
         standard = [topic for topic, _ in self._standard(np.zeros((1, len(names))))]
         self._flat = topics.signals_topic([topics.field_name(name) for name in names], single=True)
         self._metadata = {"header": json.dumps(header), "channels": json.dumps(list(names))}
         self._log = topics.LogWriter(self._file, [self._flat, *standard], self._metadata)
-        self._next = 0
         self._file.flush()
 
     def add(self, first: int, rows: np.ndarray, events: Sequence[Mapping[str, Any]] = ()) -> None:
-        """Write rows float32 [n, names] with numbers from `first`, and events in these rows.
+        """Write rows float32 [n, names], one per ms, and events that occurred in these rows.
 
-        They are passed to the operating system at once. Raise StoreError if writing fails.
+        first: number of the first row. All is passed to the operating system at once. Events have
+        the time of the last row. Raise StoreError if writing fails.
         """
-        self._next = first + len(rows)
-        numbers = np.arange(first, self._next)
+        end = first + len(rows)
+        numbers = np.arange(first, end)
         stamps = self._start_ns + numbers * TICK_NS
         self._log.add(self._flat, stamps, numbers, rows)
         due = numbers % _EVERY == 0
         if due.any():
             for topic, values in self._standard(rows[due]):
                 self._log.add(topic, stamps[due], numbers[due], values)
-        stamp = self._start_ns + max(0, self._next - 1) * TICK_NS
+        stamp = self._start_ns + max(0, end - 1) * TICK_NS
         for event in events:
             self._log.add_event(event, event_text(event), event_level(event), stamp)
         recorded = f"; the first {max(0, first)} ms of the session are recorded"
@@ -105,17 +107,18 @@ class SessionWriter:
         self._file.close()
 
     def _standard(self, rows: np.ndarray) -> Iterator[tuple[Topic, np.ndarray]]:
-        # Converts rows to standard topics of CRTK and ROS.
+        # Yields (topic, numbers) of the standard topics of CRTK and ROS at these rows.
         series = {}
         for arm in ARM_TOPICS:
             of_arm = {
-                name.removeprefix(f"{arm}/"): rows[:, places]
-                for name, places in self._places.items()
+                name.removeprefix(f"{arm}/"): rows[:, columns]
+                for name, columns in self._columns.items()
                 if name.startswith(f"{arm}/")
             }
             states = [name for name in _CHANNELS["states"] if name in of_arm]
             series |= {f"{arm}/{name}": of_arm[name] for name in states}
-            # An entry is `tip = ["tip", "tip_rotation", "link_jpos"]`.
+            # An entry is `tip = ["tip", "tip_rotation", "link_jpos"]`: the signal of a position,
+            # the series to make of it and of the rotation, and the joints that give the rotation.
             for name, (position, rotation, joints) in _CHANNELS["tips"].items():
                 if name in of_arm and joints in of_arm:
                     series[f"{arm}/{position}"] = of_arm[name]
