@@ -229,8 +229,8 @@ def _compare_rates(table: pd.DataFrame, rules: Rules, units: Units | None) -> li
 def _transitions(compared: pd.DataFrame, word: str) -> list[Transition]:
     # Counts pairs by the word of one part of the verdict in the first and in the second folder.
     counts = Counter(zip(compared[f"a_{word}"], compared[f"b_{word}"], strict=True))
-    changes = itertools.product(WORDS[word], repeat=2)
-    return [Transition(*change, counts[change]) for change in changes if counts[change]]
+    words = itertools.product(WORDS[word], repeat=2)
+    return [Transition(a, b, counts[a, b]) for a, b in words if counts[a, b]]
 
 
 def _list_changed_runs(robot: Robot, table: ResultTable, most: int) -> list[RunChange]:
