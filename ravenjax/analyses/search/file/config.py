@@ -35,26 +35,16 @@ Outcomes = Annotated[tuple[Outcome, ...], Field(min_length=1, description="colum
 class Boundary(Section):
     """[search] of kind "boundary": the smallest harmful fault, for each combination of lists."""
 
-    kind: Literal["boundary"] = Field(description="kind of search")
-    harm: Annotated[Outcome, AfterValidator(outcome.require_event)] = Field(
-        description="event, such as 'peak_golden_deviation_mm >= 1'"
-    )
-    signs: tuple[Literal[-1, 1], ...] = Field(
-        default=(1,), min_length=1, description="signs of the fault's value"
-    )
-    scan: int = Field(
-        default=17,
-        ge=2,
-        le=10_000,
-        description="number of values that are tried first, for each combination of lists",
-    )
-    tolerance: float = Field(
-        default=0.01,
-        gt=0.0,
-        lt=1.0,
-        description="accepted width of the result, as a share of its lower end (loguniform) or of"
-        " the range",
-    )
+    kind: Literal["boundary"]
+    """kind of search"""
+    harm: Annotated[Outcome, AfterValidator(outcome.require_event)]
+    """event, such as 'peak_golden_deviation_mm >= 1'"""
+    signs: tuple[Literal[-1, 1], ...] = Field(default=(1,), min_length=1)
+    """signs of the fault's value"""
+    scan: int = Field(default=17, ge=2, le=10_000)
+    """number of values that are tried first, for each combination of lists"""
+    tolerance: float = Field(default=0.01, gt=0.0, lt=1.0)
+    """accepted width of the result, as a share of its lower end (loguniform) or of the range"""
 
     @model_validator(mode="after")
     def _require_each_sign_once(self) -> "Boundary":
@@ -71,57 +61,38 @@ class Boundary(Section):
 class Sobol(Section):
     """[search] of kind "sobol": which share of an outcome's variance each input causes."""
 
-    kind: Literal["sobol"] = Field(description="kind of search")
+    kind: Literal["sobol"]
+    """kind of search"""
     outcomes: Outcomes
-    n: Annotated[int, AfterValidator(_require_power_of_two)] = Field(
-        default=1024,
-        ge=8,
-        le=2**24,
-        description="size of the base sample, a power of two; d inputs need n (d + 2) runs",
-    )
+    n: Annotated[int, AfterValidator(_require_power_of_two)] = Field(default=1024, ge=8, le=2**24)
+    """size of the base sample, a power of two; d inputs need n (d + 2) runs"""
 
 
 class Morris(Section):
     """[search] of kind "morris": cheap screening of many inputs, changed one at a time."""
 
-    kind: Literal["morris"] = Field(description="kind of search")
+    kind: Literal["morris"]
+    """kind of search"""
     outcomes: Outcomes
-    trajectories: int = Field(
-        default=100,
-        ge=4,
-        le=1_000_000,
-        description="number of trajectories; each has d + 1 runs for d inputs",
-    )
-    levels: Annotated[int, AfterValidator(_require_even)] = Field(
-        default=8, ge=4, le=1000, description="number of values of each input, an even number"
-    )
+    trajectories: int = Field(default=100, ge=4, le=1_000_000)
+    """number of trajectories; each has d + 1 runs for d inputs"""
+    levels: Annotated[int, AfterValidator(_require_even)] = Field(default=8, ge=4, le=1000)
+    """number of values of each input, an even number"""
 
 
 class Rare(Section):
     """[search] of kind "rare": the probability of a rare event, by two estimators."""
 
-    kind: Literal["rare"] = Field(description="kind of search")
-    event: Annotated[Outcome, AfterValidator(outcome.require_margin)] = Field(
-        description="a column and its limit, such as 'peak_model_deviation_mm >= 10'"
-    )
-    runs: int = Field(
-        default=2000,
-        ge=100,
-        le=10_000_000,
-        description="number of runs in each level of the subset simulation",
-    )
-    steps: int = Field(
-        default=10,
-        ge=2,
-        le=100,
-        description="length of a Markov chain; runs / steps runs start the next level",
-    )
-    check: int = Field(
-        default=20_000,
-        ge=0,
-        le=100_000_000,
-        description="number of runs of plain Monte Carlo, for comparison; 0: none",
-    )
+    kind: Literal["rare"]
+    """kind of search"""
+    event: Annotated[Outcome, AfterValidator(outcome.require_margin)]
+    """a column and its limit, such as 'peak_model_deviation_mm >= 10'"""
+    runs: int = Field(default=2000, ge=100, le=10_000_000)
+    """number of runs in each level of the subset simulation"""
+    steps: int = Field(default=10, ge=2, le=100)
+    """length of a Markov chain; runs / steps runs start the next level"""
+    check: int = Field(default=20_000, ge=0, le=100_000_000)
+    """number of runs of plain Monte Carlo, for comparison; 0: none"""
 
     @model_validator(mode="after")
     def _require_equal_chains(self) -> "Rare":
