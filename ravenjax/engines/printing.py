@@ -128,10 +128,8 @@ class Printing(ABC, Generic[Where]):
         for i in outside:
             get_value(i)
         old_number_at.clear()
-        write(
-            [goal for i in outside for goal in targets[i]]
-            + [goal for pending in waiting.values() for goal in pending]
-        )
+        for pending in (*(targets[i] for i in outside), *waiting.values()):
+            write(pending)
 
     @abstractmethod
     def _constant(self, dtype: str, value: Any) -> str:

@@ -227,12 +227,11 @@ class _CudaModule(LoopPrinting[str]):
     def _lane_run(self):
         """Return values for `lane_run` in kernel.cu.j2, the loop over ticks of one lane.
 
-        A lane is one robot, with its own inputs and state. A row has the numbers of one tick that
-        are equal in all lanes of a group. lane_run: statements of a tick. prologue, packed: see
-        `_print_prologue`. inputs_read: indices of the lane's inputs that a tick reads. near: C code
-        of each word of the state in shared memory, and of the word of device memory that keeps it
-        between launches. in_step: whether all warps of a block begin each tick together. saved:
-        positions of the numbers in a group's row that are saved when a lane ends.
+        lane_run: statements of a tick. prologue, packed: see `_print_prologue`. inputs_read:
+        indices of the lane's inputs that a tick reads. near: C code of each word of the state in
+        shared memory, and of the word of device memory that keeps it between launches. in_step:
+        whether all warps of a block begin each tick together. saved: positions of the numbers in a
+        group's row that are saved when a lane ends.
         """
         step, split = self.step, self.split
         state = self._state_in_loop()
