@@ -26,9 +26,11 @@ number] if they are equal in a group.
 
 import collections
 import dataclasses
+from pathlib import Path
 
+from ravenjax import resources
 from ravenjax.engines.gpu.cuda import CudaPrinter
-from ravenjax.engines.printing import LoopPrinting, render_template
+from ravenjax.engines.printing import LoopPrinting
 from ravenjax.ir.time_loop import Split
 
 WARP = 32
@@ -96,8 +98,10 @@ class _CudaModule(LoopPrinting[str]):
 
     def source(self) -> KernelSource:
         # Returns the module's text with the sizes of its buffers.
-        text = render_template(
-            "gpu/kernel.cu.j2",
+        folder = Path(__file__).parent
+        text = resources.render_text(
+            folder / "kernel.cu.j2",
+            prelude=resources.render_text(folder / "prelude.cu.j2"),
             # Registers are limited to what a block of this many threads may have.
             bounds=f"__launch_bounds__({self.form.threads}, 1)",
             threads=self.form.threads,
