@@ -106,7 +106,7 @@ def _time_start(engine: Engine, kernel: Kernel, work: Workload, runs: int) -> di
     if engine.name in PRINTING:
         # Kernels of code-generating engines name the program that they compile.
         again: Any = engine.compile(work.plan.program, runs)
-        traced.forget_traces()
+        traced.FORMS.clear()
         traced.traced_forms(again.program, block, work.plan.columns)
         start["ready_s"] = workload.measure_once(lambda: again.prepare(block, work.plan.columns))
     return start

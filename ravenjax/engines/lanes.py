@@ -44,7 +44,7 @@ class Trunk:
         return Trunk(every, *(np.empty((snapshots, words), np.uint32) for words in (group, lane)))
 
     def start_ticks(self, first: np.ndarray) -> np.ndarray:
-        """Return the tick of the last snapshot before each tick of `first`, when a fault acts."""
+        """Return the tick of the last snapshot before each tick of `first`, int."""
         return np.clip((first - 1) // self.every, 0, len(self.lane) - 1) * self.every
 
 

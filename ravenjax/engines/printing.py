@@ -7,29 +7,11 @@ result overwrites a value in memory, the old value is loaded before the store.
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from ravenjax.ir.program import Program
 from ravenjax.ir.regions import Region, arrange_regions, flatten_regions
 from ravenjax.ir.time_loop import Split
-
-
-def render_template(template: str, **values: Any) -> str:
-    """Return the text of a template of this folder with these values."""
-    # Imported here because most processes load generated code from the cache.
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent),
-        undefined=jinja2.StrictUndefined,
-        autoescape=False,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    return environment.get_template(template).render(values)
-
 
 Where = TypeVar("Where")
 """The address of a number in memory, as the printer of a language represents it."""
@@ -128,10 +110,8 @@ class Printing(ABC, Generic[Where]):
         for i in outside:
             get_value(i)
         old_number_at.clear()
-        write(
-            [goal for i in outside for goal in targets[i]]
-            + [goal for pending in waiting.values() for goal in pending]
-        )
+        for pending in (*(targets[i] for i in outside), *waiting.values()):
+            write(pending)
 
     @abstractmethod
     def _constant(self, dtype: str, value: Any) -> str:

@@ -89,28 +89,24 @@ def traced_forms(
     key = trace_key.hash_values(*definition, *shapes)
     # A second caller waits instead of tracing the same program.
     with _TRACING:
-        if key not in _FORMS:
+        if key not in FORMS:
             # A robot of another package may import unknown files, so it is not cached on disk.
             cacheable = program.module.startswith("ravenjax.") and objects is not None
             disk_key = trace_key.persistent_key("trace", key) if cacheable else ""
             # Only the shapes of the motion count, so zeros that take no memory take its place.
             columns = [np.broadcast_to(np.zeros((), c.dtype), c.shape) for c in motion]
             trace = partial(trace_tick, program, empty_block, columns)
-            _FORMS[key] = Forms(trace_key.load_or_make(objects, disk_key, trace), disk_key, objects)
-            if len(_FORMS) > MAX_PROGRAMS:
-                del _FORMS[next(iter(_FORMS))]
+            FORMS[key] = Forms(trace_key.load_or_make(objects, disk_key, trace), disk_key, objects)
+            if len(FORMS) > MAX_PROGRAMS:
+                del FORMS[next(iter(FORMS))]
         # The most recently used program is last; the first is dropped.
-        _FORMS[key] = _FORMS.pop(key)
-        return _FORMS[key]
+        FORMS[key] = FORMS.pop(key)
+        return FORMS[key]
 
 
 _TRACING = threading.Lock()
-_FORMS: dict[str, Forms] = {}
-
-
-def forget_traces() -> None:
-    """Remove all traced programs from the cache of this process."""
-    _FORMS.clear()
+FORMS: dict[str, Forms] = {}
+"""The cache of this process: hash of a program and its types -> the traced program."""
 
 
 def x64_context(setup: Setup) -> contextlib.AbstractContextManager[Any]:

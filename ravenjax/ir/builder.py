@@ -46,7 +46,7 @@ class Builder:
         return i
 
     def emit(self, name: str, dtype: str, *operands: int) -> int:
-        """Return the number of an operation with this result. An equal or simpler one is reused."""
+        """Return the number of an operation with this result, equal or simpler if there is one."""
         if all(o in self.constants for o in operands):
             constants = tuple(self.constants[o] for o in operands)
             return self.constant(dtype, semantics.evaluate_operation(name, dtype, constants))

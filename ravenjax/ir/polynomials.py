@@ -115,7 +115,7 @@ def tan(m: Arithmetic, x: Number) -> Number:
 
 def atan2(m: Arithmetic, y: Number, x: Number) -> Number:
     """Return the angle of the point (x, y), rad in [-pi, pi]."""
-    # First the angle in [0, pi/4], of the point (larger, smaller) of the coordinates' sizes.
+    # First the angle in [0, pi/4] of the point (larger, smaller): the sizes of x and y, sorted.
     x_size, y_size = m.abs(x), m.abs(y)
     is_steep = m.less(x_size, y_size)
     smaller, larger = m.select(is_steep, x_size, y_size), m.select(is_steep, y_size, x_size)

@@ -65,8 +65,8 @@ class Constraint:
         formulas of MuJoCo's solver parameters solref and solimp. position, velocity: deviation from
         the constraint, and its derivative. timestep: s.
         """
-        # The impedance rises from `low` to `high` with the deviation x, in units of `width`: as two
-        # powers of x that meet at x = middle.
+        # The impedance rises from `low` to `high` with the deviation x, in units of `width`: as a
+        # power of x up to x = middle, then with a power of 1 - x.
         low, high, width, middle, power = self.solimp
         x, exponent = jnp.minimum(jnp.abs(position) / width, 1.0), round(power)
         rise = x**exponent / middle ** (exponent - 1)

@@ -127,10 +127,7 @@ def pseudo_inertia(mass: float, com: np.ndarray, central: np.ndarray) -> np.ndar
 
 
 def _choose_frames(joints: list[_HomeJoint]):
-    """Set the x axis and the origin of each link's frame. The origin of a hinge is where its axis
-    is nearest to the parent's axis (first link: to the child's); a slide has its parent's origin. x
-    is normal to the axes of a hinge and its child.
-    """
+    """Set the x axis and the origin of each link's frame, as the module's docstring describes."""
     for index, joint in enumerate(joints):
         parent = joints[joint.parent] if joint.parent >= 0 else None
         child = next((other for other in joints if other.parent == index), None)
@@ -150,9 +147,7 @@ def _choose_frames(joints: list[_HomeJoint]):
         if x_axis is None and parent is not None:
             x_axis = _unit(np.cross(parent.axis, joint.axis))
             x_axis = parent.x if x_axis is None else x_axis
-        if x_axis is None:
-            x_axis = _leaf_direction(joint)
-        joint.x = x_axis
+        joint.x = _leaf_direction(joint) if x_axis is None else x_axis
 
 
 def _foot(joint: _HomeJoint, point: np.ndarray, axis: np.ndarray) -> np.ndarray:
@@ -196,7 +191,7 @@ def _leaf_direction(joint: _HomeJoint) -> np.ndarray:
     first_moment, mass = joint.pseudo_inertia[:3, 3], joint.pseudo_inertia[3, 3]
     base_axes = np.eye(3)[np.argsort(np.abs(joint.axis))]
     for candidate in (first_moment - mass * joint.origin, *base_axes):
-        # A centre of mass within 1 um of the axis (times mass, which may be 0) gives no direction.
+        # A mass of 0, or a centre of mass within 1 um of the axis, gives no direction.
         direction = _unit(_perpendicular(joint, candidate), 1e-6 * max(mass, 1e-300))
         if direction is not None:
             return direction
@@ -205,8 +200,7 @@ def _leaf_direction(joint: _HomeJoint) -> np.ndarray:
 
 def _make_links(joints: list[_HomeJoint]) -> tuple[Link, ...]:
     # Returns the links in their frames. Inertia without effect on a joint's own motion is moved to
-    # the parent, which does not change the dynamics: of a slide, all second moments; of a hinge
-    # about z, the mass and the moments along z.
+    # the parent, as the module's docstring describes.
     inertias = []
     for joint in joints:
         to_link = joint.rotation.T

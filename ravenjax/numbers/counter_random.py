@@ -17,14 +17,10 @@ GOLDEN = 0x9E3779B9  # 2^32 / golden ratio, so that counters of consecutive tick
 CHANNEL_STRIDE = 0x85EBCA6B  # an odd number, so that channels have different counters
 
 
-def _u32(x: int) -> Scalar:
-    return jnp.uint32(x)
-
-
 def _mix(x: Scalar) -> Scalar:
-    x = (x ^ (x >> _u32(16))) * _u32(0x7FEB352D)
-    x = (x ^ (x >> _u32(15))) * _u32(0x846CA68B)
-    return x ^ (x >> _u32(16))
+    x = (x ^ (x >> jnp.uint32(16))) * jnp.uint32(0x7FEB352D)
+    x = (x ^ (x >> jnp.uint32(15))) * jnp.uint32(0x846CA68B)
+    return x ^ (x >> jnp.uint32(16))
 
 
 def random_bits(key: Scalar, tick: Scalar, channel: int) -> Scalar:
@@ -32,14 +28,14 @@ def random_bits(key: Scalar, tick: Scalar, channel: int) -> Scalar:
     number of a random signal.
     """
     # The mask makes the Python number a 32-bit number, as the other operands are.
-    channel_offset = _u32((channel * CHANNEL_STRIDE) & 0xFFFFFFFF)
-    counter = lax.convert_element_type(tick, jnp.uint32) * _u32(GOLDEN) + channel_offset
+    channel_offset = jnp.uint32((channel * CHANNEL_STRIDE) & 0xFFFFFFFF)
+    counter = lax.convert_element_type(tick, jnp.uint32) * jnp.uint32(GOLDEN) + channel_offset
     return _mix(_mix(counter) ^ _mix(lax.convert_element_type(key, jnp.uint32)))
 
 
 def random_uniform(key: Scalar, tick: Scalar, channel: int) -> Scalar:
     """Return a uniform float32 in [0, 1): the upper 24 of the random bits, divided by 2^24."""
-    upper = lax.convert_element_type(random_bits(key, tick, channel) >> _u32(8), jnp.float32)
+    upper = lax.convert_element_type(random_bits(key, tick, channel) >> jnp.uint32(8), jnp.float32)
     return upper * 2.0**-24
 
 
@@ -48,8 +44,8 @@ def random_normal(key: Scalar, tick: Scalar, channel: int) -> Scalar:
     deviations from 0. The upper 16 random bits give the radius, the lower 16 bits the angle.
     """
     word = random_bits(key, tick, channel)
-    upper = lax.convert_element_type(word >> _u32(16), jnp.float32)
-    lower = lax.convert_element_type(word & _u32(0xFFFF), jnp.float32)
+    upper = lax.convert_element_type(word >> jnp.uint32(16), jnp.float32)
+    lower = lax.convert_element_type(word & jnp.uint32(0xFFFF), jnp.float32)
     # 0.5 is added, so that the logarithm is of a number above 0. The factor 2^-16 maps to 0..1.
     radius = jnp.sqrt(-2.0 * jnp.log((upper + 0.5) * 2.0**-16))
     return radius * jnp.cos((lower + 0.5) * (2.0 * math.pi * 2.0**-16))

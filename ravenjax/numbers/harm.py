@@ -32,8 +32,6 @@ MAX_STORED_VALUES = 500
 """Largest number of past values, one per ms, that an expression may keep. Each slows every run."""
 _IS_MAXIMUM = {"once": True, "eventually": True, "historically": False, "always": False}
 """True if the temporal operator is the maximum of the values in its window; False: the minimum."""
-_FUTURE_OPERATORS = ("eventually", "always")
-"""Temporal operators whose window lies in the future."""
 _ARITHMETIC = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul}
 
 
@@ -159,10 +157,8 @@ def _compile_comparison(node: ast.Compare) -> Formula:
 
     def robustness(moment: Moment, delay: int) -> Scalar:
         # Returns the robustness of `delay` ms ago; 0 before the run.
-        distances = []
-        pairs = itertools.pairwise(term(moment) for term in terms)
-        for (a, b), op in zip(pairs, node.ops, strict=True):
-            distances.append(a - b if type(op) is ast.Gt else b - a)
+        pairs = zip(itertools.pairwise(term(moment) for term in terms), node.ops, strict=True)
+        distances = [a - b if type(op) is ast.Gt else b - a for (a, b), op in pairs]
         # A chain of comparisons is as far from being violated as its closest comparison.
         return moment.delay(functools.reduce(jnp.minimum, distances), delay, empty=0.0)
 
@@ -194,7 +190,7 @@ def _compile_truth(node: ast.AST) -> Formula:
             [inner],
             [],
         ) if name in _IS_MAXIMUM and 0 <= a <= b:
-            in_future = name in _FUTURE_OPERATORS
+            in_future = name in ("eventually", "always")
             return _over_window(_compile_truth(inner), _IS_MAXIMUM[name], in_future, a, b)
     raise _error(
         node,

@@ -140,8 +140,8 @@ def _blame(source: OwnSource, where: str) -> Iterator[None]:
         raise
     except Exception as error:
         if isinstance(error, SyntaxError) and is_own(error.filename):
-            location, trouble = f"{error.filename}:{error.lineno}", f"invalid Python ({error.msg})"
-            raise UserError(f"{location}: {trouble}") from None
+            location = f"{error.filename}:{error.lineno}"
+            raise UserError(f"{location}: invalid Python ({error.msg})") from None
         frames = [f for f in traceback.extract_tb(error.__traceback__) if is_own(f.filename)]
         location = f"{frames[-1].filename}:{frames[-1].lineno}" if frames else source.path
         if any(kind.__name__ in _BRANCHES for kind in type(error).__mro__):

@@ -59,7 +59,7 @@ class Reader:
         # Executes a user's file as a module.
         module = types.ModuleType(name)
         module.__file__ = str(path)
-        # Imports of this module alone go through `_import`.
+        # Only the imports of this module go through `_import`.
         module.__dict__["__builtins__"] = {**vars(builtins), "__import__": self._import}
         # Python finds the annotations of the file's records by the name of its module.
         sys.modules[name] = module

@@ -1,5 +1,7 @@
 """What every compiler of printed CUDA C is checked with: operations, and a campaign."""
 
+from pathlib import Path
+
 import numpy as np
 import operation_cases
 from compiled_program import same_bits
@@ -11,7 +13,6 @@ from ravenjax.engines.gpu.code import column_words
 from ravenjax.engines.gpu.cuda import CudaPrinter
 from ravenjax.engines.gpu.engine import CudaEngine
 from ravenjax.engines.interface import Block
-from ravenjax.engines.printing import render_template
 from ravenjax.ir import semantics
 from ravenjax.ir.program import Program
 from ravenjax.numbers.vec import replace
@@ -51,7 +52,8 @@ def check(launch, k: int) -> None:
     same_bits(got, expected)
 
 
-SOURCE = render_template("gpu/prelude.cu.j2") + "".join(
+PRELUDE = Path(resources.__file__).parent / "engines/gpu/prelude.cu.j2"
+SOURCE = PRELUDE.read_text(encoding="utf-8") + "".join(
     printed(k, program) for k, (_, program, _) in enumerate(CASES)
 )
 

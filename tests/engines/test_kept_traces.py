@@ -49,10 +49,10 @@ def fresh(made):
 def counted(monkeypatch, fresh):
     """Programs that were traced; tracing takes no time."""
     calls = []
-    traced.forget_traces()
+    traced.FORMS.clear()
     monkeypatch.setattr(traced, "trace_tick", lambda program, *_: calls.append(program) or fresh)
     yield calls
-    traced.forget_traces()
+    traced.FORMS.clear()
 
 
 def block(made, rows=1) -> Block:
@@ -62,7 +62,7 @@ def block(made, rows=1) -> Block:
 def forms(made, objects=None, rows=1):
     """From `objects` as another process would find them, else from this process."""
     if objects is not None:
-        traced.forget_traces()
+        traced.FORMS.clear()
     return traced.traced_forms(made.program, block(made, rows), made.columns, objects)
 
 

@@ -126,7 +126,7 @@ class SimdKernel(traced.PrintedKernel):
 
     def _groups(self, block: Block):
         """Return a block's inputs, each lane's group, and whether computing by groups is faster. If
-        it is not, all lanes are in group 0, and each lane also computes the shared numbers.
+        it is not, all lanes are in group 0, and they share only what depends on the tick alone.
         """
         inputs, group = self.groups(block)
         # Vectors have lanes of one group, so the last vector of each group may not be full.

@@ -16,7 +16,7 @@ from ravenjax.errors import UserError
 _OPTIMISATION = 1
 """Optimisation level of code generation. A higher level gives the same code."""
 _OPTIONS = ("-pre-RA-sched=source", "-enable-misched=false")
-"""Options of the whole process that keep operations in the order of `schedule`."""
+"""Options of the whole process that keep operations in the order of `schedule_operations`."""
 
 FUSED = frozenset(("fma", "neon", "fp-armv8"))
 """CPU features that provide a fused multiply-add."""

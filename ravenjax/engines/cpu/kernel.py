@@ -16,10 +16,12 @@ buffers. For each number, a buffer of lanes has `width` values, and a buffer of 
 import bisect
 import dataclasses
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 
+from ravenjax import resources
 from ravenjax.engines.cpu.llvm import BRANCH_WEIGHTS, TEXTS, LlvmPrinter, repeat_lines
 from ravenjax.engines.cpu.memory import BufferLayout, Place
-from ravenjax.engines.printing import LoopPrinting, render_template
+from ravenjax.engines.printing import LoopPrinting
 from ravenjax.ir.program import Operation
 from ravenjax.ir.regions import Region
 from ravenjax.ir.time_loop import Split
@@ -166,9 +168,10 @@ class _LlvmModule(LoopPrinting[Place]):
         # Without these attributes, LLVM splits vectors of 512 bits on some CPUs.
         bits = self.width * 32
         widths = f'"min-legal-vector-width"="{bits}" "prefer-vector-width"="{bits}"'
-        calls = render_template("cpu/calls.ll.j2", arguments=ARGUMENTS, call_words=CALL_WORDS)
+        template = Path(__file__).with_name("calls.ll.j2")
+        calls = resources.render_text(template, arguments=ARGUMENTS, call_words=CALL_WORDS)
         attributes = f"attributes #0 = {{ nounwind {widths} }}"
-        lines = [*self.functions, calls, *sorted(self.declared), attributes, BRANCH_WEIGHTS]
+        lines = [*self.functions, f"{calls}\n", *sorted(self.declared), attributes, BRANCH_WEIGHTS]
         return dataclasses.replace(self.buffers, text="\n".join(lines))
 
     def _lane_state_places(self):

@@ -138,7 +138,6 @@ class Interpreted:
         transition = self._transitions[name]
 
         def make_transition():
-            # Makes one transition for each row of inputs.
             fixed = read_row(transition.fixed, memory.fixed)
             for inputs, outputs in zip(memory.step_inputs, memory.step_outputs, strict=True):
                 state = read_row(transition.state, memory.state)

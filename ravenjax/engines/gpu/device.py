@@ -157,7 +157,6 @@ class DeviceModule:
     """Machine code loaded on a device."""
 
     def __init__(self, device: Device, cubin: bytes):
-        self.device = device
         _call("cuCtxSetCurrent", device.context)
         self._module = _call("cuModuleLoadData", cubin)
 

@@ -110,9 +110,9 @@ class CudaKernel(traced.PrintedKernel):
 
     def _placed(self, block: Block, device: Device):
         """Return a block's inputs, the threads of its lanes, and whether lanes run by group. If
-        not, all lanes are in group 0, and each lane computes all numbers. Lanes run by group if
-        this needs no more warps than fit on the device, or at most twice as many warps as without
-        groups.
+        not, all lanes are in group 0, and share only what depends on the tick alone. Lanes run by
+        group if this needs no more warps than fit on the device, or at most twice as many warps as
+        without groups.
         """
         form = form_for(device)
         inputs, group = self.groups(block)

@@ -26,9 +26,11 @@ number] if they are equal in a group.
 
 import collections
 import dataclasses
+from pathlib import Path
 
+from ravenjax import resources
 from ravenjax.engines.gpu.cuda import CudaPrinter
-from ravenjax.engines.printing import LoopPrinting, render_template
+from ravenjax.engines.printing import LoopPrinting
 from ravenjax.ir.time_loop import Split
 
 WARP = 32
@@ -96,8 +98,10 @@ class _CudaModule(LoopPrinting[str]):
 
     def source(self) -> KernelSource:
         # Returns the module's text with the sizes of its buffers.
-        text = render_template(
-            "gpu/kernel.cu.j2",
+        folder = Path(__file__).parent
+        text = resources.render_text(
+            folder / "kernel.cu.j2",
+            prelude=resources.render_text(folder / "prelude.cu.j2"),
             # Registers are limited to what a block of this many threads may have.
             bounds=f"__launch_bounds__({self.form.threads}, 1)",
             threads=self.form.threads,
@@ -227,12 +231,11 @@ class _CudaModule(LoopPrinting[str]):
     def _lane_run(self):
         """Return values for `lane_run` in kernel.cu.j2, the loop over ticks of one lane.
 
-        A lane is one robot, with its own inputs and state. A row has the numbers of one tick that
-        are equal in all lanes of a group. lane_run: statements of a tick. prologue, packed: see
-        `_print_prologue`. inputs_read: indices of the lane's inputs that a tick reads. near: C code
-        of each word of the state in shared memory, and of the word of device memory that keeps it
-        between launches. in_step: whether all warps of a block begin each tick together. saved:
-        positions of the numbers in a group's row that are saved when a lane ends.
+        lane_run: statements of a tick. prologue, packed: see `_print_prologue`. inputs_read:
+        indices of the lane's inputs that a tick reads. near: C code of each word of the state in
+        shared memory, and of the word of device memory that keeps it between launches. in_step:
+        whether all warps of a block begin each tick together. saved: positions of the numbers in a
+        group's row that are saved when a lane ends.
         """
         step, split = self.step, self.split
         state = self._state_in_loop()
