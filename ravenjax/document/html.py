@@ -93,9 +93,8 @@ def inline_svg(text: str, name: str) -> str:
 
 
 def _with_headings(body: str):
-    """Return the title, the body without it, and (id, heading) of each section.
-
-    Tables get captions and a scrollable container.
+    """Return the title, the body without it, and (id, heading) of each section. Tables get captions
+    and a scrollable container.
     """
     heading = re.search(r"<h1>(.*?)</h1>\n?", body, re.DOTALL)
     title = heading[1] if heading else ""

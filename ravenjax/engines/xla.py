@@ -89,12 +89,11 @@ def _place(array, axis: int = 0) -> Any:
 
 
 def _segment_function(program: TickProgram, length: int, keep_signals: bool) -> Any:
-    """Return the segment function.
-
-    segment(varied, faults, ends, state, first tick, reference, motion) advances all lanes by
-    `length` ticks. It returns the state, the outcomes so far, the lanes' own series and, if kept,
-    every signal of the first lane [length]. The lanes' series and `reference`, the series of their
-    golden runs, are [length, series, lanes]. ends: value of `traced.lane_ends`.
+    """Return the segment function. segment(varied, faults, ends, state, first tick, reference,
+    motion) advances all lanes by `length` ticks. It returns the state, the outcomes so far, the
+    lanes' own series and, if kept, every signal of the first lane [length]. The lanes' series and
+    `reference`, the series of their golden runs, are [length, series, lanes]. ends: value of
+    `traced.lane_ends`.
     """
     # If the last segment extends beyond the run, lanes without an own end stop at the run's end.
     run_end = (program.ticks,) if program.ticks % length else ()

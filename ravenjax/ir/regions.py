@@ -76,12 +76,11 @@ def arrange_regions(
 def _region_conditions(
     operations: Sequence[Operation], order: Sequence[int], results: Sequence[int]
 ):
-    """Return operation -> condition of its outermost region, for operations in a region.
-
-    An operation is in the region of condition c if it is needed only for the rare value of `rarely`
-    operations with condition c. With a = f(x), b = g(a), r = rarely(c, b, y), the result is
-    {a: c, b: c} if nothing else reads a or b. If r itself is in the region of a condition d, this
-    is the outermost region of all three, so the result is {a: d, b: d, r: d}.
+    """Return operation -> condition of its outermost region, for operations in a region. An
+    operation is in the region of condition c if it is needed only for the rare value of `rarely`
+    operations with condition c. With a = f(x), b = g(a), r = rarely(c, b, y), the result is {a: c,
+    b: c} if nothing else reads a or b. If r itself is in the region of a condition d, this is the
+    outermost region of all three, so the result is {a: d, b: d, r: d}.
     """
     in_order = set(order)
     # Operation -> conditions of the regions that read it; None: it is also read outside regions.

@@ -189,9 +189,8 @@ def _fault_key_sql(table: ResultTable) -> list[str]:
 
 
 def _create_judged_table(table: ResultTable, side: str, rules: Rules, key: str):
-    """Create `judged_<side>`: each run's fault and outcome by its own campaign's rules.
-
-    key: SQL that is equal for equal faults. Column `counts` is true for valid runs with a fault.
+    """Create `judged_<side>`: each run's fault and outcome by its own campaign's rules. key: SQL
+    that is equal for equal faults. Column `counts` is true for valid runs with a fault.
     """
     names = list(table.types(f"runs_{side}"))
     happened = {name: f"coalesce(({event_sql(name, rules)})::BOOLEAN, false)" for name in RATES}

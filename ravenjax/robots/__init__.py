@@ -95,10 +95,9 @@ def _find_module(module: str, places: list[str]) -> tuple[ModuleSpec | None, Pat
 
 
 def _require_agreement(top: ModuleSpec, file: Path):
-    """Raise UserError unless the user agrees to run a module.
-
-    The agreement includes all Python files of the module's top package or, for a module without a
-    package, the files of its folder that it imports.
+    """Raise UserError unless the user agrees to run a module. The agreement includes all Python
+    files of the module's top package or, for a module without a package, the files of its folder
+    that it imports.
     """
     folders = top.submodule_search_locations
     files = [path for folder in folders or () for path in Path(folder).rglob("*.py")]

@@ -206,9 +206,8 @@ class Results:
 
 
 def _finished(file: Path, recorded: parts.Part | None, config_hash: str) -> parts.Part | StoreError:
-    """Return the record of a complete file, or the reason why it cannot be used.
-
-    A complete file may lack a record if the power failed before it was recorded.
+    """Return the record of a complete file, or the reason why it cannot be used. A complete file
+    may lack a record if the power failed before it was recorded.
     """
     # An error of the disk is raised. An error in the file's content is returned.
     with disk_errors(f"{file}: cannot be read", ". Nothing was changed."):

@@ -186,7 +186,6 @@ def verify_part(path: Path, config_hash: str, recorded: Part | None) -> Part:
 @contextlib.contextmanager
 def _opened(path: Path, config_hash: str | None, recorded: Part | None) -> Iterator[pq.ParquetFile]:
     """Open the file of a part. Check its size and hash, and that it belongs to this campaign.
-
     Errors while it is read become StoreError.
     """
     if recorded is not None and path.is_file():

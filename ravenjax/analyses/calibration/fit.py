@@ -133,7 +133,6 @@ def predict_in_batches(predict: Predictor, steps: np.ndarray, rows: int) -> np.n
 
 def _unexplained(residual: np.ndarray, slopes: np.ndarray) -> np.ndarray:
     """Return the part of the residual [n, 7] that no change of the k parameters removes: the noise.
-
     `slopes` [k, n, 7]: derivatives of the joint positions. The joints have equal weights. The part
     that a change removes is not noise: later steps of the fit remove it. It is strongly correlated
     in time. If it counted as noise, the fit would stop too early.

@@ -194,9 +194,8 @@ def _joints(
     software: str,
     controller: Controller,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return desired and measured joint positions [n, 7], rad and m.
-
-    For a joint that is not logged, the desired position is its home and the measured one is NaN.
+    """Return desired and measured joint positions [n, 7], rad and m. For a joint that is not
+    logged, the desired position is its home and the measured one is NaN.
     """
     desired, measured = _quantity(samples, "jpos_d"), _quantity(samples, "jpos")
     if desired is None or measured is None:
@@ -238,10 +237,9 @@ def _joints(
 
 
 def _require_possible(samples: Samples, name: str, joints: np.ndarray):
-    """Raise UserError for joint positions [n, 7], rad and m, that no Raven-II can have.
-
-    name: "jpos_d" or "jpos". The message names the unit that the values probably have. A position
-    is impossible if it is beyond an end of the joint's range (HOLD) by more than BEYOND.
+    """Raise UserError for joint positions [n, 7], rad and m, that no Raven-II can have. name:
+    "jpos_d" or "jpos". The message names the unit that the values probably have. A position is
+    impossible if it is beyond an end of the joint's range (HOLD) by more than BEYOND.
     """
     outside = (joints < HOLD[0] - BEYOND) | (joints > HOLD[1] + BEYOND)
     if not outside.any():

@@ -143,9 +143,8 @@ def replay_robots(setup: ReplaySetup, several: Sequence[LoopParams], log: JointL
 def _replays(
     setup: ReplaySetup, base: LoopParams, varied: tuple[str, ...], log: JointLog
 ) -> Callable[[Mapping[str, np.ndarray], int], np.ndarray]:
-    """Return a function that replays a log, compiled once for the parameters that vary.
-
-    Its arguments are arrays [count] by the path of a parameter, and count, the number of parameter
+    """Return a function that replays a log, compiled once for the parameters that vary. Its
+    arguments are arrays [count] by the path of a parameter, and count, the number of parameter
     sets. It returns joint positions [count, n, 7].
     """
     # A joint without a measured start begins at its desired position.

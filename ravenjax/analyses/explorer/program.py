@@ -358,10 +358,9 @@ def _series(planned: Plan, tick: TracedTick) -> tuple[list[dict[str, Any]], list
 def _compile_program(
     tick: TracedTick, loop: TimeLoop, *, shared_inputs: int, width: int
 ) -> dict[str, Any]:
-    """Return a program as WebAssembly, and the layout of the memory that it reads and writes.
-
-    loop: the loop over the ticks, with the outputs that the program needs. width: robots side by
-    side in a vector. shared_inputs: number of parameters, in which these robots do not differ.
+    """Return a program as WebAssembly, and the layout of the memory that it reads and writes. loop:
+    the loop over the ticks, with the outputs that the program needs. width: robots side by side in
+    a vector. shared_inputs: number of parameters, in which these robots do not differ.
     """
     kernel = print_kernel(split_lanes(loop, shared_inputs, grouped=True), width, wasm.FEATURES)
     program = {

@@ -129,7 +129,6 @@ def _varied_paths(config: CampaignConfig) -> list[str]:
 
 def _campaign_file(config: CampaignConfig) -> str:
     """Return the campaign's file without cues, groups and varied parameters, which the page adds.
-
     Paths become file names. A motion that the page can change comes first in [operator].
     """
     excluded = {"group", "stop", "haptics", "cross"}

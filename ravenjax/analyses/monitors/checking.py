@@ -124,11 +124,10 @@ def series_scores(monitor: Monitor, live: np.ndarray, inputs: dict[str, np.ndarr
 def _read_operations(
     source: Path, folder: Path, monitor: Monitor, record: dict[str, Any]
 ) -> pd.DataFrame:
-    """Read new operations from a folder or a log, one row each.
-
-    `source`: the folder or log. `folder`: folder of the monitor. `record`: content of the monitor's
-    monitor.toml. Columns: unit (number of the operator), hours, SCORE, and the available columns of
-    `writing.score_columns`. attrs: origin, a text that is equal for sources with equal operators.
+    """Read new operations from a folder or a log, one row each. `source`: the folder or log.
+    `folder`: folder of the monitor. `record`: content of the monitor's monitor.toml. Columns: unit
+    (number of the operator), hours, SCORE, and the available columns of `writing.score_columns`.
+    attrs: origin, a text that is equal for sources with equal operators.
     """
     if (source / score_folder.FOLDER / score_folder.DESIGN).is_file():
         return _read_simulated_operations(source, folder, monitor, record)

@@ -75,10 +75,9 @@ def write_c(monitor: Monitor, notes: Sequence[str]) -> dict[str, str]:
 def _template_values(
     terms: Sequence[Score], segments: Segments, scales: Sequence[Sequence[float]]
 ) -> dict[str, Any]:
-    """Return the values that the templates of Python and C files need.
-
-    `state` in the result maps the name of each number that is kept until the next millisecond to
-    the name of the input with its value.
+    """Return the values that the templates of Python and C files need. `state` in the result maps
+    the name of each number that is kept until the next millisecond to the name of the input with
+    its value.
     """
     term_values = [
         {

@@ -128,10 +128,9 @@ def _scores_of(signal: Signal) -> Iterator[Score]:
 
 
 def _channel_sets(signal: Signal) -> Iterator[tuple[str, tuple[int, ...]]]:
-    """Yield (name, channel indices) of each set of channels that are observed together.
-
-    The first set has no name and contains all channels that are in no other set. A signal without
-    channels has one set without indices.
+    """Yield (name, channel indices) of each set of channels that are observed together. The first
+    set has no name and contains all channels that are in no other set. A signal without channels
+    has one set without indices.
     """
     if not signal.channels:
         yield "", ()

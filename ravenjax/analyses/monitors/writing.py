@@ -115,7 +115,6 @@ def read_monitor(folder: Path) -> tuple[Monitor, dict[str, Any]]:
 
 def _reference(peaks: OperationScores, monitor: Monitor) -> pd.DataFrame:
     """Return the scores with which `ravenjax monitor check` compares the scores of new operations.
-
     There is one row for the first operation of each operator who did not determine the scales.
     """
     first = peaks.first_operations()

@@ -122,7 +122,6 @@ def _search_folder(
 
 def _open_folder(out: Path, identity: dict[str, Any]) -> dict[str, Any]:
     """Begin or continue a search in the folder `out`. Return its search.json; {} if there is none.
-
     `identity`: everything on which the result depends. Raise UserError if the folder contains
     another search, and StoreError if it cannot be written to.
     """

@@ -193,11 +193,9 @@ def after_onset(event: str) -> str:
 
 
 def _more(manifest: Manifest):
-    """Return further columns of facts.
-
-    They are warned<k>_ms for each haptic set, alarm<d>_<k>_ms for each threshold of each detector,
-    own<n>_ms for each user's check, built_in_told_ms if there are such checks, and the times at
-    which runs ended if these differ.
+    """Return further columns of facts. They are warned<k>_ms for each haptic set, alarm<d>_<k>_ms
+    for each threshold of each detector, own<n>_ms for each user's check, built_in_told_ms if there
+    are such checks, and the times at which runs ended if these differ.
     """
     checks, columns = manifest.shape.own_checks, {}
     for k in range(len(manifest.cues)):

@@ -82,9 +82,8 @@ def _signal_chart(
     carriers: Sequence[Carrier],
     *marks: tuple[str, str, Sequence[Rate | Estimate | None]],
 ) -> Chart:
-    """Return a chart with a row for each seam.
-
-    marks: name, colour and one value per row of each series. Marks of the last one are diamonds.
+    """Return a chart with a row for each seam. marks: name, colour and one value per row of each
+    series. Marks of the last one are diamonds.
     """
     dots = []
     for name, colour, values in marks:

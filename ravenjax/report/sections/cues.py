@@ -209,9 +209,8 @@ def _choice(
     hours: float,
     in_the_end: np.ndarray,
 ) -> Choice:
-    """Return the choice of a threshold under one rule, or what is known if it is undecided.
-
-    cost: [sets]. Bool [sets]: `possible` sets may be best, `certain` sets certainly keep the rule,
+    """Return the choice of a threshold under one rule, or what is known if it is undecided. cost:
+    [sets]. Bool [sets]: `possible` sets may be best, `certain` sets certainly keep the rule,
     `in_the_end` sets may be best even after endless fault-free motion. hours: of fault-free motion,
     with which fewer sets may be best. The choice is decided if all possible sets have the same
     threshold, and one or more of them are certain. Of these, the set of least cost is chosen.

@@ -148,7 +148,6 @@ def _matched(
     with_: pd.DataFrame, without: pd.DataFrame, keys: Sequence[str], varied: Sequence[str]
 ) -> Pairs:
     """Return each run of `with_` with its partner, the run of `without` with equal columns `keys`.
-
     `distinct` is the number of a fault. Runs with the same fault and the same values of the columns
     `varied` are repetitions and count once.
     """

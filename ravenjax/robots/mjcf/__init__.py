@@ -198,10 +198,9 @@ LONGEST_MS = 100
 
 
 def _period(model: mujoco.MjModel) -> tuple[int, int]:
-    """Return the controller's period, ms, and its number of time steps of the model.
-
-    The period is the model's number `period_ms`. Without this number, the period is the shortest
-    whole number of milliseconds that consists of whole time steps. Raises UserError.
+    """Return the controller's period, ms, and its number of time steps of the model. The period is
+    the model's number `period_ms`. Without this number, the period is the shortest whole number of
+    milliseconds that consists of whole time steps. Raises UserError.
     """
     step_ms = model.opt.timestep * 1e3
     # If a step is n / d ms, as 2 / 5 ms, then d steps are n ms. No smaller number is whole.

@@ -240,10 +240,9 @@ def _drive(inject: Injector, arm: Arm, torque: Vec) -> tuple[Vec, Vec]:
 def _move(
     step, arm: Arm, params: Params, before: tuple[Vec, Vec], force: Vec, gain_share: Vec | float
 ) -> tuple[Vec, Vec]:
-    """Return positions and velocities after a tick.
-
-    force: of the actuators at the start of the tick. In each step, a servo changes its force with
-    position and velocity, as in MuJoCo. gain_share: share of the gains of servos that acts, 0 to 1.
+    """Return positions and velocities after a tick. force: of the actuators at the start of the
+    tick. In each step, a servo changes its force with position and velocity, as in MuJoCo.
+    gain_share: share of the gains of servos that acts, 0 to 1.
     """
     _, *gains = _gains(arm, params)
     # `step` applies the damping to changes of velocity within a time step. `lost_force` is the

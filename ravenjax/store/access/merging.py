@@ -105,9 +105,8 @@ def _require_same(first: Path, other: Path, manifest_of: Mapping[Path, Manifest]
 
 
 def _parts(folder: Path, record: Manifest) -> list[PartSource]:
-    """Return the complete files of a shard.
-
-    A complete file may lack a record if the power failed before it was recorded.
+    """Return the complete files of a shard. A complete file may lack a record if the power failed
+    before it was recorded.
     """
     recorded = {part.file: part for part in record.parts}
     names = {*recorded, *(path.name for path in parts.part_files(folder / PARTS))}
@@ -120,9 +119,8 @@ def _parts(folder: Path, record: Manifest) -> list[PartSource]:
 
 
 def _disjoint(sources: list[PartSource]) -> list[PartSource]:
-    """Return the files in the order of rows, with equal files of several shards once.
-
-    Raise StoreError if two different files contain the same row.
+    """Return the files in the order of rows, with equal files of several shards once. Raise
+    StoreError if two different files contain the same row.
     """
     by_content: dict[tuple[int, int, str], PartSource] = {}
     for source in sources:

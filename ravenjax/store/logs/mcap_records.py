@@ -121,9 +121,8 @@ def scan_records(path: Path) -> Scan:
 
 
 def _read_record(data: mmap.mmap, offset: int) -> tuple[McapRecord, int]:
-    """Return the record that begins at byte `offset`, and the byte after its end.
-
-    It may raise any kind of exception if bytes are inconsistent or have another length.
+    """Return the record that begins at byte `offset`, and the byte after its end. It may raise any
+    kind of exception if bytes are inconsistent or have another length.
     """
     # A record is the opcode (1 byte), the length of the content (8 bytes) and the content.
     end = offset + _HEAD + int.from_bytes(data[offset + 1 : offset + _HEAD], "little")
@@ -142,7 +141,6 @@ def _parse(content: bytes) -> McapRecord:
 
 def _split(chunk: Chunk) -> Iterator[tuple[int, bytes, int, int]]:
     """Yield (opcode, bytes of the chunk, begin and end of the content) of each record in a chunk.
-
     It may raise any kind of exception if the chunk is damaged.
     """
     stream, size = get_chunk_data_stream(chunk, validate_crc=True)

@@ -279,10 +279,9 @@ def _profile(
 
 
 def _in_seconds(path: Path, packets: RawPackets, profile: ConsoleProfile) -> RawPackets:
-    """Return packets with their arrival times in seconds, and a description of their clock.
-
-    If the packets come at the profile's rate only in another unit than the column's, use this unit
-    and add a note. Raise UserError if they come at this rate in no unit, or in several other units.
+    """Return packets with their arrival times in seconds, and a description of their clock. If the
+    packets come at the profile's rate only in another unit than the column's, use this unit and add
+    a note. Raise UserError if they come at this rate in no unit, or in several other units.
     """
     times, name = packets.time, packets.clock
     if not name:
@@ -371,7 +370,6 @@ def _restarts(number: int, last: int, silence_s: float) -> bool:
 
 def _accumulated(quat: np.ndarray, turns: np.ndarray) -> np.ndarray:
     """Return the orientations after each rotation in `turns` [T, 4], as unit quaternions [T, 4].
-
     quat: orientation before the first. Rotations multiply from the left, as on the robot.
     """
     from scipy.spatial.transform import Rotation

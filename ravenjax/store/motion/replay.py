@@ -330,7 +330,6 @@ def _require_moving(
     recording: HandRecording, begin: int, end: int, rows: np.ndarray
 ) -> tuple[str, ...]:
     """Raise UserError if no arm moves while the pedal is down. Return a notice if only some move.
-
     rows: replayed rows with the pedal down, with fractions. Most faults have no effect while
     nothing moves, so a campaign would show too little harm.
     """

@@ -255,7 +255,6 @@ def _unit_quaternions(
     samples: Samples, arm: str, quat: np.ndarray | None, matrix: np.ndarray | None
 ) -> np.ndarray | None:
     """Return unit quaternions [T, 4] from recorded quaternions or from rotation matrices [T, 9].
-
     Return None if neither was recorded, or if all quaternions are 0, as in tables that `ravenjax
     trace` may write. Raise UserError if both were recorded, or numbers are no rotation.
     """
@@ -403,7 +402,6 @@ def _jaws(
     bag: Bag, arm: ArmName, stamped: bool, tip: TopicMessages, max_gap_s: float
 ) -> tuple[np.ndarray, np.ndarray, str] | None:
     """Return times (ns), opening (rad) and topic of an arm's jaws; None if they were not recorded.
-
     The opening comes from CRTK's topic of the jaw, otherwise from the angles of raven2's two jaws.
     stamped: use times of headers, not of arrival. Raise UserError for gaps or a wrong opening.
     """
@@ -436,10 +434,8 @@ def _jaws(
 def _frame(
     path: Path, arm: ArmName, tip: TopicMessages, options: ReplayOptions
 ) -> tuple[Frame, list[str]]:
-    """Return the frame that the headers of an arm's pose messages name, and notes.
-
-    An unknown frame is permitted if the options place the motion; its axes then count as those of
-    frame 0.
+    """Return the frame that the headers of an arm's pose messages name, and notes. An unknown frame
+    is permitted if the options place the motion; its axes then count as those of frame 0.
     """
     names = [one.header.frame_id for one in tip.messages]
     for number, name in zip(tip.number, names, strict=True):

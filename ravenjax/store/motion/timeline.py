@@ -88,9 +88,8 @@ def _ramp(slow_down: float, ticks: int = RUN_UP_TICKS) -> np.ndarray:
 
 
 def _rest_to_rest(rows: int, slow_down: float) -> np.ndarray:
-    """Return the fractional row after each tick from rest in row 0 to rest in row `rows`.
-
-    The motion accelerates to 1 / slow_down rows per tick, continues at this speed and slows down.
+    """Return the fractional row after each tick from rest in row 0 to rest in row `rows`. The
+    motion accelerates to 1 / slow_down rows per tick, continues at this speed and slows down.
     """
     up = _ramp(slow_down, min(RUN_UP_TICKS, max(1, math.floor(rows * slow_down))))
     # Few rows do not suffice for full speed: half of them are for the acceleration.

@@ -186,7 +186,6 @@ def _send_packet(
     console: Console,
 ) -> tuple[Packet, Packet, Scalar]:
     """Return the packet before faults, the packet at the robot, and whether a packet arrives.
-
     stages: states of the stages that are `present`; stages between console and robot update them.
     """
     signal, sequence = console.signal, console.sequence
@@ -225,10 +224,9 @@ def _send_packet(
 def _move_robot(
     setup, params: TickParams, inject: RavenInjector, state: TickState, packet, files, pressed
 ) -> tuple[TickState, control.ControlSignals, plc.PlcOutput, PerArm[plant.PlantOutput]]:
-    """Compute one tick of control software, PLC and mechanics.
-
-    pressed: bool, a detector presses the E-stop. Returns the state, the signals of the control
-    software, the output of the PLC, and the output of each arm's mechanics.
+    """Compute one tick of control software, PLC and mechanics. pressed: bool, a detector presses
+    the E-stop. Returns the state, the signals of the control software, the output of the PLC, and
+    the output of each arm's mechanics.
     """
     all_succeed = for_each_arm(setup, jnp.int32(1))
     status = inject("usb_status", UsbStatus(read_ok=all_succeed, write_ok=all_succeed))

@@ -214,9 +214,8 @@ def inverse_joints(arm: str, pose: Pose, grasp_rad: Scalar, jpos_ref: Vec) -> ki
 
 
 def _solutions(arm: str, tip: Transform):
-    """Return the eight solutions (6 DH variables, validity), and whether the original stopped.
-
-    The original software stops at the first side whose wrist is at the remote centre, before it
+    """Return the eight solutions (6 DH variables, validity), and whether the original stopped. The
+    original software stops at the first side whose wrist is at the remote centre, before it
     computes any angle. All angles are then zero. After a stop at side 0, d3 is zero for both sides,
     side 0 is invalid and side 1 valid. After a stop at side 1, side 1 is invalid, and its d3 is
     zero. Side 0 is valid, with its values of d3.
