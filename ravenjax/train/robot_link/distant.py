@@ -105,7 +105,7 @@ class DistantRobot:
         return self.remote.report is not None and not self.remote.stale
 
     def arm(self, row: int) -> None:
-        """Restart the monitor, and order the robot to arm the hazard in this row of faults."""
+        """Restart the monitor, and order the robot to arm the hazard of this fault-table row."""
         restart = monitor.restart_monitor
         self._stepper.change(lambda state: replace(state, monitor=restart(state.monitor)))
         self.remote.order({"order": "arm", "number": row})
@@ -137,7 +137,7 @@ class DistantRobot:
         return FIELDS.pack(self._sequence, 0, 0, *delta, *quat, 0, 0, *grasp, pedal, checksum)
 
     def _use_report(self, report: JointReport):
-        # Takes the state of this tick from the robot's report, and counts trips of checks.
+        # Takes this tick's state from the robot's report, and counts new stops and trips of checks.
         report.fill(self._frame)
         frame, arms = self._frame, self.arms
         stopped = bool(frame.number("soft_estopped"))

@@ -392,7 +392,7 @@ class ItpConsole:
         return [{**command, "console": "itp"} for command in commands]
 
     def _find_refusal(self) -> str:
-        """Return why packets since the last call were refused; "" if some were accepted. If less
+        """Return why packets since the last call were refused; "" if some were accepted. If fewer
         than `MIN_REFUSED_PACKETS` were refused for one cause, return the last reason.
         """
         counts = Counter(self._server.gate.counts)

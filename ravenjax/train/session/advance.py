@@ -66,7 +66,7 @@ class Director:
     def step(self, tick: int, frame: Frame, clock: int) -> list[tuple[str, int]]:
         """Return the orders before this tick: [("arm" or "disarm", number of the hazard)], or []. A
         hazard ends on the instructor's order, after its time, or if the pedal stays up as a right
-        response. The instructor's hazard goes first. frame: of the last tick. clock: ms.
+        response. The instructor's hazard goes first. frame: of the last tick. clock: session ms.
         """
         number, pedal = frame.number, frame.number("pedal")
         ready = (
