@@ -202,8 +202,7 @@ def _console_code(blueprint: Blueprint) -> StepCode:
     ) -> tuple[observers.ObserverState, list[Scalar]]:
         # Computes the packet, the nominal model, the cue and the monitor, and returns the outputs
         # that `_console_code` lists. robot: the last report.
-        timing = operator.row_timing(now)
-        packet = operator.make_packet(setup, params.operator, motion, timing)
+        packet = operator.make_packet(setup, params.operator, motion, operator.row_timing(now))
         fresh = jnp.bool_(True)
         after, view = observers.update_model_and_cue(setup, params, state, packet, fresh, robot)
         updated = observers.update_monitor(

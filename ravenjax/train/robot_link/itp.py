@@ -384,8 +384,7 @@ class ItpConsole:
         """
         commands, self._polls = self._server.poll(), self._polls + 1
         # The loop polls once a millisecond, so the reason is determined every `STALE_MS`.
-        is_due = self._polls % STALE_MS == 0
-        refusal = self._find_refusal() if is_due else self._refusal
+        refusal = self._find_refusal() if self._polls % STALE_MS == 0 else self._refusal
         if refusal != self._refusal:
             self._refusal = refusal
             commands.append({"type": "unheard", "why": refusal})

@@ -317,8 +317,7 @@ class Session:
                     self.arbiter.set_refusal(console, why)
             case "seat":
                 if self.arbiter.change_seat(command, self.ticks):
-                    is_choice = command.get("by") != "instructor"
-                    self._release_pedal("handover", by_operator=is_choice)
+                    self._release_pedal("handover", by_operator=command.get("by") != "instructor")
             case "operator":
                 self._operator(command)
             case "instructor":
