@@ -672,8 +672,8 @@ class Judge:
         self._operator_left = self._operator_left and not pedal_down
 
     def rows(self, **identity: Any) -> list[Json]:
-        """Return a row for each hazard, with its number in the session's list and times in ticks;
-        hazards.csv has others. identity: columns that all rows share.
+        """Return a row for each hazard, with its number in the session's list and times in ticks.
+        `reader.number_hazards` changes both for hazards.csv. identity: columns that all rows share.
         """
         episodes = (*self._ended_episodes, self._episode)
         rows = [identity | episode.row() for episode in episodes if episode]

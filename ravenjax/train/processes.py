@@ -98,7 +98,7 @@ def spawn_process(
     # As python -P: the process does not import a file such as tempfile.py in the current folder.
     os.environ["PYTHONSAFEPATH"] = "1"
     process = multiprocessing.get_context("spawn").Process(target=target, args=given, daemon=True)
-    # Without `__file__`, the process does not import the file of the running command, too.
+    # With `__file__`, the process would also import the file of the running command.
     command = vars(sys.modules["__main__"])
     file = command.pop("__file__", None)
     # SIGINT is blocked while the process starts, so that the child never has it unblocked. The

@@ -74,6 +74,5 @@ def write_debrief(folder: Path) -> Path:
         replay=replay,
         contact=contact,
     )
-    path = folder / FILE
-    write_text(path, html.with_scopes(page))
-    return path
+    write_text(folder / FILE, html.with_scopes(page))
+    return folder / FILE

@@ -132,7 +132,7 @@ class Visibility:
     blinded: bool
 
     def shows_event(self, event: Event) -> bool:
-        """Whether this role may see an event. Nobody sees rows, or the cue of a blinded session."""
+        """Whether this role may see an event. Nobody sees "hazard_row", or the cue if blinded."""
         kind = event.get("kind", "")
         if self.role == "instructor":
             return kind != "hazard_row" and not (self.blinded and kind == "cue")

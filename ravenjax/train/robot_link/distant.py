@@ -105,7 +105,7 @@ class DistantRobot:
         return self.remote.report is not None and not self.remote.stale
 
     def arm(self, row: int) -> None:
-        """Restart the monitor, and order the robot to arm the hazard in this row of faults."""
+        """Restart the monitor, and order the robot to arm the hazard of this fault-table row."""
         restart = monitor.restart_monitor
         self._stepper.change(lambda state: replace(state, monitor=restart(state.monitor)))
         self.remote.order({"order": "arm", "number": row})
@@ -137,7 +137,7 @@ class DistantRobot:
         return FIELDS.pack(self._sequence, 0, 0, *delta, *quat, 0, 0, *grasp, pedal, checksum)
 
     def _use_report(self, report: JointReport):
-        # Takes the state of this tick from the robot's report, and counts trips of checks.
+        # Takes this tick's state from the robot's report, and counts new stops and trips of checks.
         report.fill(self._frame)
         frame, arms = self._frame, self.arms
         stopped = bool(frame.number("soft_estopped"))
@@ -202,8 +202,7 @@ def _console_code(blueprint: Blueprint) -> StepCode:
     ) -> tuple[observers.ObserverState, list[Scalar]]:
         # Computes the packet, the nominal model, the cue and the monitor, and returns the outputs
         # that `_console_code` lists. robot: the last report.
-        timing = operator.row_timing(now)
-        packet = operator.make_packet(setup, params.operator, motion, timing)
+        packet = operator.make_packet(setup, params.operator, motion, operator.row_timing(now))
         fresh = jnp.bool_(True)
         after, view = observers.update_model_and_cue(setup, params, state, packet, fresh, robot)
         updated = observers.update_monitor(

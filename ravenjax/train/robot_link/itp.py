@@ -384,15 +384,14 @@ class ItpConsole:
         """
         commands, self._polls = self._server.poll(), self._polls + 1
         # The loop polls once a millisecond, so the reason is determined every `STALE_MS`.
-        is_due = self._polls % STALE_MS == 0
-        refusal = self._find_refusal() if is_due else self._refusal
+        refusal = self._find_refusal() if self._polls % STALE_MS == 0 else self._refusal
         if refusal != self._refusal:
             self._refusal = refusal
             commands.append({"type": "unheard", "why": refusal})
         return [{**command, "console": "itp"} for command in commands]
 
     def _find_refusal(self) -> str:
-        """Return why packets since the last call were refused; "" if some were accepted. If less
+        """Return why packets since the last call were refused; "" if some were accepted. If fewer
         than `MIN_REFUSED_PACKETS` were refused for one cause, return the last reason.
         """
         counts = Counter(self._server.gate.counts)

@@ -244,8 +244,7 @@ def open_consoles(
     server = None
     host = options.host
     if options.itp_port is not None:
-        choices = profile_choices(options.console)
-        gate = Gate(session.arms, choices, options.console_host, say)
+        gate = Gate(session.arms, profile_choices(options.console), options.console_host, say)
         server = ItpServer(gate, host, options.itp_port)
         stack.callback(server.close)
         if not is_loopback(host):

@@ -228,8 +228,7 @@ def _groups(scenario: Scenario, seed: int) -> tuple[list[Tables], list[int]]:
 def _config(
     scenario: Scenario, seed: int, groups: list[Tables], duration_s: float
 ) -> CampaignConfig:
-    tables = _tables(scenario, seed, groups, duration_s)
-    return config_class_of(ROBOT).model_validate(tables)
+    return config_class_of(ROBOT).model_validate(_tables(scenario, seed, groups, duration_s))
 
 
 def _tables(scenario: Scenario, seed: int, groups: list[Tables], duration_s: float) -> Tables:

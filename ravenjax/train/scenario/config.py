@@ -250,10 +250,8 @@ class Entry(Section):
     def _start_now(cls, raw: Any) -> Any:
         """Give each fault start_ms 0: it starts with its hazard, so the file need not set it."""
         if isinstance(raw, dict) and isinstance(raw.get("fault"), list):
-            faults = []
-            for fault in raw["fault"]:
-                # Anything else than a table is refused later.
-                faults.append({"start_ms": 0} | fault if isinstance(fault, dict) else fault)
+            # Anything else than a table is refused later.
+            faults = [{"start_ms": 0} | f if isinstance(f, dict) else f for f in raw["fault"]]
             return raw | {"fault": faults}
         return raw
 

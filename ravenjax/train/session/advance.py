@@ -66,7 +66,7 @@ class Director:
     def step(self, tick: int, frame: Frame, clock: int) -> list[tuple[str, int]]:
         """Return the orders before this tick: [("arm" or "disarm", number of the hazard)], or []. A
         hazard ends on the instructor's order, after its time, or if the pedal stays up as a right
-        response. The instructor's hazard goes first. frame: of the last tick. clock: ms.
+        response. The instructor's hazard goes first. frame: of the last tick. clock: session ms.
         """
         number, pedal = frame.number, frame.number("pedal")
         ready = (
@@ -317,8 +317,7 @@ class Session:
                     self.arbiter.set_refusal(console, why)
             case "seat":
                 if self.arbiter.change_seat(command, self.ticks):
-                    is_choice = command.get("by") != "instructor"
-                    self._release_pedal("handover", by_operator=is_choice)
+                    self._release_pedal("handover", by_operator=command.get("by") != "instructor")
             case "operator":
                 self._operator(command)
             case "instructor":

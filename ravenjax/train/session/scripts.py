@@ -82,10 +82,8 @@ class Follower:
         is_reacting = tick < self._reaction_end
         lifts_pedal = is_reacting and self._reaction in ("release", "stop")
         speed_share = 0.1 if is_reacting and self._reaction == "slow" else 1.0
-        hands: dict[str, Command] = {}
-        for arm in () if lifts_pedal else self._arms:
-            if hand := self._hand(arm, frame, speed_share):
-                hands[arm] = hand
+        arms = () if lifts_pedal else self._arms
+        hands = {arm: hand for arm in arms if (hand := self._hand(arm, frame, speed_share))}
         pedal_down = tick >= self._pedal_down_tick and not lifts_pedal
         return {"type": "input", "source": "script", "pedal": pedal_down, "arms": hands}
 

@@ -283,9 +283,8 @@ class SimulatedRobot:
         """Let the golden run continue from the robot's state, because a past hazard may have
         separated them. Distances from the golden run then count from here.
         """
-        self._robot.change(
-            lambda state: replace(state, monitor=monitor.realign_golden(state.monitor))
-        )
+        realign = monitor.realign_golden
+        self._robot.change(lambda state: replace(state, monitor=realign(state.monitor)))
         self._golden.restore(self._robot.snapshot())
 
     def _set_golden_differs(self, differs: bool):

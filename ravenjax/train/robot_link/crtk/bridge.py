@@ -153,8 +153,7 @@ def run_bridge(robot: Connection) -> None:
     frame = Frame(FrameLayout.of(arms))
 
     def report_refusal(reason: str):
-        refusal = {"type": "unheard", "console": "crtk", "once": True, "why": reason}
-        put_json(commands, refusal)
+        put_json(commands, {"type": "unheard", "console": "crtk", "once": True, "why": reason})
 
     interpreter = Interpreter(arms, tools, transport.types, grasp_gain, contact, report_refusal)
     robot.send(None)

@@ -132,7 +132,6 @@ class RosRobot(RobotLink):
 def _runlevel(message) -> int:
     # Returns raven2's run level that fits CRTK's operating state best.
     if message.state == "ENABLED":
-        return (
-            run_levels.INIT if message.is_busy and not message.is_homed else run_levels.PEDAL_DOWN
-        )
+        is_homing = message.is_busy and not message.is_homed
+        return run_levels.INIT if is_homing else run_levels.PEDAL_DOWN
     return run_levels.PEDAL_UP if message.is_homed else run_levels.E_STOP
