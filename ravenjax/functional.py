@@ -71,7 +71,7 @@ class Model:
     @property
     def targets(self) -> dict[injection.ChannelKey, int]:
         """The value of `FaultSlot.code` for a fault at each (site, arm, channel); 0: no fault."""
-        return {key: i + 1 for i, key in enumerate(injection.channel_keys(self.setup))}
+        return {key: i + 1 for i, key in enumerate(self.setup.injection.channels)}
 
     def record(self, params: Mapping[str, Any]) -> Any:
         """Return all parameters of the robot. Values in `params` replace the robot's values.

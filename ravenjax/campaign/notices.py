@@ -303,7 +303,7 @@ def _idle(plan: Plan) -> np.ndarray:
 
 def _channels(plan: Plan) -> list[tuple[str, Channel]]:
     """Return (site, channel) of all faults. The code of a fault is its position here, from 1."""
-    targets = table.injection_targets(plan.program.setup.injection)
+    targets = plan.program.setup.injection.channels
     return [(site, plan.config.robot.sites[site].channel(name)) for site, _, name in targets]
 
 

@@ -144,13 +144,6 @@ Target = tuple[Path, str]
 """Path of a channel in the signal of its site, and the channel's number type."""
 
 
-def channel_keys(setup: Setup) -> tuple[ChannelKey, ...]:
-    """Return all channels with faults. A fault's channel code is the index in this list plus 1."""
-    return tuple(
-        (use.site, arm, channel) for use in setup.injection.sites for arm, channel in use.channels
-    )
-
-
 def read_channel(signal: Any, path: Path) -> Scalar:
     """Return the number at `path` of a site's signal."""
     for step in path:
@@ -193,8 +186,8 @@ class Injector:
     """Injects faults in one tick: call it with each site and its signal, in order."""
 
     setup: Any  # a setup of the robot's class
-    # For each channel of `channel_keys`: its path in the signal of its site, and its number type,
-    # which is "int16", "int16 saturated", "int32", "float" or "bool".
+    # For each channel of `Injection.channels`: its path in the signal of its site, and its number
+    # type, which is "int16", "int16 saturated", "int32", "float" or "bool".
     paths: Mapping[ChannelKey, Target]
     faults: Faults
     state: FaultState
@@ -206,7 +199,7 @@ class Injector:
 
     def inject_parameters(self, params: Any) -> Any:
         """Return `params` with faults. Channels of site PARAMETER are full paths of parameters."""
-        keys = [key for key in channel_keys(self.setup) if key[0] == PARAMETER]
+        keys = [key for key in self.setup.injection.channels if key[0] == PARAMETER]
         numbers = Vec(
             jnp.asarray(paths.named_numbers(params, self.setup, path)[path]) for _, _, path in keys
         )
@@ -223,7 +216,7 @@ class Injector:
 
     def __call__(self, site: str, signal: Any, present: Scalar = True) -> Any:
         """Return a site's signal with its faults. present: bool, the signal exists in this tick."""
-        keys = channel_keys(self.setup)
+        keys = self.setup.injection.channels
         for use in self.setup.injection.sites:
             if use.site != site:
                 continue
@@ -275,7 +268,7 @@ def injects_faults(setup: Setup, *sites: str) -> bool:
 def channel_paths(robot: Robot, setup: Setup) -> dict[ChannelKey, Target]:
     """Return path and number type of each channel with faults, except of parameters."""
     targets = {}
-    for site, arm, name in channel_keys(setup):
+    for site, arm, name in setup.injection.channels:
         if site == PARAMETER:
             continue
         channel = robot.sites[site].channel(name)

@@ -117,7 +117,7 @@ def library_terms() -> dict[str, dict[str, str]]:
 
 @cache
 def _layer_tables(folder: str) -> list[dict[str, Any]]:
-    """Return the tables of the layers' files in a folder, L1 first; () for no folder."""
+    """Return the tables of the layers' files in a folder, L1 first; [] for no folder."""
     files = Path(folder).glob("L*.toml") if folder else ()
     # By the number of the layer, such as 10 in L10_mechanics.toml.
     files = sorted(files, key=lambda file: int(file.name[1:].partition("_")[0]))

@@ -56,6 +56,11 @@ class Injection:
     sites: tuple[SiteUse, ...] = ()
     triggers: tuple[str, ...] = ()  # names of ravenjax.vocabulary.effects.TRIGGERS
 
+    @property
+    def channels(self) -> list[tuple[str, str, str]]:
+        """All (site, arm, channel) with faults. A fault's code is its channel's index plus 1."""
+        return [(use.site, arm, channel) for use in self.sites for arm, channel in use.channels]
+
 
 Span = tuple[float, float] | None
 """Normal range of a number: its lower and upper limit; None if it is not known."""

@@ -241,7 +241,7 @@ def _channels(planned: Plan) -> list[dict[str, Any]]:
     injection = planned.program.setup.injection
     site_effects = {use.site: list(use.effects) for use in injection.sites}
     rows = []
-    for site, arm, channel in table.injection_targets(injection):
+    for site, arm, channel in injection.channels:
         effects = site_effects[site]
         if site == "network":
             # A network effect acts at one channel. Other channels have the site's effects.

@@ -60,11 +60,6 @@ def table_injection(table: pd.DataFrame, robot: Robot) -> Injection:
     return Injection(count_slots(table), tuple(uses), used_triggers)
 
 
-def injection_targets(injection: Injection) -> list[Target]:
-    """Return the channels of an injection. The code of a fault is its position here, from 1."""
-    return [(use.site, arm, channel) for use in injection.sites for arm, channel in use.channels]
-
-
 def fault_arrays(
     table: pd.DataFrame, injection: Injection, tick_ms: int = 1
 ) -> dict[str, np.ndarray]:
@@ -73,7 +68,7 @@ def fault_arrays(
     int32 in ticks of `tick_ms`; with trigger "packet", all but the period are numbers of packets
     instead. key is uint32: the random-number stream of that run and slot.
     """
-    code_of = {target: code for code, target in enumerate(injection_targets(injection), start=1)}
+    code_of = {target: code for code, target in enumerate(injection.channels, start=1)}
     out = {name: np.zeros((len(table), injection.slots), dtype) for name, dtype in ARRAYS.items()}
     for slot in range(min(injection.slots, count_slots(table))):
         combination_of_run, combinations = _word_groups(table, slot)

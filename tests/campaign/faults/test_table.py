@@ -73,7 +73,7 @@ def runs():
 def test_arrays_say_what_the_table_says(runs):
     """Each entry read back through the code book is the row it came from."""
     injection = table.table_injection(runs, robots.USUAL)
-    targets, arrays = table.injection_targets(injection), table.fault_arrays(runs, injection)
+    targets, arrays = injection.channels, table.fault_arrays(runs, injection)
     for row, record in enumerate(runs.to_dict("records")):
         for slot in range(2):
             site = record[f"fault{slot}_site"]
@@ -97,7 +97,7 @@ def test_arrays_say_what_the_table_says(runs):
 def test_network_effects_are_overwrites(runs):
     injection = table.table_injection(runs, robots.USUAL)
     net = runs[runs["group"].array == "net"]
-    arrays, targets = table.fault_arrays(net, injection), table.injection_targets(injection)
+    arrays, targets = table.fault_arrays(net, injection), injection.channels
     assert [targets[code - 1][2] for code in arrays["code"][:, 0]] == ["lost", "lag", "delay"]
     assert arrays["value"][:, 0].tolist() == [1.0, 1.0, 7.0]
     assert set(arrays["effect"][:, 0]) == {EFFECT_CODES["overwrite"]}

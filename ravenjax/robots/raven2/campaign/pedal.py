@@ -18,7 +18,6 @@ import numpy as np
 
 from ravenjax.engines.interface import TickProgram
 from ravenjax.faults.clocks import Clocks, PedalPhases
-from ravenjax.faults.injection import channel_keys
 from ravenjax.numbers import paths, run_eagerly
 from ravenjax.robots.raven2.loop.injector import may_restart
 from ravenjax.robots.raven2.run_levels import PEDAL_DOWN, PEDAL_UP
@@ -76,7 +75,7 @@ def trigger_clocks(
         phases.append(
             _pedal_phases(setup.software, foot, cycles, drawn_cycles, plc, unknown_times, ticks)
         )
-    may_move = (key[0] in PEDAL_SITES or may_restart(*key) for key in channel_keys(setup))
+    may_move = (key[0] in PEDAL_SITES or may_restart(*key) for key in setup.injection.channels)
     # Code 0 is no channel
     moved = np.array([False, *may_move])
     return Clocks(arrivals=arrivals, phases=tuple(phases), kind=case.reshape(-1), moved=moved)

@@ -48,7 +48,7 @@ class RavenInjector(injection.Injector):
 
 def seeds_network(setup: RavenSetup, channel: str) -> bool:
     """Return whether faults may set the seed of network losses ("bursts") or delays ("jitter")."""
-    return ("network", "", channel) in injection.channel_keys(setup)
+    return ("network", "", channel) in setup.injection.channels
 
 
 def may_restart(site: str, arm: str, channel: str) -> bool:

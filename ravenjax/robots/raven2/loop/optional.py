@@ -11,7 +11,6 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from ravenjax.faults.injection import channel_keys
 from ravenjax.numbers import for_each_arm, jnp
 from ravenjax.numbers.vec import Scalar, Vec, as_int, first_tick, record, replace
 from ravenjax.robots.raven2.console import operator, reaction
@@ -258,7 +257,7 @@ STAGES: dict[str, Stage] = {
     ),
     "restart": Stage(
         init=lambda start: RestartState(jnp.bool_(False), jnp.int32(-1)),
-        needed=lambda setup: any(may_restart(*key) for key in channel_keys(setup)),
+        needed=lambda setup: any(may_restart(*key) for key in setup.injection.channels),
         watch=_watch_restart,
         outcomes=lambda setup, state: {"restart_ms": state.restart_tick},
     ),
