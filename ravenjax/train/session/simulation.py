@@ -188,7 +188,7 @@ def write_numbers(inputs: Sequence[np.ndarray], numbers: Sequence[Any]) -> None:
     """Write numbers into the first inputs of compiled code. Each input is an array of one number,
     and inputs beyond the numbers keep their values.
     """
-    for array, number in zip(inputs, numbers, strict=False):
+    for array, number in zip(inputs[: len(numbers)], numbers, strict=True):
         array[0] = number
 
 
