@@ -262,8 +262,7 @@ def control_cycle(
     without_command = for_each_arm(setup, Vec.full(7, 0))
     if state.held_cmd:
         keep = ~active & (params.state_machine.plc_obeyed == 0)
-        held = state.held_cmd
-        without_command = tuple(command.map(lambda x: jnp.where(keep, x, 0)) for command in held)
+        without_command = tuple(cmd.map(lambda x: jnp.where(keep, x, 0)) for cmd in state.held_cmd)
     live = files.allow(active & (machine.soft_estopped == 0))
     if files.replaces(user_files.DAC):
         commands = files.step_dac(live, without_command)

@@ -65,7 +65,7 @@ class OwnOperatorState:
 
 
 def init(start: Start) -> OwnOperatorState:
-    """Return the state of hands on the plan, before a robot at rest. Raises UserError."""
+    """Return the state at the start of a run, when hands are on the plan. Raises UserError."""
     setup, params, tips = start.setup, start.params.operator, start.tips
     assert setup.hands is not None
     poses = map(kinematics.forward_pose, setup.arms, start.jpos)

@@ -75,8 +75,7 @@ def damped_spring(
     changes both the depth, by closing dt, and the damping factor.
     """
     damping_factor = 1.0 + damping * closing
-    in_contact = damping_factor > 0.0
-    rate = jnp.where(in_contact, stiffness * dt * damping_factor + damping * spring, 0.0)
+    rate = jnp.where(damping_factor > 0.0, stiffness * dt * damping_factor + damping * spring, 0.0)
     return NormalForce(spring * jnp.maximum(damping_factor, 0.0), rate)
 
 
