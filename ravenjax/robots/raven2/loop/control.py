@@ -342,8 +342,7 @@ def columns_of(records: tuple[Any, ...], *names: str) -> dict[str, tuple[Any, ..
 
 def replace_fields(records: tuple[Any, ...], **columns: tuple[Any, ...]) -> tuple[Any, ...]:
     """Return the arms' records with new values. columns: field -> its new values, one per arm."""
-    rows = rows_of(**columns)
-    return tuple(replace(old, **row) for old, row in zip(records, rows, strict=True))
+    return tuple(replace(old, **row) for old, row in zip(records, rows_of(**columns), strict=True))
 
 
 def _inject_poses(

@@ -139,8 +139,7 @@ def jaw_tips(
         square = dot(rise, rise)
         inverse_square = 1.0 / square
         # Squares of speeds: sliding^2 = speed^2 - normal^2. The normal speed is closing / |rise|.
-        speed2 = dot(velocity, velocity)
-        sliding2 = jnp.maximum(speed2 - closing * closing * inverse_square, 0.0)
+        sliding2 = jnp.maximum(dot(velocity, velocity) - closing * closing * inverse_square, 0.0)
         # The force of friction is params.friction |rise| normal.force. `drag` is this force divided
         # by the sliding speed, which CREEP_M_S keeps from being 0.
         coulomb = params.friction * normal.force

@@ -117,10 +117,9 @@ def accumulate_increments(
         rotation = narrow_numbers(setup, mapping.matrix_from_quat(quaternion))
         return Accumulator(StoredPose(old.pose.position_um + moves, rotation, opening), quaternion)
 
-    after = per_arm(setup, add_packet)
     return replace(
         state,
-        arms=where(accepted, after, state.arms),
+        arms=where(accepted, per_arm(setup, add_packet), state.arms),
         updated=state.updated | as_int(accepted),
         surgeon_mode=jnp.where(accepted, packet.surgeon_mode, state.surgeon_mode),
         last_seq=jnp.where(accepted, packet.sequence, state.last_seq),
