@@ -199,8 +199,7 @@ class RavenConfig(CampaignConfig):
         def is_unused_in_group(uses: np.ndarray) -> np.ndarray:
             # Returns for each run whether no run of its group uses a key, bool [runs].
             # uses: for each run whether it uses the key, bool [runs].
-            groups_with_use = group_of_run[uses]
-            return ~np.isin(group_of_run, groups_with_use)
+            return ~np.isin(group_of_run, group_of_run[uses])
 
         if self.campaign.software == "raven2":
             varies_limits = any(path.startswith("control.overdrive.dac_max") for path in paths)
@@ -215,9 +214,8 @@ class RavenConfig(CampaignConfig):
             late = plan.numbers("detectors.armed_after") >= plan.ends
             yield "detectors.armed_after", late, "no detector becomes active before the run ends"
         if self.hand is not None:
-            forceless = plan.numbers("hand.newtons_per_unit") == 0
             message = "with 0 N per device unit the cue moves no hand"
-            yield "hand.newtons_per_unit", forceless, message
+            yield "hand.newtons_per_unit", plan.numbers("hand.newtons_per_unit") == 0, message
         if self.reaction is not None:
             yield from self._reaction_notices(plan, paths, is_unused_in_group)
 
@@ -239,23 +237,19 @@ class RavenConfig(CampaignConfig):
             if name in written or f"reaction.{name}" in paths:
                 unused = is_unused_in_group(uses)
                 yield f"reaction.{name}", unused, "has no effect with this reaction.action"
-            if name in NEUTRAL_VALUES:
-                neutral = NEUTRAL_VALUES[name]
-                without_effect = uses & (numbers[name] == neutral)
+            if (neutral := NEUTRAL_VALUES.get(name)) is not None:
                 message = f"with {neutral:g} the action has no effect"
-                yield f"reaction.{name}", without_effect, message
+                yield f"reaction.{name}", uses & (numbers[name] == neutral), message
         # The operator feels the first haptic set
         acts, cap = action != "none", self.haptics.cues()[0].cap
         force = numbers["felt_force"]
-        never_felt = acts & (force > np.float32(cap))
         message = f"{force.max():g} device units are never reached: the cue's cap is {cap:g}"
-        yield "reaction.felt_force", never_felt, message
+        yield "reaction.felt_force", acts & (force > np.float32(cap)), message
         # Ticks from the first possible cue to the end. Without a fault, a cue may come at any time
         has_fault = (plan.faults["code"] > 0).any(axis=1) & (plan.acts < plan.ends)
         ticks_left = plan.ends - np.where(has_fault, plan.acts, 0)
-        too_late = acts & (numbers["delay_ms"] >= ticks_left)
         message = "the delay is so long that the run ends before the operator acts"
-        yield "reaction.delay_ms", too_late, message
+        yield "reaction.delay_ms", acts & (numbers["delay_ms"] >= ticks_left), message
 
     @property
     def distances_mm(self) -> tuple[float, float]:
@@ -415,8 +409,8 @@ def _age_ms(faults: Iterable[Fault], longest_packet: int) -> float:
     if not delays and not has_jitter:
         return 0.0
     # The delays of several faults, in packets, add up. Add one packet for the age of the newest
-    # packet, and one because a packet contains the motion since the packet before it
-    # DELAY_MS[1] and JITTER_MS[1] are the longest delays of a channel with jitter
+    # packet, and one because a packet contains the motion since the packet before it. DELAY_MS[1]
+    # and JITTER_MS[1] are the longest delays of a channel with jitter, which also add up
     age = (sum(delays) + 2) * longest_packet
     return age + math.ceil(DELAY_MS[1] + JITTER_MS[1]) if has_jitter else age
 

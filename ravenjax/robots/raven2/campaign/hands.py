@@ -23,9 +23,8 @@ def operator_replay(config: RavenConfig) -> recorded.OperatorReplay | None:
     operator, arms, ticks = config.operator, config.campaign.arms, config.campaign.ticks
     if operator.file is None:
         return None
-    bounds = operator_bounds(config)
     return recorded.replay_motion(
-        operator.file, arms, operator.options, ticks, operator.scale, bounds=bounds
+        operator.file, arms, operator.options, ticks, operator.scale, bounds=operator_bounds(config)
     )
 
 

@@ -144,7 +144,7 @@ class _Path:
         while True:
             reach = self.move(*self.draw_target())
             yield reach
-            # Reach and dwell take 1.4 s together: both arms share the pedal, so cycles are equal
+            # Reach and dwell take 1.4 s together, because arms that share a pedal need equal cycles
             yield self.dwell(1.4 - reach.ticks * TICK_S)
             yield self.release(0.6)
             yield self.dwell(0.4)  # the robot needs some cycles to enter pedal-down

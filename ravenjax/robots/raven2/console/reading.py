@@ -88,10 +88,9 @@ class PacketReader:
         stream; otherwise only its content is checked. `accept_packet` changes the stream's state.
         """
         self._next_hands = self._hands
-        profile = self.profile
         if fields[MODE] not in (0, 1):
             return Misfit("mode", "", fields[MODE], "surgeon_mode 0 or 1")
-        if profile.stream.checksum:
+        if self.profile.stream.checksum:
             buttons = fields[BUTTONS] + fields[BUTTONS + 1]
             total = fields[0] + sum(fields[DELTA:QUAT]) + buttons + fields[MODE]
             # The checksum is the sum of these fields as int32, which wraps

@@ -103,9 +103,8 @@ def coloured_glb(model: mujoco.MjModel, body: int) -> bytes:
 def geom_colour(model: mujoco.MjModel, geom: int) -> np.ndarray:
     """Return the sRGB colour [3] of a geom, 0 to 1. A texture counts with its first pixel."""
     material = model.mat(int(model.geom_matid[geom]))
-    textures = [int(texture) for texture in material.texid if texture >= 0]
     rgb = model.geom_rgba[geom][:3]
-    if textures:
+    if textures := [int(texture) for texture in material.texid if texture >= 0]:
         start = int(model.tex_adr[textures[0]])
         return model.tex_data[start : start + 3] / 255.0 * rgb
     return material.rgba[:3] if np.allclose(rgb, NO_COLOUR) else rgb

@@ -148,8 +148,7 @@ def _check_numbers(name: str, value: ArrayLike, last_shape: tuple[int, ...]) -> 
         expected = ", ".join(("...", *map(str, last_shape)))
         order = f" in the order {', '.join(JOINTS)}" if last_shape == (7,) else ""
         raise UserError(f"{name} has shape {array.shape}, expected [{expected}]{order}")
-    wrong_indices = np.argwhere(~np.isfinite(array)).tolist()
-    if wrong_indices:
+    if wrong_indices := np.argwhere(~np.isfinite(array)).tolist():
         index = wrong_indices[0]
         joint = f" ({JOINTS[index[-1]]})" if last_shape == (7,) else ""
         where = f"{name}{index or ''}{joint}"

@@ -86,8 +86,7 @@ def _jaw_tip(
     position = chain.tip + to_tip
     jaw_motion = scale(sign, tip_per_angle)
     jaws = (jaw_motion, _NO_MOTION) if joint == 5 else (_NO_MOTION, jaw_motion)
-    from_wrist = chain.x5 * LW + to_tip
-    columns = _positioning_columns(arm, chain, position, from_wrist)
+    columns = _positioning_columns(arm, chain, position, chain.x5 * LW + to_tip)
     return InstrumentPoint(position, (*columns, *jaws))
 
 

@@ -78,7 +78,7 @@ def wrap_angle(angle: Scalar) -> Scalar:
 def theta_from_joint(arm: str, jpos: Vec) -> Theta:
     """Return the Denavit-Hartenberg variables of the joints `jpos` (7), angles in [-pi, pi]."""
     geometry = GEOMETRY[arm]
-    # If zero2 is 0, no operation is needed
+    # If zero2 is 0, no addition is needed
     return Theta(
         theta1=wrap_angle(jpos[0] + geometry.zero1),
         theta2=wrap_angle(jpos[1] + geometry.zero2) if geometry.zero2 else wrap_angle(jpos[1]),

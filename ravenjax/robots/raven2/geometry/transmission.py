@@ -64,7 +64,7 @@ CABLE_PER_MOTOR = (_CAPSTAN42 / GP42,) * 3 + (_CAPSTAN32 / GP32,) * 4
 
 def coupling_signs(arm: str, tool: str, software: str = "raven2") -> Vec:
     """Return the signs (1 or -1) with which the insertion motor turns the tool motors tool_roll,
-    wrist, grasp1, grasp2. They depend on the adapter of the tool and on the arm.
+    wrist, grasp1, grasp2. They depend on the adapter of the tool, the arm and the software.
     """
     style = find_tool(tool).style
     sign = 1.0 if style == "raven" else -1.0

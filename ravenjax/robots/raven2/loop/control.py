@@ -262,8 +262,7 @@ def control_cycle(
     without_command = for_each_arm(setup, Vec.full(7, 0))
     if state.held_cmd:
         keep = ~active & (params.state_machine.plc_obeyed == 0)
-        held = state.held_cmd
-        without_command = tuple(command.map(lambda x: jnp.where(keep, x, 0)) for command in held)
+        without_command = tuple(cmd.map(lambda x: jnp.where(keep, x, 0)) for cmd in state.held_cmd)
     live = files.allow(active & (machine.soft_estopped == 0))
     if files.replaces(user_files.DAC):
         commands = files.step_dac(live, without_command)
@@ -343,8 +342,7 @@ def columns_of(records: tuple[Any, ...], *names: str) -> dict[str, tuple[Any, ..
 
 def replace_fields(records: tuple[Any, ...], **columns: tuple[Any, ...]) -> tuple[Any, ...]:
     """Return the arms' records with new values. columns: field -> its new values, one per arm."""
-    rows = rows_of(**columns)
-    return tuple(replace(old, **row) for old, row in zip(records, rows, strict=True))
+    return tuple(replace(old, **row) for old, row in zip(records, rows_of(**columns), strict=True))
 
 
 def _inject_poses(

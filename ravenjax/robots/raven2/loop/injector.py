@@ -64,13 +64,9 @@ ROTATIONS = ("ori", "ori_d")
 @cache
 def _channel_targets(setup: RavenSetup) -> dict[injection.ChannelKey, injection.Target]:
     """Return channel -> path and type of its number. `setup.dac_words` sets the type at usb_out."""
-    word_type = _WORD_TYPES[setup.dac_words]
+    word_types = {"wrap": "int16", "saturate": "int16 saturated", "unwrapped": "int32"}
     return {
         # key[0] is the site
-        key: (path, word_type if key[0] == "usb_out" else kind)
+        key: (path, word_types[setup.dac_words] if key[0] == "usb_out" else kind)
         for key, (path, kind) in injection.channel_paths(ROBOT, setup).items()
     }
-
-
-_WORD_TYPES = {"wrap": "int16", "saturate": "int16 saturated", "unwrapped": "int32"}
-"""`RavenSetup.dac_words` -> type of the numbers at site usb_out."""

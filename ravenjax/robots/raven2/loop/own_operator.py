@@ -65,7 +65,7 @@ class OwnOperatorState:
 
 
 def init(start: Start) -> OwnOperatorState:
-    """Return the state of hands on the plan, before a robot at rest. Raises UserError."""
+    """Return the state at the start of a run, when hands are on the plan. Raises UserError."""
     setup, params, tips = start.setup, start.params.operator, start.tips
     assert setup.hands is not None
     poses = map(kinematics.forward_pose, setup.arms, start.jpos)
@@ -180,10 +180,9 @@ def _screen_views(
 ) -> PerArm[ScreenView]:
     # Returns tips and cue of each arm in the axes of the console.
     # cues: force vector (console's axes) and its magnitude for each arm, device units.
-    arms = zip(setup.arms, tips, model_tips, cues, strict=True)
     views = (
         ScreenView(position_to_itp(arm, tip), position_to_itp(arm, model_tip), *cue)
-        for arm, tip, model_tip, cue in arms
+        for arm, tip, model_tip, cue in zip(setup.arms, tips, model_tips, cues, strict=True)
     )
     return cast_to_real(setup, tuple(views))
 

@@ -52,8 +52,6 @@ MOTOR_CONTROL, DAC = "motor_control", "dac"
 """Stages that a file may replace, in the order of the tick."""
 
 _WATCHDOG_BIT = 1 << PIN_WATCHDOG
-_FIELDS = {"checked_cmd": "current_cmd_checked"}
-"""Seam -> its name in the view, if the names differ."""
 
 
 @record
@@ -177,10 +175,10 @@ class UserFiles:
         `stop` and `allow` stop the robot later in the tick.
         """
         # `note` adds the signal to the views of files, before and after each check.
-        name = _FIELDS.get(seam, seam)
+        name = "current_cmd_checked" if seam == "checked_cmd" else seam
         self.note(**{name: signal})
         for index, use in self._checks_at(seam):
-            # Checks compute in the type of the tick. The software stores these signals in `narrow`.
+            # A check computes in the type of the tick. Signals in _FLOATS have the type `narrow`.
             crossing = cast_to_real(self._setup, signal) if name in _FLOATS else signal
             trips, values = self._run_check(index, crossing)
             if use.acts == "limit":

@@ -75,8 +75,7 @@ def damped_spring(
     changes both the depth, by closing dt, and the damping factor.
     """
     damping_factor = 1.0 + damping * closing
-    in_contact = damping_factor > 0.0
-    rate = jnp.where(in_contact, stiffness * dt * damping_factor + damping * spring, 0.0)
+    rate = jnp.where(damping_factor > 0.0, stiffness * dt * damping_factor + damping * spring, 0.0)
     return NormalForce(spring * jnp.maximum(damping_factor, 0.0), rate)
 
 
@@ -140,8 +139,7 @@ def jaw_tips(
         square = dot(rise, rise)
         inverse_square = 1.0 / square
         # Squares of speeds: sliding^2 = speed^2 - normal^2. The normal speed is closing / |rise|.
-        speed2 = dot(velocity, velocity)
-        sliding2 = jnp.maximum(speed2 - closing * closing * inverse_square, 0.0)
+        sliding2 = jnp.maximum(dot(velocity, velocity) - closing * closing * inverse_square, 0.0)
         # The force of friction is params.friction |rise| normal.force. `drag` is this force divided
         # by the sliding speed, which CREEP_M_S keeps from being 0.
         coulomb = params.friction * normal.force

@@ -23,7 +23,7 @@ AS_DRAWN = Vec.full(N, 1.0)
 
 @dataclasses.dataclass(frozen=True)
 class Coupling:
-    """`T[i][j] = (rows[i][j] + ratio[i] * rows[Z][j]) / gain[j]`.
+    """`T[i][j] = (rows[i][j] + ratio[i] * rows[Z][j]) / gain[j]`, where Z is the insertion.
 
     `rows` is lower triangular; `ratio` is zero for the positioning motors.
     """
@@ -35,7 +35,6 @@ class Coupling:
 
     def to_motors(self, joints: Vec) -> Vec:
         """Return T x: motor angles (or speeds) from joint positions (or speeds)."""
-        # T[i][j] is (rows[i][j] + ratio[i] rows[Z][j]) / gain[j], where Z is the insertion.
         joints = joints.map(_divide, self.gain)
         insertion = dot(self.rows[Z], joints)
         return Vec(
@@ -46,8 +45,7 @@ class Coupling:
     def to_joints(self, motors: Vec) -> Vec:
         """Return T^-1 x: joint positions (or speeds) from motor angles (or speeds)."""
         joints = []
-        # T[i][j] is (rows[i][j] + ratio[i] rows[Z][j]) / gain[j], where Z is the insertion. `rows`
-        # is lower triangular, so each joint follows from the joints before it.
+        # `rows` is lower triangular, so each joint follows from the joints before it.
         for i in range(N):
             remainder = sub(motors[i], mul(self.ratio[i], motors[Z]))
             for j in range(i):
@@ -57,8 +55,7 @@ class Coupling:
 
     def joint_loads(self, torques: Vec) -> Vec:
         """Return T^T f: loads of the joints (N m; insertion N) from motor torques f (N m)."""
-        # T[i][j] is (rows[i][j] + ratio[i] rows[Z][j]) / gain[j]. By the second term, ratio[i]
-        # times the torque of motor i acts like a torque of the insertion's motor, Z.
+        # ratio[i] times the torque of motor i acts like a torque of the insertion's motor, Z.
         insertion = torques[Z]
         for i in range(N):
             insertion = add(insertion, mul(self.ratio[i], torques[i]))
@@ -70,12 +67,9 @@ class Coupling:
         """Return T^-T f: motor torques (N m) that balance loads f (N m; insertion N) on joints."""
         # T is D diag(1 / gain), where D is T with all gains 1. Therefore T^-T f is D^-T (gain f).
         drawn, loads = dataclasses.replace(self, gain=AS_DRAWN), loads.map(mul, self.gain)
-        torques = []
-        for i in range(N):
-            unit = Vec(float(i == j) for j in range(N))
-            # Column i of T^-1 is row i of T^-T.
-            torques.append(dot(drawn.to_joints(unit), loads))
-        return Vec(torques)
+        units = (Vec(float(i == j) for j in range(N)) for i in range(N))
+        # Column i of D^-1, which D^-1 gives for unit vector i, is row i of D^-T.
+        return Vec(dot(drawn.to_joints(unit), loads) for unit in units)
 
     def congruence(self, weights: Vec) -> list[list[Scalar]]:
         """Return the lower triangle of the symmetric matrix T^T W T; the other entries are 0. T is
@@ -88,9 +82,8 @@ class Coupling:
         for i in range(N):
             inner[i][i] = weights[i]
             if i > Z:
-                weighted_ratio = mul(self.ratio[i], weights[i])
-                inner[i][Z] = weighted_ratio
-                inner[Z][Z] = add(inner[Z][Z], mul(self.ratio[i], weighted_ratio))
+                inner[i][Z] = mul(self.ratio[i], weights[i])
+                inner[Z][Z] = add(inner[Z][Z], mul(self.ratio[i], inner[i][Z]))
         # Step 2: compute the lower triangle of outer = rows^T inner rows, term by term.
         outer: list[list[Scalar]] = [[0.0] * N for _ in range(N)]
         for i in range(N):

@@ -106,7 +106,9 @@ class NominalOutput:
 
 def params(setup: RavenSetup, parameter_set: str = parameter_sets.DEFAULT) -> NominalParams:
     """Return the default parameters for a robot of that set, one of `parameter_sets.Name`."""
-    values = parameter_sets.parameter_set(parameter_sets.nominal_set(parameter_set))
+    # The published sets differ as robots of one kind do, so they have the same nominal model.
+    shared_set = "traj3" if parameter_set in parameter_sets.PUBLISHED else parameter_set
+    values = parameter_sets.parameter_set(shared_set)
     # As in the software, the first arm's tool limits the joints of every arm.
     allowed = limits.soft_limits(setup.tools[0], setup.software)
     motor = values.actuators

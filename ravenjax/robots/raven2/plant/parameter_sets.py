@@ -50,11 +50,3 @@ def parameter_set(name: str) -> ParameterSet:
     numbers = {key: Vec(row) for key, row in rows.items()}
     motors = [numbers.pop(field.name) for field in dataclasses.fields(ActuatorParams)]
     return ParameterSet(ActuatorParams(*motors), **numbers)
-
-
-def nominal_set(name: str) -> str:
-    """Return the set of gains and friction of the nominal model, for a robot of set `name`.
-
-    The published sets differ as robots of one kind do, so they have the same nominal model.
-    """
-    return name if name == DEFAULT else "traj3"

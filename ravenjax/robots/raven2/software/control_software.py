@@ -325,13 +325,12 @@ def _at_measured_pose(
     """
     poses = tuple(arm.pos for arm in after.cartesian)
     joints, motors = control.columns_of(signals.arms, "jpos", "mpos").values()
-    with_fields = control.replace_fields
     # The pose that the console has commanded starts from the measured pose.
-    accumulated = with_fields(after.teleoperation.arms, pose=poses)
+    accumulated = control.replace_fields(after.teleoperation.arms, pose=poses)
     return replace(
         state,
         usb=after.usb,
-        cartesian=with_fields(state.cartesian, pos=poses, pos_d=poses, jpos_d=joints),
+        cartesian=control.replace_fields(state.cartesian, pos=poses, pos_d=poses, jpos_d=joints),
         teleoperation=replace(state.teleoperation, arms=accumulated),
-        motor_control=with_fields(state.motor_control, mpos_d=motors),
+        motor_control=control.replace_fields(state.motor_control, mpos_d=motors),
     )

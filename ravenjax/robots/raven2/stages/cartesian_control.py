@@ -104,11 +104,10 @@ def solve_inverse(
     solving = active
     at_limits = []
     arms = []
-    for i, arm in enumerate(setup.arms):
-        old = state[i]
+    for arm, old, measured in zip(setup.arms, state, jpos, strict=True):
         opening = widen_numbers(setup, old.pos_d.grasp_mrad) / 1000.0
         target = stored_pose.load_pose(setup, old.pos_d)
-        ik = inverse(arm, target, opening, _closed_joints(setup, jpos[i]))
+        ik = inverse(arm, target, opening, _closed_joints(setup, measured))
         accepted = ik.status != REJECTED
         rejected = solving & ~accepted
         solved = solving & accepted

@@ -117,10 +117,9 @@ def accumulate_increments(
         rotation = narrow_numbers(setup, mapping.matrix_from_quat(quaternion))
         return Accumulator(StoredPose(old.pose.position_um + moves, rotation, opening), quaternion)
 
-    after = per_arm(setup, add_packet)
     return replace(
         state,
-        arms=where(accepted, after, state.arms),
+        arms=where(accepted, per_arm(setup, add_packet), state.arms),
         updated=state.updated | as_int(accepted),
         surgeon_mode=jnp.where(accepted, packet.surgeon_mode, state.surgeon_mode),
         last_seq=jnp.where(accepted, packet.sequence, state.last_seq),
@@ -137,9 +136,9 @@ def hand_over(
 ) -> tuple[TeleoperationState, PerArm[StoredPose]]:
     """Check whether the console has timed out. Return the new state, and the arms' desired poses.
 
-    In pedal-down, desired poses become the accumulated poses, the sums of the packets' increments,
-    if a packet has updated these, or if the time-out has just tripped. Otherwise desired poses
-    remain. Called once per cycle.
+    In pedal-down, desired poses become the accumulated poses, if a packet or `reset_origin` has
+    updated these, or if the time-out has just tripped. Otherwise desired poses remain. Called once
+    per cycle.
     """
     fresh = state.updated != 0
     age = jnp.where(fresh, 0, state.age_ticks + 1)
@@ -163,7 +162,9 @@ def hand_over(
 def reset_origin(
     setup: RavenSetup, state: TeleoperationState, reset: Scalar, desired: PerArm[StoredPose]
 ) -> TeleoperationState:
-    """Return the state. If `reset`, accumulated poses become the desired poses, as by an update."""
+    """Return the state after this: if `reset`, accumulated poses become the desired poses, which
+    counts as an update.
+    """
 
     def restart(i: int, _: ArmName) -> Accumulator:
         # Returns one arm's accumulated pose: if `reset`, the desired pose. The accumulated opening
