@@ -36,7 +36,6 @@ def disk_errors(begin: str, end: str = "") -> Iterator[None]:
 
 def write_aside(path: Path, write: Callable[[Path], object], waits: bool = True) -> None:
     """Write a file atomically: `write` fills a temporary file, which is then renamed to `path`.
-
     After a crash there is the old file or the new file, and at most one hidden temporary file,
     which the next call overwrites. waits: wait for the disk; otherwise a power failure may lose the
     content, but no reader sees an incomplete file. Raise StoreError if the file cannot be written.
@@ -70,9 +69,8 @@ def write_text(path: Path, text: str, waits: bool = True) -> None:
 
 
 def parse_json(text: str) -> Any:
-    """Return the content of a JSON text.
-
-    Raise ValueError for text that is not JSON, cannot be written as UTF-8, or is nested too deeply.
+    """Return the content of a JSON text. Raise ValueError for text that is not JSON, cannot be
+    written as UTF-8, or is nested too deeply.
     """
     try:
         return pydantic_core.from_json(text)
@@ -83,10 +81,8 @@ def parse_json(text: str) -> Any:
 
 
 def read_json(path: Path, missing: str, advice: str) -> Any:
-    """Return the content of a JSON file.
-
-    Raise StoreError with the message `missing` if the file does not exist. If the file is damaged,
-    the message ends with `advice`.
+    """Return the content of a JSON file. Raise StoreError with the message `missing` if the file
+    does not exist. If the file is damaged, the message ends with `advice`.
     """
     try:
         with disk_errors(f"{path}: cannot be read"):
@@ -111,7 +107,6 @@ def without_formula(cell: Any) -> Any:
 
 def path_inside(folder: Path, name: str) -> Path:
     """Return the path of a file or folder in `folder`, of a name that may come from another file.
-
     Raises StoreError for a name that leads out of the folder, and for a link.
     """
     path = folder / name
@@ -144,10 +139,9 @@ def require_content(path: Path) -> None:
 def read_table(
     path: Path, names: Sequence[str] | None = None, header: str = "time_s,x_mm"
 ) -> "pd.DataFrame":
-    """Read a table from a Parquet file or a text: CSV, or separated by ;, tabs or spaces.
-
-    names: columns of a text without a header line. header: example of a header line for the error
-    message. Raise UserError if the file cannot be read or has no header line.
+    """Read a table from a Parquet file or a text: CSV, or separated by ;, tabs or spaces. names:
+    columns of a text without a header line. header: example of a header line for the error message.
+    Raise UserError if the file cannot be read or has no header line.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -242,9 +236,8 @@ EXPECTED_FOLDER = (
 
 
 def hash_file(path: Path) -> str:
-    """Return the sha256 of a file's content as hex digits.
-
-    For a folder: of the names and contents of its files.
+    """Return the sha256 of a file's content as hex digits. For a folder: of the names and contents
+    of its files.
     """
     if path.is_dir():
         names = (file for file in sorted(path.iterdir()) if file.is_file())

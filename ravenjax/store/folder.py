@@ -140,9 +140,8 @@ class ResultFolder:
 
 
 def read_complete_manifest(path: Path) -> Manifest:
-    """Return the manifest of a folder with results.
-
-    Raise StoreError if the folder has no results, or lacks files that the manifest lists.
+    """Return the manifest of a folder with results. Raise StoreError if the folder has no results,
+    or lacks files that the manifest lists.
     """
     record = manifests.read_manifest(path)
     if not record.parts:
@@ -164,7 +163,6 @@ def read_complete_manifest(path: Path) -> Manifest:
 
 def read_all(path: str | Path, columns: Sequence[str] | None = None) -> "pd.DataFrame":
     """Return all finished rows of a result folder, ordered by `index`. Each file is checked.
-
     columns: columns to read; None: all. Raise StoreError if the folder has no results, a file is
     missing or damaged, or the table has no such column.
     """
@@ -175,7 +173,6 @@ def read_parts(
     path: Path, columns: Sequence[str] | None, measure: Callable[[pa.Table], Measured]
 ) -> list[Measured]:
     """Apply `measure` to the table of each file, with these columns. Return the results in order.
-
     Raise StoreError as `read_all`.
     """
     record = read_complete_manifest(path)

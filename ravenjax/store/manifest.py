@@ -204,9 +204,8 @@ def find_changes(first: Nested, second: Nested) -> list[Change]:
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """Return the manifest of a result folder.
-
-    Raises StoreError if it is missing, damaged, or newer than this reader.
+    """Return the manifest of a result folder. Raises StoreError if it is missing, damaged, or newer
+    than this reader.
     """
     path = folder / FILE
     require_utf8(str(path.absolute()))
@@ -299,9 +298,8 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
 
 
 def record_part(folder: Path, part: Part) -> None:
-    """Append a line about one file to the folder's list. This function is not thread-safe.
-
-    It does not wait for the disk: a lost line can be made again. Raise StoreError if writing fails.
+    """Append a line about one file to the folder's list. This function is not thread-safe. It does
+    not wait for the disk: a lost line can be made again. Raise StoreError if writing fails.
     """
     path = folder / PARTS_FILE
     with disk_errors(f"{path}: cannot be written", KEPT), open(path, "ab") as file:
@@ -335,10 +333,9 @@ def campaign_hash(config: Nested, operator: MotionSummary | None, runs: str) -> 
 
 
 def by_content(config: Nested, operator: MotionSummary | None) -> Nested:
-    """Return a campaign without paths, so that copies of its files give the same campaign.
-
-    The hash of a recording replaces its path. The name of a robot's file replaces its path, because
-    its content is in the hash of the code.
+    """Return a campaign without paths, so that copies of its files give the same campaign. The hash
+    of a recording replaces its path. The name of a robot's file replaces its path, because its
+    content is in the hash of the code.
     """
     if (campaign := config.get("campaign")) and "robot" in campaign:
         config = config | {"campaign": campaign | {"robot": Path(campaign["robot"]).name}}
@@ -367,11 +364,10 @@ def package_versions() -> dict[str, str]:
 
 @functools.cache
 def code_hash(robot: Robot = robots.USUAL) -> str:
-    """Return the sha256 over the names and contents of the files on which outcomes depend.
-
-    These are the files in the folders `_DECIDING` of this package, the files that the robot
-    declares (such as models), and the robot's package, or, if the robot is a single module, this
-    module and the modules of its folder that it imports. The files are read at the first call.
+    """Return the sha256 over the names and contents of the files on which outcomes depend. These
+    are the files in the folders `_DECIDING` of this package, the files that the robot declares
+    (such as models), and the robot's package, or, if the robot is a single module, this module and
+    the modules of its folder that it imports. The files are read at the first call.
     """
     package = Path(__file__).resolve().parents[1]
     contents = {

@@ -62,7 +62,6 @@ class Part(BaseModel):
 
 def rows_of_a_part(runs: int, workers: int | None = 1) -> int:
     """Return the number of rows of each part of a campaign of `runs` runs, if the user chose none.
-
     workers: number of processes that compute the campaign; None: unknown. Each process computes
     PARTS parts, unless these would have too few or too many rows.
     """
@@ -80,9 +79,8 @@ class Encoded(NamedTuple):
 
 
 def encode_part(columns: schema.Columns, shape: schema.Shape, config_hash: str) -> Encoded:
-    """Encode rows as a Parquet file. Equal rows give equal bytes.
-
-    The column `index` must increase by 1. Raise StoreError if columns do not fit the schema.
+    """Encode rows as a Parquet file. Equal rows give equal bytes. The column `index` must increase
+    by 1. Raise StoreError if columns do not fit the schema.
     """
     return encode_table(schema.conform_table(columns, shape), config_hash)
 
@@ -130,9 +128,8 @@ def encode_table(table: pa.Table, config_hash: str) -> Encoded:
 
 
 def put_part(folder: Path, encoded: Encoded) -> Part:
-    """Write a part into `folder` atomically, and return its record.
-
-    Raise StoreError if the file cannot be written.
+    """Write a part into `folder` atomically, and return its record. Raise StoreError if the file
+    cannot be written.
     """
     write_aside(folder / encoded.part.file, lambda target: target.write_bytes(encoded.content))
     return encoded.part
@@ -155,11 +152,10 @@ def read_part(
     recorded: Part | None = None,
     columns: Sequence[str] | None = None,
 ) -> pa.Table:
-    """Read and check the table of one part, or some of its columns.
-
-    config_hash: hash of the expected campaign; None: any. recorded: record with the expected size
-    and checksum; None: these are not checked. Raise StoreError if the file is damaged, has another
-    schema, or is of another campaign.
+    """Read and check the table of one part, or some of its columns. config_hash: hash of the
+    expected campaign; None: any. recorded: record with the expected size and checksum; None: these
+    are not checked. Raise StoreError if the file is damaged, has another schema, or is of another
+    campaign.
     """
     with _opened(path, config_hash, recorded) as file:
         table = file.read(columns if columns is None else list(columns), use_threads=False)
@@ -170,9 +166,8 @@ def read_part(
 
 
 def verify_part(path: Path, config_hash: str, recorded: Part | None) -> Part:
-    """Check that a part is complete and belongs to this campaign. Return its record.
-
-    recorded: the expected record; None: the whole file is read. Raise StoreError as `read_part`.
+    """Check that a part is complete and belongs to this campaign. Return its record. recorded: the
+    expected record; None: the whole file is read. Raise StoreError as `read_part`.
     """
     if recorded is None:
         digest, size = hash_file(path), path.stat().st_size
@@ -228,9 +223,8 @@ def _opened(path: Path, config_hash: str | None, recorded: Part | None) -> Itera
 
 
 def concatenate_parts(tables: Sequence[pa.Table]) -> "pd.DataFrame":
-    """Concatenate tables to one DataFrame with sorted categories, and only those that occur.
-
-    The result does not depend on how the rows are divided into tables.
+    """Concatenate tables to one DataFrame with sorted categories, and only those that occur. The
+    result does not depend on how the rows are divided into tables.
     """
     frame = pa.concat_tables(tables).unify_dictionaries().to_pandas()
     for name in frame.columns[frame.dtypes == "category"]:
@@ -240,9 +234,8 @@ def concatenate_parts(tables: Sequence[pa.Table]) -> "pd.DataFrame":
 
 
 def missing_rows(done: Iterable[Part], due: Iterable[range], chunk: int = 2**62) -> Iterator[range]:
-    """Yield the rows of `due` (disjoint ranges in order) that no finished part contains.
-
-    Ranges are divided at multiples of `chunk`, so that the same rows always give the same files.
+    """Yield the rows of `due` (disjoint ranges in order) that no finished part contains. Ranges are
+    divided at multiples of `chunk`, so that the same rows always give the same files.
     """
     held = sorted((part.rows for part in done), key=lambda rows: rows.start)
     for rows in due:

@@ -117,9 +117,8 @@ def arrow_schema(shape: Shape) -> pa.Schema:
 
 
 def conform_table(columns: Columns, shape: Shape) -> pa.Table:
-    """Return columns as an Arrow table with exactly the schema's columns and types, in order.
-
-    Raise StoreError for a missing or unknown column, or a value that its type cannot represent.
+    """Return columns as an Arrow table with exactly the schema's columns and types, in order. Raise
+    StoreError for a missing or unknown column, or a value that its type cannot represent.
     """
     schema = arrow_schema(shape)
     names = schema.names
@@ -164,9 +163,8 @@ def word_column(indices: np.ndarray, words: Sequence[str]) -> "pd.Categorical":
 
 
 def arrow_words(words: Any) -> pa.DictionaryArray:
-    """Return words [rows], categorical or not, as a dictionary-encoded Arrow array.
-
-    A missing word becomes "".
+    """Return words [rows], categorical or not, as a dictionary-encoded Arrow array. A missing word
+    becomes "".
     """
     import pandas as pd
 

@@ -45,7 +45,6 @@ class FolderCheck(NamedTuple):
 
 def check_files(folder: Path, record: Manifest) -> tuple[FolderCheck, list[parts.Part]]:
     """Check that the files of results have their recorded content, and that there are no others.
-
     Also return the records of complete files.
     """
     there = {path.name for path in parts.part_files(folder / PARTS)}

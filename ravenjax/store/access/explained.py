@@ -20,7 +20,6 @@ _CAMPAIGN, _CODE = b"config_hash", b"code_hash"
 
 def add_explained(folder: Path, ticks: pd.DataFrame, record: Manifest) -> Path:
     """Add the table `ticks` of explained runs to the file in a folder, whose path is returned.
-
     Earlier rows of the same runs, and rows of other code or of another campaign, are removed. Raise
     StoreError if writing fails.
     """
@@ -34,9 +33,8 @@ def add_explained(folder: Path, ticks: pd.DataFrame, record: Manifest) -> Path:
 
 
 def read_explained(folder: Path, record: Manifest) -> pd.DataFrame | None:
-    """Return the explained runs of a campaign in a folder; None if the folder has none.
-
-    Raises StoreError for a damaged file.
+    """Return the explained runs of a campaign in a folder; None if the folder has none. Raises
+    StoreError for a damaged file.
     """
     return read_rows(folder / FILE, record, "explain")
 
@@ -71,9 +69,8 @@ def write_rows(path: Path, rows: pd.DataFrame, record: Manifest) -> None:
 
 
 def read_rows(path: Path, record: Manifest, command: str) -> pd.DataFrame | None:
-    """Return a table that `write_rows` wrote for the same campaign; None if there is none.
-
-    command: command of ravenjax that writes the table. Raise StoreError for a damaged file.
+    """Return a table that `write_rows` wrote for the same campaign; None if there is none. command:
+    command of ravenjax that writes the table. Raise StoreError for a damaged file.
     """
     if not path.is_file():
         return None

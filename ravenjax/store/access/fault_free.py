@@ -45,7 +45,6 @@ NO_COMPANIONS = Companions((), ())
 
 def find_fault_free(folder: Path, campaign: Manifest) -> Companions:
     """Return the fault-free results in the subfolder FOLDER of a result folder, sorted by name.
-
     campaign: manifest of the result folder. A result is excluded if it belongs to another robot, or
     repeats the motion of the campaign or of an earlier result.
     """
@@ -70,11 +69,10 @@ def find_fault_free(folder: Path, campaign: Manifest) -> Companions:
 
 
 def motion_of(manifest: Manifest) -> str:
-    """Return text that identifies the operator's motion in a campaign.
-
-    The text contains no duration, so a motion and a longer version of this motion have equal texts.
-    With noise or with packets of random durations, the text also includes the seed, because the
-    same motion of the hands then causes another motion of the robot.
+    """Return text that identifies the operator's motion in a campaign. The text contains no
+    duration, so a motion and a longer version of this motion have equal texts. With noise or with
+    packets of random durations, the text also includes the seed, because the same motion of the
+    hands then causes another motion of the robot.
     """
     # The teleoperation scale is left out, because it describes the robot: `robot_tables` has it.
     operator = _omit(manifest.config.get("operator") or {}, (SCALE,))

@@ -35,9 +35,8 @@ class Holder(BaseModel):
 
 @contextlib.contextmanager
 def hold_lock(folder: Path) -> Iterator[None]:
-    """Lock `folder`, which must exist, until the end of the block.
-
-    Raise StoreError with the name of the process if another process has locked it.
+    """Lock `folder`, which must exist, until the end of the block. Raise StoreError with the name
+    of the process if another process has locked it.
     """
     path = folder / FILE
     with disk_errors(f"{path}: cannot be written", EXPECTED_FOLDER):

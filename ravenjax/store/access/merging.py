@@ -47,9 +47,8 @@ class PartSource(NamedTuple):
 
 
 def merge_shards(out: Path, shards: Sequence[Path], partial: bool = False) -> Merged:
-    """Join the result folders `shards` into the folder `out`. partial: permit missing rows.
-
-    All shards must have the same campaign, engine, code and package versions. They are not changed.
+    """Join the result folders `shards` into the folder `out`. partial: permit missing rows. All
+    shards must have the same campaign, engine, code and package versions. They are not changed.
     Raise StoreError, before anything is written, if they differ, a file is damaged, two files
     contain the same row, or rows are missing.
     """

@@ -32,9 +32,8 @@ RESULTS = "results"
 
 
 class ResultTable(contextlib.ExitStack):
-    """SQL queries of one result table. Use it as a context manager, or call `close`.
-
-    This closes the connection and deletes temporary files.
+    """SQL queries of one result table. Use it as a context manager, or call `close`. This closes
+    the connection and deletes temporary files.
     """
 
     connection: "duckdb.DuckDBPyConnection"
@@ -84,19 +83,17 @@ class ResultTable(contextlib.ExitStack):
 
 
 def open_folder(path: str | Path) -> ResultTable:
-    """Open the finished rows of a result folder for queries.
-
-    Raise StoreError if the folder has no results, or if a file is missing, damaged or too new.
+    """Open the finished rows of a result folder for queries. Raise StoreError if the folder has no
+    results, or if a file is missing, damaged or too new.
     """
     path = Path(path)
     return open_parts(whole_parts(path), path)
 
 
 def open_parts(files: Sequence[Path], aside: Path | None, numbered: bool = False) -> ResultTable:
-    """Open the rows of these Parquet files for queries, without checks.
-
-    aside: folder for temporary files, if it is writable; None: the system's. numbered: add the
-    columns filename and file_row_number (from 0).
+    """Open the rows of these Parquet files for queries, without checks. aside: folder for temporary
+    files, if it is writable; None: the system's. numbered: add the columns filename and
+    file_row_number (from 0).
     """
     table = open_empty(aside)
     options = ", filename = true, file_row_number = true" if numbered else ""
@@ -106,9 +103,8 @@ def open_parts(files: Sequence[Path], aside: Path | None, numbered: bool = False
 
 
 def of_files(files: Sequence[Path], options: str = "") -> str:
-    """Return the SQL source of the rows of Parquet files.
-
-    options: further arguments of DuckDB's read_parquet, beginning with a comma.
+    """Return the SQL source of the rows of Parquet files. options: further arguments of DuckDB's
+    read_parquet, beginning with a comma.
     """
     # DuckDB takes *, ? and [ in a path for wildcards, except in brackets, such as [*].
     names = ", ".join(quote_text(re.sub(r"([*?\[])", r"[\1]", str(file))) for file in files)
@@ -127,10 +123,9 @@ def whole_parts(path: Path) -> list[Path]:
 
 
 def open_empty(aside: Path | None = None, memory_mb: int | None = None) -> ResultTable:
-    """Return a connection without a table.
-
-    aside: folder for temporary files, if it is writable; None: the system's. memory_mb: memory of
-    DuckDB, MB; None: the environment variable RAVENJAX_QUERY_MB, else MEMORY_MB.
+    """Return a connection without a table. aside: folder for temporary files, if it is writable;
+    None: the system's. memory_mb: memory of DuckDB, MB; None: the environment variable
+    RAVENJAX_QUERY_MB, else MEMORY_MB.
     """
     import duckdb
 

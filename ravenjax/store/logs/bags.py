@@ -55,11 +55,10 @@ class TopicMessages(NamedTuple):
 
 
 def read_topic(path: Path, reader: "AnyReader", topic: str, stamped: bool) -> TopicMessages:
-    """Read the messages of one topic. Raise UserError if there are none.
-
-    Times are those of the message headers. They are times of arrival if `stamped` is False, or if
-    all headers have the same time. A message with time 0 was sent before the sender knew the time.
-    If the other times count from 1970, such messages are left out, with a note.
+    """Read the messages of one topic. Raise UserError if there are none. Times are those of the
+    message headers. They are times of arrival if `stamped` is False, or if all headers have the
+    same time. A message with time 0 was sent before the sender knew the time. If the other times
+    count from 1970, such messages are left out, with a note.
     """
     connections = [one for one in reader.connections if one.topic == topic]
     arrived, stamps, messages = [], [], []
@@ -90,11 +89,10 @@ def read_topic(path: Path, reader: "AnyReader", topic: str, stamped: bool) -> To
 
 
 def read_joints(path: Path, states: TopicMessages) -> np.ndarray:
-    """Return joint positions [n, 7] of sensor_msgs/JointState, rad and m.
-
-    A joint that no message has is NaN. Names are those of ravenjax or of raven2. A message without
-    names has the seven joints in order. Raise UserError for other names, or if a message lacks a
-    joint that others have.
+    """Return joint positions [n, 7] of sensor_msgs/JointState, rad and m. A joint that no message
+    has is NaN. Names are those of ravenjax or of raven2. A message without names has the seven
+    joints in order. Raise UserError for other names, or if a message lacks a joint that others
+    have.
     """
     joints = np.full((len(states.messages), len(JOINTS)), np.nan)
     for row, (number, state) in enumerate(zip(states.number, states.messages, strict=True)):
@@ -166,11 +164,10 @@ class WrittenBag(NamedTuple):
 
 
 def write_bag(source: Path, ros: Ros, out: Path | None) -> WrittenBag:
-    """Write the bag of a recording, which is an MCAP file of ROS 2 or the folder of a session.
-
-    out: path of the bag. The default is beside the recording, with its name and the ending `.bag`
-    or `_ros2`. Raise UserError if the recording is unreadable or `out` exists, StoreError if it
-    cannot be written.
+    """Write the bag of a recording, which is an MCAP file of ROS 2 or the folder of a session. out:
+    path of the bag. The default is beside the recording, with its name and the ending `.bag` or
+    `_ros2`. Raise UserError if the recording is unreadable or `out` exists, StoreError if it cannot
+    be written.
     """
     recording = source / RECORDING if source.is_dir() else source
     if not recording.is_file() or recording.suffix != ".mcap":

@@ -63,9 +63,8 @@ class Scan:
 
 
 def scan_records(path: Path) -> Scan:
-    """Scan the records of a file, which may be truncated.
-
-    Raise StoreError if the file cannot be read or is no MCAP file.
+    """Scan the records of a file, which may be truncated. Raise StoreError if the file cannot be
+    read or is no MCAP file.
     """
     with disk_errors(f"{path}: cannot be read"), open(path, "rb") as file:
         if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
@@ -190,10 +189,9 @@ def recovered_path(path: Path) -> Path:
 
 
 def recover_records(path: Path, out: Path | None = None) -> Recovered:
-    """Write the complete records of the MCAP file `path` to `out`; None: `recovered_path`.
-
-    Messages keep their order, times and numbers. If `out` is `path`, the file is replaced
-    atomically. Raise StoreError if reading or writing fails, or if no message is complete.
+    """Write the complete records of the MCAP file `path` to `out`; None: `recovered_path`. Messages
+    keep their order, times and numbers. If `out` is `path`, the file is replaced atomically. Raise
+    StoreError if reading or writing fails, or if no message is complete.
     """
     out = recovered_path(path) if out is None else out
     scanned = scan_records(path)

@@ -64,9 +64,8 @@ OF_ARM = _series_of("arm")
 
 
 def check_series(series: Series, where: str) -> int:
-    """Return the number of ticks of all series.
-
-    Raise StoreError if the numbers differ or are 0. where: beginning of the message.
+    """Return the number of ticks of all series. Raise StoreError if the numbers differ or are 0.
+    where: beginning of the message.
     """
     lengths = {name: values.shape[0] if values.ndim else 0 for name, values in series.items()}
     counts = set(lengths.values())
@@ -91,9 +90,8 @@ def describe_series(name: str) -> TimeSeries:
 
 
 def series_scalars(robot: Robot, name: str, shape: tuple[int, ...]) -> Iterator[tuple[str, str]]:
-    """Yield (name, unit) of each number of a series, such as (gold/jpos/elbow, rad).
-
-    The last axis varies fastest. shape: shape of the series without time.
+    """Yield (name, unit) of each number of a series, such as (gold/jpos/elbow, rad). The last axis
+    varies fastest. shape: shape of the series without time.
     """
     series = describe_series(name)
     # An axis without a name, as in an unknown series, has numbers instead of labels.
@@ -112,7 +110,6 @@ def series_scalars(robot: Robot, name: str, shape: tuple[int, ...]) -> Iterator[
 
 def write_csv(path: Path, series: Series, robot: Robot = robots.USUAL) -> None:
     """Write the series of one run as CSV, with columns time_s, `gold/jpos/elbow [rad]` and so on.
-
     Numbers are in single precision, with seven digits. NaN is an empty cell. Raise StoreError if
     the numbers of ticks differ or the file cannot be written.
     """
@@ -142,12 +139,11 @@ def _short(numbers: np.ndarray) -> np.ndarray:
 def series_dataset(
     series: Series, attributes: Mapping[str, object], thresholds_mm: Sequence[float], robot: Robot
 ) -> xarray.Dataset:
-    """Return the series of a run as a Dataset with one variable per quantity.
-
-    Dimensions: time (s), arm, joint, axis (of frame 0), jaw_axis, cue and fault (numbers from 0).
-    Each dimension has a coordinate. The coordinate cue_threshold_mm also belongs to cue. attrs of a
-    variable: units, long_name, and insertion_units if the insertion has another unit. attributes:
-    attrs of the dataset. Raise StoreError if the numbers of ticks differ.
+    """Return the series of a run as a Dataset with one variable per quantity. Dimensions: time (s),
+    arm, joint, axis (of frame 0), jaw_axis, cue and fault (numbers from 0). Each dimension has a
+    coordinate. The coordinate cue_threshold_mm also belongs to cue. attrs of a variable: units,
+    long_name, and insertion_units if the insertion has another unit. attributes: attrs of the
+    dataset. Raise StoreError if the numbers of ticks differ.
     """
     import xarray
 

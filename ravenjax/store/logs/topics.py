@@ -135,7 +135,6 @@ def standard_topics(
     robot: Robot, series: Mapping[str, np.ndarray], bases: Mapping[str, Base]
 ) -> Iterator[tuple[Topic, np.ndarray]]:
     """Yield (topic, numbers [T, k]) of each topic of a standard type for which there are series.
-
     series: arrays [T, ...] by arm and name, such as gold/jpos. bases: the base of each arm. Without
     a base, the frame 0 of an arm has no parent frame.
     """
@@ -267,10 +266,9 @@ def arm_name(arm: str) -> str:
 
 
 def rotation_quaternions(rotation: np.ndarray) -> np.ndarray:
-    """Return unit quaternions x, y, z, w [T, ..., 4] of rotation matrices [T, ..., 3, 3].
-
-    Rounding errors are removed. A matrix that is no rotation gives NaN. Along the first axis, signs
-    are chosen so that quaternions do not jump.
+    """Return unit quaternions x, y, z, w [T, ..., 4] of rotation matrices [T, ..., 3, 3]. Rounding
+    errors are removed. A matrix that is no rotation gives NaN. Along the first axis, signs are
+    chosen so that quaternions do not jump.
     """
     # The import takes half a second. A real-time program should call this function once before.
     from scipy.spatial.transform import Rotation

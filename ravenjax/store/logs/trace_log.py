@@ -49,7 +49,6 @@ def write_trace(
     robot: Robot = robots.USUAL,
 ) -> None:
     """Write the time series of one run from time 0, one message per topic and millisecond.
-
     metadata: run id, fault and so on. bases: base of each arm; without a base, the frame 0 of an
     arm has no parent frame. events: dicts with "tick" (ms), "kind", "text" and "level", one of
     topics.LEVELS. Raise StoreError if the numbers of ticks differ or the file cannot be written.

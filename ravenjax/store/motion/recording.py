@@ -34,9 +34,8 @@ ANY_KIND = f"{', '.join(KINDS[:-1])} or {KINDS[-1]}"
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class HandRecording:
-    """A recorded motion: the samples of the file, and the motion interpolated at 1 kHz.
-
-    Row k of the interpolated motion is k ms after the first time at which all A arms have a sample.
+    """A recorded motion: the samples of the file, and the motion interpolated at 1 kHz. Row k of
+    the interpolated motion is k ms after the first time at which all A arms have a sample.
     """
 
     track: Track

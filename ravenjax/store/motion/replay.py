@@ -145,11 +145,10 @@ def replay_motion(
     *,
     bounds: Bounds,
 ) -> OperatorReplay:
-    """Return a recorded motion, replayed for `ticks` ms; None: until its window ends.
-
-    scale: teleoperation scale at which the tip moves as recorded. bounds: soft joint limits. Raise
-    UserError if the file cannot be used, or if the replayed part has a gap or a jump, is too
-    short or leaves the joint limits.
+    """Return a recorded motion, replayed for `ticks` ms; None: until its window ends. scale:
+    teleoperation scale at which the tip moves as recorded. bounds: soft joint limits. Raise
+    UserError if the file cannot be used, or if the replayed part has a gap or a jump, is too short
+    or leaves the joint limits.
     """
     path = Path(path)
     require_readable(path)
@@ -224,9 +223,8 @@ def require_scales(replay: OperatorReplay, scales: Sequence[float] | np.ndarray)
 
 
 def tip_courses(recording: HandRecording, inside: np.ndarray, rows: np.ndarray) -> list[TipCourse]:
-    """Return the curves of a plot for each arm: recorded samples, and the replayed motion.
-
-    inside: [rows, A] whether each pose is reachable. rows: see `OperatorReplay.rows`.
+    """Return the curves of a plot for each arm: recorded samples, and the replayed motion. inside:
+    [rows, A] whether each pose is reachable. rows: see `OperatorReplay.rows`.
     """
     limit = recording.options.max_gap_s
     return [

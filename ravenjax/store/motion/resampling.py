@@ -45,7 +45,6 @@ def at_rows(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 def low_pass(values: np.ndarray, cutoff_hz: float, stretches: list[tuple[int, int]]) -> np.ndarray:
     """Apply a low-pass filter without phase shift to each stretch (begin, end) of `values` [T, k].
-
     Rows are 1 ms apart. Different stretches do not influence each other.
     """
     from scipy.signal import butter, sosfiltfilt
@@ -60,9 +59,8 @@ def low_pass(values: np.ndarray, cutoff_hz: float, stretches: list[tuple[int, in
 
 
 def true_stretches(mask: np.ndarray, cuts: Sequence[int] = ()) -> list[tuple[int, int]]:
-    """Return (first row, row after the last) of each stretch of true values in `mask`.
-
-    A new stretch begins at each row in `cuts`, which must be ascending.
+    """Return (first row, row after the last) of each stretch of true values in `mask`. A new
+    stretch begins at each row in `cuts`, which must be ascending.
     """
     # Rows at which the mask changes: begin, end, begin, end, ...
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))

@@ -130,7 +130,6 @@ class Samples:
 
 def read_table(path: Path, options: ReplayOptions, header: str) -> Samples:
     """Return the columns of a table under ravenjax's names for them, and the times of its rows.
-
     header: a header line that error messages propose.
     """
     given = JIGSAWS if options.columns == "jigsaws" else options.columns
@@ -168,9 +167,8 @@ def read_table(path: Path, options: ReplayOptions, header: str) -> Samples:
 
 
 def read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) -> Track:
-    """Return the recorded motion of `arms`.
-
-    Raise UserError if it cannot be used; the message names the row or bag message with the problem.
+    """Return the recorded motion of `arms`. Raise UserError if it cannot be used; the message names
+    the row or bag message with the problem.
     """
     if bags.is_bag(path):
         return _bag_track(path, arms, options)

@@ -49,9 +49,8 @@ class Spike(NamedTuple):
 
 
 def find_spikes(arm: str, track: ArmTrack, time_s: np.ndarray, max_gap_s: float) -> list[Spike]:
-    """Return the implausible jumps of one arm's tip in order. time_s [T]: times of its samples.
-
-    A jump away and the jump back to a plausible place are one `Spike`.
+    """Return the implausible jumps of one arm's tip in order. time_s [T]: times of its samples. A
+    jump away and the jump back to a plausible place are one `Spike`.
     """
     tip = track.position
     length, seconds = np.linalg.norm(np.diff(tip, axis=0), axis=1), np.diff(time_s)

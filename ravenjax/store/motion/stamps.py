@@ -36,10 +36,9 @@ def time_columns(names: Iterable[str], stems: tuple[str, ...] = NAMES) -> list[s
 
 
 def times_since_first(values: np.ndarray) -> np.ndarray:
-    """Return the times `values` relative to the first, in the same unit.
-
-    Integers are subtracted before the conversion to double precision, which cannot represent
-    nanoseconds since 1970 exactly.
+    """Return the times `values` relative to the first, in the same unit. Integers are subtracted
+    before the conversion to double precision, which cannot represent nanoseconds since 1970
+    exactly.
     """
     if values.dtype.kind in "iu":
         values = values.astype(np.int64)
@@ -50,7 +49,6 @@ def sample_times(
     path: Path, clock: str, seconds: np.ndarray | None, rows: int, options: ReplayOptions
 ) -> tuple[np.ndarray | None, str, tuple[str, ...]]:
     """Return the times of rows [T], s (None if rows are evenly spaced), their source, and notes.
-
     clock, seconds: source and times in the file, if it has any. Raise UserError if neither the file
     nor `options.rate_hz` gives the times of rows, or if they contradict each other.
     """

@@ -34,9 +34,8 @@ class ArmSummary(BaseModel):
 
 
 class MotionSummary(BaseModel):
-    """Summary of a recorded operator motion and of its replay.
-
-    Times are seconds since the recording's begin unless stated otherwise. Rows count from 0.
+    """Summary of a recorded operator motion and of its replay. Times are seconds since the
+    recording's begin unless stated otherwise. Rows count from 0.
     """
 
     model_config = ConfigDict(frozen=True)

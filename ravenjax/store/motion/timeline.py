@@ -37,9 +37,8 @@ def natural_ticks(rows: int, slow_down: float) -> int:
 
 
 def make_timeline(path: Path, rows: int, ticks: int | None, options: ReplayOptions) -> Timeline:
-    """Return the timeline for replaying `rows` rows in `ticks` ms; None: until the rows end.
-
-    Raise UserError if the rows end earlier and the options do not state what the hands do then.
+    """Return the timeline for replaying `rows` rows in `ticks` ms; None: until the rows end. Raise
+    UserError if the rows end earlier and the options do not state what the hands do then.
     """
     slow_down, natural = options.slow_down, natural_ticks(rows, options.slow_down)
     ticks = natural if ticks is None else ticks

@@ -63,9 +63,8 @@ class Track(NamedTuple):
 def in_frame0(
     samples: ArmTrack, arm: ArmName, options: ReplayOptions, first: int, home: Home
 ) -> ArmTrack:
-    """Return samples converted to frame 0 of their arm, as the options request.
-
-    first: index of the sample that option place = "home" puts at the pose after homing.
+    """Return samples converted to frame 0 of their arm, as the options request. first: index of the
+    sample that option place = "home" puts at the pose after homing.
     """
     from scipy.spatial.transform import Rotation
 

@@ -22,15 +22,7 @@ import operator
 from functools import reduce
 
 from ravenjax.numbers import Scalar, as_int, cast_to_real, describe_fields, jnp, record
-from ravenjax.robots.raven2.run_levels import (
-    E_STOP,
-    INIT,
-    PEDAL_DOWN,
-    PEDAL_UP,
-    PIN_FP,
-    PIN_READY,
-    PIN_WATCHDOG,
-)
+from ravenjax.robots.raven2 import run_levels
 from ravenjax.robots.raven2.setup import RavenSetup
 from ravenjax.stages import check
 
@@ -72,7 +64,7 @@ class PlcOutput:
     brakes: Scalar  # 1: brakes commanded on, int32
 
 
-def init(setup: RavenSetup, runlevel: Scalar = PEDAL_UP, boards: int = 1) -> PlcState:
+def init(setup: RavenSetup, runlevel: Scalar = run_levels.PEDAL_UP, boards: int = 1) -> PlcState:
     """Return a PLC in `runlevel`: PEDAL_UP for a homed and ready robot, E_STOP at power-on.
     boards: number of boards whose pins may differ; 1 if all boards get the same pins.
     """
@@ -95,7 +87,7 @@ def input_pins(runlevel: Scalar) -> Scalar:
 
 def brakes_commanded(runlevel: Scalar) -> Scalar:
     """Return 1 if the brakes are commanded on at this run level, int32."""
-    return as_int((runlevel == E_STOP) | (runlevel == PEDAL_UP))
+    return as_int((runlevel == run_levels.E_STOP) | (runlevel == run_levels.PEDAL_UP))
 
 
 def step(
@@ -103,9 +95,9 @@ def step(
 ) -> tuple[PlcState, PlcOutput]:
     """Compute one tick: read the software's pins and decide the run level."""
     common_pins = reduce(operator.and_, signal.output_pins)
-    pedal = (common_pins >> PIN_FP) & 1
-    ready = (common_pins >> PIN_READY) & 1
-    watchdog = tuple((pins >> PIN_WATCHDOG) & 1 for pins in signal.output_pins)
+    pedal = (common_pins >> run_levels.PIN_FP) & 1
+    ready = (common_pins >> run_levels.PIN_READY) & 1
+    watchdog = tuple((pins >> run_levels.PIN_WATCHDOG) & 1 for pins in signal.output_pins)
     quiet_ticks = tuple(
         jnp.where(pin != pin_before, 0, ticks + 1)
         for pin, pin_before, ticks in zip(watchdog, state.watchdog, state.quiet_ticks, strict=True)
@@ -113,18 +105,18 @@ def step(
     margin = params.watchdog_ticks - reduce(jnp.maximum, quiet_ticks)
     estop_button = signal.estop_button
     watchdog_lost = margin < 0
-    stopped = state.runlevel == E_STOP
+    stopped = state.runlevel == run_levels.E_STOP
     may_start = stopped & ~watchdog_lost & ~estop_button
     alive_ticks = jnp.where(may_start, state.alive_ticks + 1, 0)
     untripped = state.trip_cause == CAUSE_NONE
     pressed = signal.start_button & may_start
     start = pressed | (untripped & (params.auto_start != 0) & (alive_ticks > params.start_ticks))
-    after_stop = jnp.where(start, INIT, E_STOP)
-    after_init = jnp.where(ready != 0, PEDAL_UP, INIT)
-    in_operation = jnp.where((pedal & ready) != 0, PEDAL_DOWN, PEDAL_UP)
-    powered = jnp.where(state.runlevel == INIT, after_init, in_operation)
+    after_stop = jnp.where(start, run_levels.INIT, run_levels.E_STOP)
+    after_init = jnp.where(ready != 0, run_levels.PEDAL_UP, run_levels.INIT)
+    in_operation = jnp.where((pedal & ready) != 0, run_levels.PEDAL_DOWN, run_levels.PEDAL_UP)
+    powered = jnp.where(state.runlevel == run_levels.INIT, after_init, in_operation)
     trips = watchdog_lost | estop_button
-    runlevel = as_int(jnp.where(stopped, after_stop, jnp.where(trips, E_STOP, powered)))
+    runlevel = as_int(jnp.where(stopped, after_stop, jnp.where(trips, run_levels.E_STOP, powered)))
     watched = ~stopped & untripped
     tripped_now = watched & trips
     cause = jnp.where(estop_button, CAUSE_BUTTON, CAUSE_WATCHDOG)

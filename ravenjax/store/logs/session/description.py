@@ -78,9 +78,8 @@ def write_session(folder: Path, header: Mapping[str, Any]) -> None:
 
 
 def read_session(folder: Path) -> dict[str, Any]:
-    """Return the content of session.json in a folder.
-
-    Raise StoreError if the file is missing, damaged, or of a newer version.
+    """Return the content of session.json in a folder. Raise StoreError if the file is missing,
+    damaged, or of a newer version.
     """
     path = Path(folder) / FILE
     missing = (
@@ -98,9 +97,8 @@ def read_session(folder: Path) -> dict[str, Any]:
 
 
 def update_session(folder: Path, changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Change some keys of session.json, also inside tables. Return the new content.
-
-    Only one process may write at a time.
+    """Change some keys of session.json, also inside tables. Return the new content. Only one
+    process may write at a time.
     """
     header = _merged(read_session(folder), changes)
     write_session(folder, header)

@@ -142,9 +142,8 @@ class SessionLog:
 
 
 def read_session_log(path: Path, keeps: Callable[[str], bool] = lambda name: True) -> SessionLog:
-    """Read the recording of a session, as far as it is complete.
-
-    keeps: returns whether to read the number of this name. Raise StoreError for another file.
+    """Read the recording of a session, as far as it is complete. keeps: returns whether to read the
+    number of this name. Raise StoreError for another file.
     """
     content = mcap_records.scan_records(path)
     metadata = next((one.metadata for one in content.metadata if one.name == METADATA), {})
