@@ -79,9 +79,8 @@ def finish_chunk(plan: Plan, part: PartRows, pack: Pack) -> FinishedChunk:
 
 
 class BackgroundQueue:
-    """Runs function calls in other threads, with a limited number of waiting calls.
-
-    At the end of its `with` block it waits for running calls.
+    """Runs function calls in other threads, with a limited number of waiting calls. At the end of
+    its `with` block it waits for running calls.
     """
 
     def __init__(self, threads: int):

@@ -19,9 +19,8 @@ Key = tuple[int, str]
 
 
 class Sample(NamedTuple):
-    """The runs of a group, or of one entry of design "list".
-
-    From run to run, repeats vary fastest, then the values of the last list.
+    """The runs of a group, or of one entry of design "list". From run to run, repeats vary fastest,
+    then the values of the last list.
     """
 
     runs: int

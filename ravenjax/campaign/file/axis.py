@@ -59,12 +59,10 @@ class Moment(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Axis:
-    """The values of one key over the runs of a group.
-
-    Kind `fixed` has one value. The values of `list` are enumerated by designs grid and zip, and
-    drawn at random by random, lhs and sobol. All other kinds are distributions. The values of
-    `phase` are the name of the phase, and later also (begin, end) of each stretch of the phase in
-    ms: integers, ascending, without the end.
+    """The values of one key over the runs of a group. Kind `fixed` has one value. The values of
+    `list` are enumerated by designs grid and zip, and drawn at random by random, lhs and sobol. All
+    other kinds are distributions. The values of `phase` are the name of the phase, and later also
+    (begin, end) of each stretch of the phase in ms: integers, ascending, without the end.
     """
 
     kind: Kind

@@ -313,7 +313,6 @@ class Outcomes(Section):
 
 class Stop(Section):
     """[stop]: stop the campaign early, at one of the looks, when every rate is precise enough.
-
     Groups without faults are always computed as a whole.
     """
 

@@ -48,7 +48,6 @@ def extend_fault_free(
     command: Sequence[str] = (),
 ) -> float:
     """Compute fault-free runs for a result until they have `hours` in pedal-down; return these.
-
     Hours of earlier calls count, hours of golden runs do not. on_motion: called with the hours so
     far and the next folder. Raise UserError and StoreError for what the user can correct. Finished
     motions are kept, and the same call continues after them.

@@ -96,12 +96,11 @@ def plan_course(
     acts: np.ndarray | None = None,
     trunks: Sequence[Trunk | None] = (),
 ) -> BlockCourse:
-    """Plan the ticks of each block of threads.
-
-    A block begins at the last snapshot of a golden run before the fault of any of its lanes acts,
-    and stops at the last end of its lanes. acts, ends: int [lanes], as in `interface.Block`.
-    trunks: snapshots of each group's golden run, every `EVERY` ticks; None: the group has none; ():
-    every block begins in tick 0. threads: number per block.
+    """Plan the ticks of each block of threads. A block begins at the last snapshot of a golden run
+    before the fault of any of its lanes acts, and stops at the last end of its lanes. acts, ends:
+    int [lanes], as in `interface.Block`. trunks: snapshots of each group's golden run, every
+    `EVERY` ticks; None: the group has none; (): every block begins in tick 0. threads: number per
+    block.
     """
     acts = np.zeros_like(ends) if acts is None else acts
     thread_ends = ends[places.lane].astype(np.int32)

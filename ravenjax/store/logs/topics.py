@@ -20,7 +20,6 @@ from mcap.writer import Writer
 
 from ravenjax import resources
 from ravenjax.store.logs.ros_types import HEADER, JOINT_STATE, POINT, POSE, WRENCH, MessageTypes
-from ravenjax.store.motion.resampling import continuous_turns
 from ravenjax.vocabulary.robot import Robot
 
 ARM_TOPICS = {"gold": "arm1", "green": "arm2"}
@@ -263,6 +262,15 @@ def field_name(name: str) -> str:
 def arm_name(arm: str) -> str:
     """Return an arm's name in topics and frames."""
     return ARM_TOPICS.get(arm) or field_name(arm)
+
+
+def continuous_turns(quat: np.ndarray) -> np.ndarray:
+    """Return quaternions [T, ..., 4] with signs chosen so that each is close to the one before.
+    Both signs mean the same rotation.
+    """
+    # The sign of a quaternion is the product of all changes of sign up to it.
+    flips = np.where(np.sum(quat[1:] * quat[:-1], axis=-1, keepdims=True) < 0.0, -1.0, 1.0)
+    return np.concatenate([quat[:1], quat[1:] * np.cumprod(flips, axis=0)])
 
 
 def rotation_quaternions(rotation: np.ndarray) -> np.ndarray:

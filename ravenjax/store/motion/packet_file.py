@@ -33,7 +33,8 @@ from ravenjax.robots.raven2.console.reading import FIELDS, MODE, Misfit, PacketR
 from ravenjax.robots.raven2.geometry.mapping import ITP_AXES
 from ravenjax.robots.raven2.stages.network import RESET_GAP
 from ravenjax.store import consoles, files
-from ravenjax.store.motion import resampling, stamps
+from ravenjax.store.logs.topics import continuous_turns
+from ravenjax.store.motion import stamps
 from ravenjax.store.motion.track import ArmTrack, Home, Track
 from ravenjax.vocabulary.packets import (
     MOST_CYCLES,
@@ -381,4 +382,4 @@ def _accumulated(quat: np.ndarray, turns: np.ndarray) -> np.ndarray:
         orientations[begin:row] = current.as_quat()
         current, begin = Rotation.from_quat(turns[row]) * current, row
     orientations[begin:] = current.as_quat()
-    return resampling.continuous_turns(orientations)
+    return continuous_turns(orientations)

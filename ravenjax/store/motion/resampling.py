@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ravenjax.store.logs.topics import continuous_turns
 from ravenjax.vocabulary import TICK_S
 
 
@@ -24,15 +25,6 @@ def turns_by_time(time_s: np.ndarray, quat: np.ndarray, at_s: np.ndarray) -> np.
     """Interpolate orientations, unit quaternions [T, 4], at times `at_s`."""
     turns = by_time(time_s, continuous_turns(quat), at_s)
     return turns / np.linalg.norm(turns, axis=1, keepdims=True)
-
-
-def continuous_turns(quat: np.ndarray) -> np.ndarray:
-    """Return quaternions [T, ..., 4] with signs chosen so that each is close to the one before.
-    Both signs mean the same rotation.
-    """
-    # The sign of a quaternion is the product of all changes of sign up to it.
-    flips = np.where(np.sum(quat[1:] * quat[:-1], axis=-1, keepdims=True) < 0.0, -1.0, 1.0)
-    return np.concatenate([quat[:1], quat[1:] * np.cumprod(flips, axis=0)])
 
 
 def at_rows(values: np.ndarray, rows: np.ndarray) -> np.ndarray:

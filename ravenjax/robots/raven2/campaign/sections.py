@@ -20,7 +20,18 @@ from ravenjax.robots.raven2.console.motions import MOTIONS
 from ravenjax.robots.raven2.geometry.limits import HOME_JPOS
 from ravenjax.robots.raven2.geometry.tools import TOOLS
 from ravenjax.robots.raven2.plant import parameter_sets
-from ravenjax.store.motion import options
+from ravenjax.store.motion.options import (
+    MAX_GAP_S,
+    MOST_GAP_S,
+    AtEnd,
+    Columns,
+    Frame,
+    Place,
+    ReplayOptions,
+    Spikes,
+    Triple,
+    Turn,
+)
 from ravenjax.vocabulary import packets
 from ravenjax.vocabulary.parts import OwnSource
 
@@ -198,7 +209,7 @@ def _keys(section: Section) -> Iterator[tuple[str, float, Any]]:
             yield joint, math.pi / 180.0 if unit == "deg" else 1.0, value
 
 
-RECORDED_KEYS = tuple(field.name for field in dataclasses.fields(options.ReplayOptions))
+RECORDED_KEYS = tuple(field.name for field in dataclasses.fields(ReplayOptions))
 GENERATED_KEYS = ("seed",)
 """Keys of [operator] for recorded motions only, and keys for generated motions only."""
 
@@ -230,7 +241,7 @@ class Operator(Section):
     rate_hz: float | None = Field(default=None, gt=0.0, le=100_000.0)
     """rows per second of a recorded motion, evenly spaced: for a recording without times, or with
     times of arrival only"""
-    columns: options.Columns = Field(default=[])
+    columns: Columns = Field(default=[])
     """names of a table's columns: a list of all names in order, if the table has no header line; a
     table from ravenjax's names to those of the file, { gold_x_mm = 'X' }; or jigsaws"""
     topics: dict[ArmName, str] = Field(default={})
@@ -238,27 +249,27 @@ class Operator(Section):
     sensors: dict[Literal["column", "gold", "green"], str | int] = Field(default={})
     """the column that names the sensor of each row, and the sensor of each arm, { column = 'tool',
     gold = 'L' }"""
-    frame: options.Frame | None = None
+    frame: Frame | None = None
     """frame of recorded tips: frame0, arm_base (CRTK's) or console; default: the frame that the
     headers of the recording name, otherwise frame0"""
-    rotation: options.Turn | dict[ArmName, options.Turn] | None = None
+    rotation: Turn | dict[ArmName, Turn] | None = None
     """rotation of recorded tips: rows of a matrix, or a quaternion x, y, z, w; or a table with the
     rotation of each arm"""
-    offset_mm: options.Triple | dict[ArmName, options.Triple] | None = None
+    offset_mm: Triple | dict[ArmName, Triple] | None = None
     """displacement of recorded tips after the rotation, mm; or a table with that of each arm"""
-    place: options.Place = "recorded"
+    place: Place = "recorded"
     """home: recorded tips are moved and rotated so that the replayed part begins at home"""
     cutoff_hz: float | None = Field(default=None, gt=0.0, lt=500.0)
     """cutoff of a low-pass filter for a recorded motion, Hz; default: no filter, so tremor stays"""
-    max_gap_s: float = Field(default=options.MAX_GAP_S, gt=0.0, le=options.MOST_GAP_S)
+    max_gap_s: float = Field(default=MAX_GAP_S, gt=0.0, le=MOST_GAP_S)
     """longest gap of a recorded motion that is bridged by interpolation, s"""
-    spikes: options.Spikes = "refuse"
+    spikes: Spikes = "refuse"
     """what to do if a recorded tip jumps: refuse the recording; remove: interpolate if the tip
     jumps back; replay: replay the jump"""
     console: str = "auto"
     """console profile of a recorded stream of packets: a profile's name, a .toml file, or auto,
     which finds the profile from the packets"""
-    at_end: options.AtEnd = "refuse"
+    at_end: AtEnd = "refuse"
     """what to do if a recorded motion ends before the run: refuse the recording; hold: the hands
     rest; reverse: replay the motion back and forth"""
     start: Start = Start()
@@ -294,7 +305,7 @@ class Operator(Section):
 
     @field_validator("rotation")
     @classmethod
-    def _check_rotation(cls, value: options.Turn | dict[ArmName, options.Turn] | None) -> Any:
+    def _check_rotation(cls, value: Turn | dict[ArmName, Turn] | None) -> Any:
         # Refuses a quaternion or matrix [3, 3] that is no rotation. A dict has one for each arm.
         import numpy as np
 
@@ -337,9 +348,9 @@ class Operator(Section):
         return self
 
     @property
-    def options(self) -> options.ReplayOptions:
+    def options(self) -> ReplayOptions:
         """Options for the replay of a recorded motion."""
-        return options.ReplayOptions(**{name: getattr(self, name) for name in RECORDED_KEYS})
+        return ReplayOptions(**{name: getattr(self, name) for name in RECORDED_KEYS})
 
     @property
     def own(self) -> OwnSource | None:
