@@ -119,8 +119,8 @@ def open_windows(
     setup: Setup, faults: Faults, state: FaultState, clock: TriggerClocks
 ) -> FaultState:
     """Return the state with the windows of all faults as in this tick. Call this once per tick,
-    before any fault site. Start and duration are on the trigger's clock. A window of packets covers
-    all their ticks.
+    before any fault site. Start and duration are on the trigger's clock. A window that is counted
+    in packets is open in every tick of these packets.
     """
     # The campaign may have slots although no run has a fault.
     if not setup.injection.triggers:

@@ -70,6 +70,7 @@ def _event(runs: Runs, name: str, rules: Rules) -> str:
     if name not in events.EVENTS:
         raise UserError(describe_unknown_name("event", name, events.EVENTS))
     for column in events.event_columns([name], rules):
+        # Only `cable_overload_first_ms` may be absent, where cable tensions are unknown.
         if column.endswith("_ms") and column not in runs.names:
             raise UserError(f"got event {name!r}, {events.UNWATCHED}")
     return events.event_sql(name, rules)

@@ -1,9 +1,9 @@
 """Imports JAX at its first use, so that code that needs no JAX runs without it.
 
 `from ravenjax.numbers.lazy import jax, jnp, lax` replaces `import jax`, `import jax.numpy as jnp`
-and `from jax import lax`. Within `run_eagerly()`, `jnp` and `lax` call functions of NumPy.
-The code of the tick then computes plain numbers, without JAX. `run_eagerly(array)` uses the
-library of that array.
+and `from jax import lax`. Within `run_eagerly()`, without an argument, `jnp` and `lax` call
+functions of NumPy. The code of the tick then computes plain numbers, without JAX. Within
+`run_eagerly(array)` they call functions of the library of that array, NumPy or JAX.
 
 NumPy's results have the types and the bits that XLA gives on a CPU. Only sine and cosine differ:
 they are those of `trigonometry`, with the same bits on every machine.

@@ -4,9 +4,9 @@ A run is compared with its *golden run*: the same operator, robot and random num
 fault. definitions.toml defines each word, events.toml defines the events of stop rules and
 searches, and docs/outcomes.md gives the reasons.
 
-A check counts if it tripped more often or sooner than in the golden run. A user's check counts with
-the action that the campaign file gives it (`[[check]] acts`). A check that only watches does not
-count. If a campaign adds checks or detectors, the columns `built_in_response` and
+A check responded to the fault if it tripped more often or sooner than in the golden run. The action
+of a user's check is in the campaign file (`[[check]] acts`). A check that only watches is no
+response. If a campaign adds checks or detectors, the columns `built_in_response` and
 `built_in_told_ms` contain the response of the built-in checks alone. An added check or detector may
 stop the robot, and this stop may trip built-in checks. The columns therefore count only trips
 before an added check or detector changed the course of the run.

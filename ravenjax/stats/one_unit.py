@@ -61,11 +61,11 @@ def _posterior(hits: np.ndarray, trials: np.ndarray) -> tuple[np.ndarray, np.nda
     # Half an event is added to events and to other trials, so that no logarithm is infinite.
     events, others = hits.sum() + 0.5, trials.sum() - hits.sum() + 0.5
     share = events / (trials.sum() + 1.0)
-    # The grid of the mean extends six standard errors of its logit to each side. The error is
-    # larger if units differ more than chance explains.
+    # The grid of the mean extends six standard errors of its logit to each side. The error grows
+    # with the dispersion (chi-squared per unit), if units differ more than chance explains.
     expected = trials * share
-    excess = ((hits - expected) ** 2 / (expected * (1.0 - share))).sum() / len(hits)
-    error = np.sqrt((1.0 / events + 1.0 / others) * max(1.0, excess))
+    dispersion = ((hits - expected) ** 2 / (expected * (1.0 - share))).sum() / len(hits)
+    error = np.sqrt((1.0 / events + 1.0 / others) * max(1.0, dispersion))
     logit = np.log(events / others)
     means = 1.0 / (1.0 + np.exp(-(logit + 6.0 * error * np.linspace(-1.0, 1.0, GRID))))
     # The grid of the root spans the likely points of a coarse grid, and one of its steps (a factor

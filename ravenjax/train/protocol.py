@@ -251,6 +251,6 @@ def with_tips(layout: "FrameLayout", row: np.ndarray) -> np.ndarray:
     for arm in layout.arms:
         # `_DRAWN` maps each channel of a tip to the channel of its joints.
         for tip, joints in _DRAWN.items():
-            axis, jpos = frame[f"{arm}/{tip}"].tolist(), frame[f"{arm}/{joints}"].tolist()
-            frame[f"{arm}/{tip}"] = closing_point(arm, axis, jpos)
+            on_axis, jpos = frame[f"{arm}/{tip}"].tolist(), frame[f"{arm}/{joints}"].tolist()
+            frame[f"{arm}/{tip}"] = closing_point(arm, on_axis, jpos)
     return frame.row

@@ -92,10 +92,9 @@ class Brackets:
 def find_brackets(
     evaluate: Evaluate, within: SearchRange, whole: np.ndarray, scan: int
 ) -> Brackets:
-    """Find the smallest value for which `evaluate` returns 1, for every cell.
-
-    `whole`: bool [cells], True if only whole numbers are possible. `scan`: number of values that
-    are tried first, evenly spaced over the range. A bisection follows.
+    """Find the smallest value for which `evaluate` returns 1, for every cell. `whole`: bool
+    [cells], True if only whole numbers are possible. `scan`: number of values that are tried first,
+    evenly spaced over the range. A bisection follows.
     """
     cells = len(whole)
     values = within.spaced(np.full(cells, within.low), np.full(cells, within.high), scan)
@@ -157,9 +156,8 @@ def expected_runs(template: Template, search: Boundary) -> int:
 
 
 def find(template: Template, search: Boundary, evaluator: Evaluator, out: Path) -> dict[str, Any]:
-    """Run the search and return its results for search.json.
-
-    A campaign repeats the runs at both ends of every bracket, as a test.
+    """Run the search and return its results for search.json. A campaign repeats the runs at both
+    ends of every bracket, as a test.
     """
     axis = template.axis(0)
     low, high = map(float, axis.values)
@@ -232,11 +230,10 @@ def _along(cells: Sequence[dict[str, Any]]) -> str | None:
 
 
 def draw(numbers: dict[str, Any]) -> list[Chart]:
-    """Return charts of the boundary, from the results of `find`.
-
-    The faults of the search file have lists. The list `along` is the horizontal axis. With one more
-    list, each of its values has a curve. With further lists, each value of the first one has a
-    chart, and each combination of the others has a curve.
+    """Return charts of the boundary, from the results of `find`. The faults of the search file have
+    lists. The list `along` is the horizontal axis. With one more list, each of its values has a
+    curve. With further lists, each value of the first one has a chart, and each combination of the
+    others has a curve.
     """
     cells, along = numbers["cells"], numbers["along"]
     names = [name for name in cells[0]["cell"] if name != along]

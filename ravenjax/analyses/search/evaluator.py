@@ -31,9 +31,8 @@ from ravenjax.store import parts, schema
 
 
 class Evaluator:
-    """Computes outcomes of points. Call it with case [n] and values [n, inputs].
-
-    The result is an array [n, outcomes], with NaN for failed runs.
+    """Computes outcomes of points. Call it with case [n] and values [n, inputs]. The result is an
+    array [n, outcomes], with NaN for failed runs.
     """
 
     def __init__(

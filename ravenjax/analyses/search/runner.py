@@ -59,7 +59,6 @@ def run_search(
     on_progress: OnProgress | None = None,
 ) -> SearchResult:
     """Run a search and write its results into the folder `out`, or continue the search there.
-
     `file`: a search file, the name of a bundled search, or a loaded search. `out`: folder, by
     default results/NAME. `overrides`: changes of a file, as `key.path=value`. Raise UserError and
     StoreError for errors that the user can correct.

@@ -10,7 +10,7 @@ def short_axis_name(name: str) -> str:
     match = re.fullmatch(r"fault(\d+)_(\w+?)(_ms)?", name)
     if match is None:
         return name
-    # The first fault is not numbered.
+    # Fault 0, the first one, is not numbered.
     number = f" (fault {match[1]})" if int(match[1]) else ""
     unit = ", ms" if match[3] else ""
     return f"{match[2]}{number}{unit}"

@@ -144,7 +144,7 @@ class _CacheWarmer:
             owner = self._real_session.arbiter.owner
             driving = [each for each in motions if console_of(each) == owner]
             # The second session has one console, "script". It gets the commands of the console that
-            # drives in the real session, or of any console if nobody drives.
+            # drives in the real session, or the first one if the driving console sent none.
             self._commands = [{**each, "console": "script"} for each in driving or motions[:1]]
 
     def tick(self) -> None:

@@ -150,9 +150,10 @@ def finding_sentences(finding: Counterfactual) -> list[str]:
 
 def hours_needed(per_hour: float, runs: int = 1) -> float:
     """Return the hours of fault-free motion, `Question.hours`, that show a false-alarm rate of at
-    most `per_hour` if no alarm occurs, rounded up. runs: number of runs of each motion.
+    most `per_hour` if no alarm occurs, rounded up. runs: number of runs of each motion, which
+    count once, because they have the same motion.
     """
-    # Only half of the motions measure the rate: 2. The robot is not live at their start: 0.05 more.
+    # Half of the motions measure the rate: factor 2. 0.05 is for the start, not live.
     return rounded_up(2.05 * runs * hours_to_bound(per_hour))
 
 

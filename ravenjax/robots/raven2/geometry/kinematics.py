@@ -127,6 +127,7 @@ def tip_velocity(arm: str, jpos: Vec, jvel: Vec) -> Vec:
     shoulder = jvel[0] if GEOMETRY[arm].flip > 0 else -jvel[0]
     angular = chain.z2 * jvel[1]
     angular = angular.replace(2, angular[2] + shoulder)
+    # The tip is LW from the wrist. Tool roll moves it along y4, with the lever LW c5.
     wrist_part = chain.y4 * (chain.c5 * jvel[3]) + chain.y5 * jvel[4]
     return cross(angular, chain.tip) + chain.z3 * jvel[2] + wrist_part * LW
 

@@ -1,7 +1,7 @@
 """Models an arm that differs from the drawings, so that its reported tip is wrong.
 
-- The **true** arm has links at angles that nobody measures, with the lengths and twists with which
-  they were built.
+- The **true** arm has the links as they were built, with their true lengths and twists, at joint
+  angles that nobody measures.
 - The **reported** arm is what the software computes: joints from encoder counts by the drawings'
   ratios and by the zero that homing found, and a tip from these joints by the drawings' links.
   Controller, checks, report and cue use this arm only.
