@@ -123,12 +123,12 @@ class Sequential:
         return 1 - alpha_of(self.confidence) / (populations * len(self.rates))
 
     def sizes(self) -> np.ndarray:
-        """Return the planned draws before each look, int64 [looks, strata], at least 1 each."""
+        """Return the planned draws before each look, cumulative, int64 [looks, strata]."""
         # [looks, strata]: share of the look times size of the stratum. The tolerance prevents that
         # rounding adds a draw.
         planned = np.ceil(np.outer(self.shares, self.size) - 1e-9).astype(np.int64)
         planned = np.clip(planned, np.minimum(1, self.size), self.size)
-        # Strata that need no precise rates are computed at the first look.
+        # Strata that are not judged need no precise rates. They are drawn whole at the first look.
         return np.where(self.judged, planned, self.size)
 
     def decide(self, number: int, taken: np.ndarray, k: np.ndarray, n: np.ndarray) -> Look:

@@ -169,6 +169,7 @@ def _find_path_error(config: "CampaignConfig", path: str, axis: Axis, known: lis
     robot = config.robot
     if path not in known:
         part = path.partition(".")[0]
+        # The robot has the parameter, but only with a section that this campaign does not have.
         if allowed_values(robot, path) and not any(name.startswith(f"{part}.") for name in known):
             return (
                 f"unknown parameter: this campaign has no {part!r}. Add the section of the file to"

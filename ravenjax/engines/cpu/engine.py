@@ -67,7 +67,7 @@ class SimdKernel(traced.PrintedKernel):
         """Run a block like `run`. Return also the signals of the first lane, arrays [ticks]."""
         result, out = self._run(block, motion, None)
         tick = self.forms(block, motion).traced
-        # `out` is [ticks, outputs, lanes], and the signals come after the reference series.
+        # `out` is [ticks, outputs, lanes]. The first `tick.series` outputs are reference series.
         columns = np.ascontiguousarray(out[:, tick.series :, 0].T)
         # `tick.signals` has the dtype of each signal.
         signals = map(_from_slots, columns, tree.tree_leaves(tick.signals))

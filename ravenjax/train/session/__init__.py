@@ -1,1 +1,2 @@
-"""Runs one training session: compiles the tick, moves the hands, starts hazards, fills frames."""
+"""Runs one training session: compiles the tick, moves the operator's hands, starts hazards, and
+writes the numbers of each tick into a frame."""

@@ -1,7 +1,7 @@
 """The Raven-II's sections of a campaign file, and the functions that a campaign calls.
 
 `ravenjax.campaign.prepared` describes these functions. Each name is imported when it is first used,
-so a campaign file can be read and checked without an import of the tick.
+so a campaign file can be read and checked without an import of the tick's code.
 """
 
 import pkgutil
