@@ -25,7 +25,7 @@ class Moments:
 
     def convert_phases(self, axes: Mapping[Key, Axis], group: str) -> dict[Key, Axis]:
         """Return axes with fault starts in ms. Raise UserError for a phase that never occurs."""
-        # A key is (fault slot, field). Only the start of a fault can name a phase.
+        # The key of an axis with a phase is (fault slot, "start_ms").
         return {
             key: self._convert_axis(axis, f"group {group!r}, fault[{key[0]}].{key[1]}")
             for key, axis in axes.items()

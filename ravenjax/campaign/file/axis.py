@@ -116,7 +116,7 @@ class Axis:
         """
         if not self.listed:
             return quantiles
-        # Rounding of the product may give the index after the last value.
+        # A quantile that was rounded to 1 would give the index after the last value.
         return np.minimum((quantiles * len(self.values)).astype(np.int64), len(self.values) - 1)
 
     def at(self, places: np.ndarray, whole: int = 0) -> np.ndarray:

@@ -126,7 +126,7 @@ def _unread(config: "CampaignConfig", path: str) -> str:
 
 def find_invalid_values(config: "CampaignConfig") -> Iterator[Complaint]:
     """Yield (key, message) of each parameter that a fault cannot change, and of each value that is
-    out of range. Unknown paths are no mistake here; `find_invalid_paths` finds them.
+    out of range. Unknown paths in tables of parameters are left to `find_invalid_paths`.
     """
     for g, slot, name in dict.fromkeys(config.faulty_parameters()):
         _, reason = config.parameter_channel(name)

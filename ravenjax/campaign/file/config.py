@@ -258,7 +258,7 @@ class CampaignConfig(Section):
         out, so that a new key does not change the ids of existing campaigns.
         """
         ignored = {"name", "description", "seed", "limit", "chunk"}
-        # Outcomes depend only on detectors and checks that act, a detector at its first threshold.
+        # Only detectors and checks that act change a run, a detector at its first threshold.
         stops = [
             [part.hash_source(use.part), use.consecutive, thresholds[0]]
             for _, use, thresholds in self.detectors

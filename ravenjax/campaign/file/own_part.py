@@ -40,8 +40,8 @@ _READ_FILES: dict[tuple[str, Path, str], OwnSource] = {}
 
 
 def own_source(name: str, file: Path, sha256: str | None, what: str) -> OwnSource:
-    """Return the code of a user's file. name: of the check or detector in the campaign. what:
-    "check" or "detector". Files are cached, and a changed file is read again. Raise UserError if
+    """Return the code of a user's file. name: of the part in the campaign. what: kind of the part,
+    such as "check". Files are cached, and a changed file is read again. Raise UserError if
     the file cannot be used, if the user has not agreed to run it, or if its hash is not `sha256`.
     """
     key = name, file.absolute(), what
@@ -62,7 +62,7 @@ def locate_part(
     table: AnySection, folder: Path, what: str, name: str, key: str = "file", sha256: str = "sha256"
 ) -> AnySection:
     """Return a copy of a table with the absolute path of its Python file in `folder`, and with the
-    hash of the file. what: "check" or "detector". name: of the check or detector. key, sha256: the
+    hash of the file. what: kind of the part, such as "check". name: of the part. key, sha256: the
     table's keys for path and hash.
     """
     file: Path | None = getattr(table, key)
