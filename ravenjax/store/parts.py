@@ -263,7 +263,7 @@ def without_overlaps(
     overlapping: list[Part] = []
     for part in sorted(found, key=lambda part: (part.file not in trusted, part.first, part.last)):
         position = bisect.bisect(disjoint, part.first, key=lambda other: other.first)
-        # Only the neighbours can share rows with the part.
+        # A part that shares rows with some of `disjoint` also shares rows with a neighbour.
         near = disjoint[max(0, position - 1) : position + 1]
         if any(other.first <= part.last and part.first <= other.last for other in near):
             overlapping.append(part)

@@ -90,7 +90,7 @@ class LogOptions(ReplayOptions):
     """Options of the command line for reading a log."""
 
     def written(self, key: str, value: object) -> str:
-        """Return how a user writes an option of the command `calibrate`; "" if it has no such."""
+        """Return how a user writes an option of the command `calibrate`; "" if there is none."""
         if key in ("sensors", "slow_down"):
             return ""
         if key == "rate_hz":

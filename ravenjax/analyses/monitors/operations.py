@@ -69,7 +69,7 @@ def fault_free_campaign(config: CampaignConfig, design: OperationDesign) -> Camp
     [reaction] and [stop] are left out.
     """
     has_list = any(axis.kind == "list" for axis in config.parameters.values())
-    # 0: no robots are drawn. The campaign then has one run, or one for each value of a list.
+    # 0: no robots are drawn, so the campaign has one run.
     drawn_robots = design.robots if design.robots > 1 or has_list else 0
     raw = config.model_dump(mode="json")
     settings = {"name": "fault_free", "duration_s": design.length_s, "observe_ms": None}

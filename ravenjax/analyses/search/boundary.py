@@ -146,7 +146,7 @@ def _list_changes(harm: np.ndarray, values: np.ndarray) -> tuple[tuple[float, fl
 
 def expected_runs(template: Template, search: Boundary) -> int:
     """Return the approximate number of runs: of the scan and of the bisection in every cell."""
-    # The template has one input: the size of the fault's value, uniform or loguniform.
+    # The template has one input, whose distribution is uniform or loguniform.
     low, high = template.axis(0).values
     log = template.axis(0).kind == "loguniform"
     # Each step of the bisection halves an interval of the scan, until it is narrow enough.

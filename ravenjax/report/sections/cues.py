@@ -140,8 +140,8 @@ def hours_to_offer(choices: Sequence[Choice]) -> float:
     """Return the hours of fault-free motion that would decide undecided choices; 0 if none would.
 
     The rule of a choice is a limit of false cues, or a cost of a missed hazard. If choices under a
-    limit are undecided, the hours suffice for all of these. Otherwise they suffice for the choice
-    under a cost that needs the fewest hours.
+    limit have finite hours, the result is the most of these. Otherwise it is the fewest hours of a
+    choice under a cost.
     """
     hours_of_rules = {one.rule: one.hours for one in choices if math.isfinite(one.hours)}
     of_limits = [hours for rule, hours in hours_of_rules.items() if rule.startswith(_LIMIT)]

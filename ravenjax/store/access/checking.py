@@ -102,7 +102,7 @@ def check_values(folder: Path, record: Manifest, whole: list[parts.Part]) -> lis
 
 def _check(table: ResultTable, record: Manifest, check: str, rules: list[dict]) -> FolderCheck:
     # Checks all columns in one query, each with the first rule whose pattern fits its name, type
-    # and unit. A rule has an SQL condition ("must"), and a message about rows that break it.
+    # and unit. A rule has an SQL condition ("must") and a message, or else exempts its columns.
     musts, complaints = [], []
     for column in schema.table_columns(record.shape):
         field = f"{column.name} {column.dtype} {column.unit}"

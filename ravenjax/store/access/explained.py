@@ -19,7 +19,7 @@ _CAMPAIGN, _CODE = b"config_hash", b"code_hash"
 
 
 def add_explained(folder: Path, ticks: pd.DataFrame, record: Manifest) -> Path:
-    """Add the table `ticks` of explained runs to the file in a folder, whose path is returned.
+    """Add the table `ticks` of explained runs to the file in a folder. Return the file's path.
     Earlier rows of the same runs, and rows of other code or of another campaign, are removed. Raise
     StoreError if writing fails.
     """

@@ -187,7 +187,7 @@ def _require_own(out: Path, sources: list[PartSource]):
 
 
 def _joined(records: list[Manifest], sources: list[PartSource], incomplete: bool) -> Manifest:
-    # Returns the manifest of the merged folder: that of the first shard, except for these values.
+    # Returns the manifest of the merged folder: the first of `records`, except for these values.
     ends = [record.finished for record in records if record.finished]
     finished = None if incomplete else max(ends, default=manifests.utc_now())
     seconds = [record.run_s for record in records if record.run_s]
@@ -200,7 +200,7 @@ def _joined(records: list[Manifest], sources: list[PartSource], incomplete: bool
             "device": "; ".join(dict.fromkeys(record.device for record in records)),
             "started": min(record.started for record in records),
             "finished": finished,
-            # Shards may run at the same time, so their starts do not add up, and have no speed.
+            # Shards may run at the same time, so their times do not add up to a speed.
             "starts": max(record.starts for record in records),
             "run_s": sum(seconds) if seconds else None,
             "runs_per_s": None,

@@ -199,7 +199,7 @@ def read_track(path: Path, arms: tuple[ArmName, ...], options: ReplayOptions) ->
 
 
 def _of_sensor(whole: Samples, arm: str, sensors: Mapping[str, str | int]) -> Samples:
-    """Return the rows of one arm's sensor, with columns named after the arm: x_mm -> gold_x_mm."""
+    """Return one arm's rows, with columns such as gold_x_mm for x_mm; without sensors, all rows."""
     if not sensors:
         return dataclasses.replace(whole, read=list(whole.read))
     column, sensor = sensors.get("column", ""), sensors.get(arm)

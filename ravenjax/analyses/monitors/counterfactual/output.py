@@ -153,7 +153,7 @@ def hours_needed(per_hour: float, runs: int = 1) -> float:
     most `per_hour` if no alarm occurs, rounded up. runs: number of runs of each motion, which
     count once, because they have the same motion.
     """
-    # Half of the motions measure the rate: factor 2. 0.05 is for the start, not live.
+    # Only half of the motions measure the rate: 2. Robots are not live at the start: 0.05.
     return rounded_up(2.05 * runs * hours_to_bound(per_hour))
 
 
