@@ -175,7 +175,7 @@ Campaign.__signature__ = _signature()  # pyright: ignore[reportAttributeAccessIs
 
 def _tables_of(keys: Mapping[str, Any]) -> dict[str, Any]:
     # Separates the keys of [campaign] from other tables, because Python code mixes them.
-    section = toml_value(keys.get(SECTION)) or dict[str, Any]()
+    section: Any = toml_value(keys.get(SECTION)) or {}
     if not is_table(section):
         raise UserError(f"{SECTION}: got {format_value(section)}, expected a table")
     keys = {**section, **toml_value({key: keys[key] for key in keys if key != SECTION})}

@@ -71,7 +71,7 @@ def table_columns(shape: Shape) -> tuple[Column, ...]:
         Path(__file__).with_name("columns.csv.j2"),
         shape=shape,
         levels=", ".join(f"{number} {name}" for number, name in enumerate(robot.run_levels)),
-        checks=map(robot.check, shape.checks),
+        checks=[robot.check(name) for name in shape.checks],
         needs_own_columns=checks.needs_own_columns(shape.own_checks, shape.stops),
     )
     rows: list[Column] = []

@@ -166,7 +166,7 @@ class Gate:
         tried = f"profile {profile.name}" if profile else "any profile"
         advice = f"They fit {fitting}: start again with --console {fitting}"
         if not fitting:
-            advice = "No bundled profile fits them: write one, and start with --console FILE.toml"
+            advice = "No bundled profile fits: write one, and start again with --console FILE.toml"
         # `received` does not count the present packet yet.
         self._say(
             f"console: {self._misfit_count} of {self.received + 1} packets do not fit {tried}, the"
